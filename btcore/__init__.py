@@ -64,8 +64,8 @@ if TYPE_CHECKING:
     from btcore.loading.load import required_resources as required_resources
     from btcore.nodes.loop import LoopNode as LoopNode
     from btcore.options import option as option
-    from btcore.registry.manifest import Resources as Resources
     from btcore.registry.registry import Registry as Registry
+    from btcore.registry.resources import Resources as Resources
     from btcore.runs.providers import Report as Report
     from btcore.runs.providers import provider as provider
     from btcore.runs.run import Run as Run
@@ -108,7 +108,7 @@ _HOMES = {
     "btcore.loading.load": ("load", "loads", "make", "required_resources"),
     "btcore.nodes.loop": ("LoopNode",),
     "btcore.options": ("option",),
-    "btcore.registry.manifest": ("Resources",),
+    "btcore.registry.resources": ("Resources",),
     "btcore.registry.registry": ("Registry",),
     "btcore.runs.providers": ("Report", "provider"),
     "btcore.runs.run": ("Run",),

@@ -1,6 +1,9 @@
-"""The rules for names of nodes, trees and ports, both in registrations and in XML; reserved attributes."""
+"""The rules for names of nodes, trees and ports, both in registrations and in XML; reserved names."""
 
 from typing import Final
+
+PLUGIN_FILE_PREFIX: Final = "btcore_plugin_"
+"""The names of modules that are loaded from a plugin's file begin with this prefix."""
 
 # Spaces, characters with a meaning in XML, paths or patterns, and control characters, as in BehaviorTree.CPP.
 FORBIDDEN: Final = frozenset(" \t\r\n<>&\"'/\\:*?|.") | {chr(code) for code in (*range(32), 127)}

@@ -25,8 +25,9 @@ from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeError, ScriptError
 from btcore.fixes import SetAttributes
-from btcore.registry.manifest import Manifest, Resources, takes_children
+from btcore.registry.manifest import Manifest, takes_children
 from btcore.registry.registry import Registry, library_of
+from btcore.registry.resources import Resources
 from btcore.tree.tree import Subtree, Tree
 from btcore.values import parse_constant, type_of
 from btcore.xml.plan.plan import Plans, report_script_error
@@ -84,7 +85,7 @@ def make_leaf_tree(leaf: type[TreeNode], id: str, clock: Clock) -> Tree:
     config = NodeConfig(id, id, uid=1)
     config.path = f"{id}::1"
     context, board = TreeContext(clock), Blackboard(clock=clock)
-    nodes = [manifest.make(config, context, board, Resources(()), [])]
+    nodes = [manifest.make(config, context, board, Resources(), [])]
     main = f"{id}Alone"
     return Tree(main, 4, [Subtree(main, "", board, nodes)], nodes, context, registry)
 
@@ -143,7 +144,8 @@ class NodeCreator:
         # Most registries have no substitution rules; then the manifests of the plan are used as they are.
         self._rules = registry.substitutions
         self.enums = registry.types.enums
-        self._resources = Resources(resources)
+        # A tree adds its own instances of TreeResource.
+        self._resources = resources.copy() if isinstance(resources, Resources) else Resources(resources)
         self.context = TreeContext(clock)
         self._scope_class = Blackboard
         if self.format == 3:

@@ -13,7 +13,6 @@ from btcore.diagnostic_codes import UNDETERMINED_MAIN_TREE
 from btcore.diagnostics import Diagnostic
 from btcore.errors import TreeError, XmlSyntaxError
 from btcore.loading.instantiate import instantiate
-from btcore.registry.manifest import Resources
 from btcore.registry.registry import Registry
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
@@ -245,8 +244,10 @@ def _create_tree(plans: Plans, arguments: LoadArguments) -> Tree:
     # A text can be iterated, but is a single object here.
     if isinstance(resources, (str, bytes)) or not isinstance(resources, Iterable):
         raise TypeError(f"resources={reprlib.repr(resources)} is not a list: write resources=[…]")
+    if not isinstance(resources, Sequence):
+        resources = list(resources)
     blackboard, clock = arguments.get("blackboard"), arguments.get("clock")
-    return instantiate(plans, Resources(resources), blackboard, clock, arguments.get("tick_limit"))
+    return instantiate(plans, resources, blackboard, clock, arguments.get("tick_limit"))
 
 
 def check_argument_names(arguments: LoadArguments) -> None:

@@ -2,15 +2,15 @@
 
 import inspect
 import re
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, TypeGuard
+from typing import Any
 
 from btcore import builds
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.ports import UNSET, Input, Port
 from btcore.clock import Clock
-from btcore.engine.context import TreeContext, TreeResource
+from btcore.engine.context import TreeContext
 from btcore.engine.control import ControlNode, DecoratorNode, enable_child_reset
 from btcore.engine.functions import (
     BoundFunction,
@@ -39,12 +39,9 @@ from btcore.registry.registration_checks import (
     check_outputs_are_called,
     check_ports,
 )
-from btcore.registry.resource_attributes import bind_resources, class_resources
+from btcore.registry.resources import Resources, bind_resources, class_resources, is_tree_resource
 from btcore.status import NodeType
 from btcore.values import TypeRegistry
-
-PLUGIN_FILE_PREFIX = "btcore_plugin_"
-"""The names of modules that are loaded from a plugin's file begin with this prefix."""
 
 
 class Manifest:
@@ -135,7 +132,7 @@ class Manifest:
         config: NodeConfig,
         context: TreeContext,
         blackboard: Blackboard,
-        resources: "Resources",
+        resources: Resources,
         children: list[TreeNode],
     ) -> TreeNode:
         """Create a node.
@@ -169,7 +166,7 @@ class Manifest:
         return node
 
     def _arguments(
-        self, node: TreeNode, context: TreeContext, resources: "Resources"
+        self, node: TreeNode, context: TreeContext, resources: Resources
     ) -> tuple[list[object], dict[str, object]]:
         positional: list[object] = []
         keywords: dict[str, object] = {}
@@ -187,7 +184,7 @@ class Manifest:
         return positional, keywords
 
     def _argument(
-        self, parameter: Parameter, node: TreeNode, context: TreeContext, resources: "Resources"
+        self, parameter: Parameter, node: TreeNode, context: TreeContext, resources: Resources
     ) -> object:
         port = parameter.port
         if port is not None:
@@ -209,124 +206,20 @@ class Manifest:
             needed = with_article(parameter.type_name)
             message = f"<{self.id}> needs {needed} for its parameter '{parameter.name}': "
             name_hint = name_or_config_hint(parameter.name) if self.function is None else ""
-            message += name_hint or resources._namesake_hint(parameter) or resources.remedy
+            message += name_hint or resources.remedy_for(parameter)
             if parameter.looks_like_port and not name_hint:
                 message += f"; if it is a port, mark it: {parameter.name}: In[{parameter.type_name}]"
             raise NodeError(message)
         return value
 
     def _resource(
-        self, parameter: Parameter, node: TreeNode, context: TreeContext, resources: "Resources"
+        self, parameter: Parameter, node: TreeNode, context: TreeContext, resources: Resources
     ) -> object:
         if parameter.resource_type is Clock:
             return context.clock
         if parameter.resource_type is Blackboard:
             return node._blackboard
-        try:
-            return resources._find(parameter, self.id)
-        except TypeError:
-            raise NodeError(
-                f"the parameter '{parameter.name}' of <{self.id}> has the type {parameter.type_name}, which "
-                "isinstance() does not support: use a class, or a Protocol marked @runtime_checkable"
-            ) from None
-
-
-class Resources(list[object]):
-    """The objects for the leaves of a tree. A provider with a parameter of this type gets those of the run.
-
-    A leaf gets the object that was chosen for the type of its parameter, else the first that fits.
-
-    Attributes:
-        remedy: What to do if an object is missing, for messages.
-    """
-
-    def __init__(self, resources: Iterable[object] = ()) -> None:
-        super().__init__(resources)
-        self.remedy = "pass it in resources=[…]"
-        self._chosen: dict[Any, object] = {}
-        if isinstance(resources, Resources):
-            self.remedy = resources.remedy
-            self._chosen |= resources._chosen
-        self._cache: dict[Parameter, object] = {}
-
-    def choose(self, resource_type: Any, resource: object) -> None:
-        """Choose the object that leaves get for a type.
-
-        Args:
-            resource_type: The type.
-            resource: The object.
-        """
-        self._chosen[resource_type] = resource
-
-    def _find(self, parameter: Parameter, id: str) -> object:
-        """Return the resource for a parameter, else the default of the parameter, or UNSET.
-
-        The resource for each parameter is searched once. A missing `TreeResource` is created.
-        """
-        if parameter not in self._cache:
-            self._cache[parameter] = self._search(parameter, id)
-        return self._cache[parameter]
-
-    def _search(self, parameter: Parameter, id: str) -> object:
-        if parameter.resource_type in self._chosen:
-            return self._chosen[parameter.resource_type]
-        resource = find_resource(self, parameter.resource_type, f"'{parameter.name}' of <{id}>")
-        if resource is not UNSET:
-            return resource
-        if is_tree_resource(parameter.resource_type):
-            state = parameter.resource_type()
-            self.append(state)
-            return state
-        return parameter.default
-
-    def _namesake_hint(self, parameter: Parameter) -> str:
-        """Return why a resource whose class has the name of the parameter's type does not fit, or "".
-
-        A file that is both imported and loaded as a plugin exists as two modules, each with its own classes.
-        """
-        resource_type = parameter.resource_type
-        for cls in map(type, self):
-            if isinstance(resource_type, type) and cls.__qualname__ == resource_type.__qualname__:
-                module = cls.__module__
-                if resource_type.__module__ == f"{PLUGIN_FILE_PREFIX}{module}":
-                    return (
-                        f"resources contains a {cls.__qualname__} of the imported module '{module}', but "
-                        f'add_plugin loaded {module}.py a second time: write add_plugin("{module}")'
-                    )
-                return (
-                    f"resources contains a {cls.__qualname__} of the module '{module}', "
-                    f"but the leaf needs the class of '{resource_type.__module__}'"
-                )
-        return ""
-
-
-def find_resource(resources: Sequence[object], resource_type: Any, parameter: str) -> object:
-    """Return the first resource that fits a parameter of type *resource_type*, or UNSET.
-
-    Args:
-        resources: The resources; a resource may be listed twice.
-        parameter: The name of the parameter and its leaf, for messages.
-
-    Raises:
-        NodeError: Other resources of the same class fit, too: the choice between them would be arbitrary.
-        TypeError: isinstance() does not support the type.
-    """
-    fitting = [resource for resource in resources if isinstance(resource, resource_type)]
-    if not fitting:
-        return UNSET
-    first = fitting[0]
-    count = len({id(resource) for resource in fitting if type(resource) is type(first)})
-    if count > 1:
-        raise NodeError(
-            f"{count} resources of the class {type(first).__name__} fit the parameter {parameter}: "
-            "pass only one of them, or give each a class of its own"
-        )
-    return first
-
-
-def is_tree_resource(resource_type: object) -> TypeGuard[type[TreeResource]]:
-    """Return whether a type is a subclass of TreeResource, of which every tree creates its own instance."""
-    return isinstance(resource_type, type) and issubclass(resource_type, TreeResource)
+        return resources.find(parameter, self.id)
 
 
 def takes_children(manifest: Manifest | None) -> bool:

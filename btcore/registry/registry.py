@@ -18,8 +18,9 @@ from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
 from btcore.entry_points import NODES_GROUP, UnavailableEntryPoint
 from btcore.errors import NodeError, RegistrationError
+from btcore.names import PLUGIN_FILE_PREFIX
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
-from btcore.registry.manifest import PLUGIN_FILE_PREFIX, Manifest, create_manifest
+from btcore.registry.manifest import Manifest, create_manifest
 from btcore.status import NodeType
 from btcore.suggestions import did_you_mean, similar_file, suggestion
 from btcore.values import TypeRegistry

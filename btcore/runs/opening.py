@@ -12,7 +12,7 @@ from types import TracebackType
 from btcore.clock import Clock, SimClock, SystemClock, is_clock
 from btcore.entry_points import names_by_remedy
 from btcore.errors import BtcoreError, ProviderError
-from btcore.registry.manifest import Resources
+from btcore.registry.resources import Resources
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice, choose, find_unused_settings
 from btcore.runs.providers import TYPES_OF_RUN, Need, Provider, Report, TypeRef, fits, full_name, is_settings

@@ -33,7 +33,7 @@ from btcore.clock import Clock
 from btcore.errors import ProviderError
 from btcore.escaping import escape_controls
 from btcore.options import required_option_names
-from btcore.registry.manifest import Resources
+from btcore.registry.resources import Resources
 from btcore.runs.settings import Settings
 from btcore.runs.tick_loop import LoopEnd
 from btcore.tree.tree import Tree

@@ -15,7 +15,7 @@ from btcore.errors import BtcoreError, NodeExecutionError, OutputError, Provider
 from btcore.exit_codes import ExitCode, code_of_signal
 from btcore.loading.instantiate import instantiate, make_leaf_tree
 from btcore.loading.load import LoadArguments, PausedGarbageCollection, check_argument_names, plan_inputs
-from btcore.registry.manifest import Resources
+from btcore.registry.resources import Resources
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice
 from btcore.runs.opening import RunProviders

@@ -11,7 +11,7 @@ from btcore.blackboard.ports import UNSET
 from btcore.clock import NS_PER_S, Clock
 from btcore.json_text import load_json
 from btcore.loading.json_export import import_blackboard
-from btcore.registry.manifest import Resources, find_resource
+from btcore.registry.resources import Resources
 from btcore.suggestions import did_you_mean
 from btcore.xml.plan.plan import plan_document
 from btcore_ros2.action_server import RosActionServer, ServerGoal
@@ -111,7 +111,7 @@ class TreeServer:
         self.tree: Tree | None = None
         self._files = files
         self._nodes = nodes if nodes is not None else Registry.standard()
-        self._resources = Resources(resources)
+        self._resources = resources.copy() if isinstance(resources, Resources) else Resources(resources)
         self._resources.insert(0, session)
         self._robot = next(
             (resource for resource in resources if isinstance(resource, RecoverableRobot)), None
@@ -120,7 +120,7 @@ class TreeServer:
         self.blackboard = Blackboard(clock=self._clock)
         self._trees = LoadedTrees(files, self._nodes)
         for wanted in self._trees.check():
-            if find_resource(self._resources, wanted, "the trees") is UNSET:
+            if self._resources.first_of(wanted, "the trees") is UNSET:
                 raise RosError(f"the trees need a resource of the type {wanted.__name__}, and none is given")
         self._tick_frequency = tick_frequency
         self._period = self._read_period()

@@ -11,7 +11,7 @@ from btcore.clock import Clock
 from btcore.engine.leaf import SyncAction
 from btcore.engine.node import TreeNode
 from btcore.errors import NodeError
-from btcore.registry.manifest import find_resource
+from btcore.registry.resources import Resources
 from btcore.status import Status
 from btcore_batch.agent_sets import AgentSet, Indices, Mask
 from btcore_batch.context import BatchContext
@@ -46,7 +46,7 @@ class LeafNode(BatchNode):
             return NodeName(self.name)
         where = f"'{parameter.name}' of <{self.leaf.id}>"
         try:
-            resource = find_resource(self.context.resources, parameter.annotation, where)
+            resource = Resources(self.context.resources).first_of(parameter.annotation, where)
         except NodeError as error:
             message, _, hint = str(error).partition(": ")
             raise unsupported(self.config, message, hint) from None

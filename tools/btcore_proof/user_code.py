@@ -16,7 +16,7 @@ from types import CodeType, FunctionType, ModuleType
 from typing import Any, Final, NoReturn
 
 from btcore.engine.node import TreeNode, read_clock
-from btcore.registry.manifest import PLUGIN_FILE_PREFIX
+from btcore.names import PLUGIN_FILE_PREFIX
 from btcore.suggestions import join_names
 from btcore.tree.saved_state import state_fields_of
 from btcore.tree.tree import Tree

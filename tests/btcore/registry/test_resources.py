@@ -1,4 +1,4 @@
-"""Resources that a node class declares as annotated attributes."""
+"""The resources of leaves, such as those that a node class declares as annotated attributes."""
 
 from enum import Enum
 from typing import ClassVar

@@ -1,0 +1,220 @@
+"""The resources of a tree: the objects that its leaves get by the types of their parameters and attributes.
+
+A node class declares a resource as an annotated attribute, such as `lamp: Lamp`.
+"""
+
+import dis
+import inspect
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cached_property, lru_cache
+from types import CodeType
+from typing import Any, Final, TypeGuard
+
+from btcore.blackboard.ports import UNSET
+from btcore.engine.context import TreeResource
+from btcore.engine.signature import Parameter, class_annotations, hides_attribute
+from btcore.errors import NodeError
+from btcore.names import PLUGIN_FILE_PREFIX
+from btcore.suggestions import with_article
+
+_ENGINE: Final = "btcore"
+
+
+class Resources(list[object]):
+    """The objects for the leaves of a tree. A provider with a parameter of this type gets those of the run.
+
+    A leaf gets the object that was chosen for the type of its parameter, else the first that fits.
+
+    Attributes:
+        remedy: What to do if an object is missing, for messages.
+    """
+
+    remedy = "pass it in resources=[…]"
+
+    @cached_property
+    def _chosen(self) -> dict[Any, object]:
+        """The objects that were chosen, by the type."""
+        return {}
+
+    @cached_property
+    def _found(self) -> dict[Parameter, object]:
+        """The results of `find`."""
+        return {}
+
+    def copy(self) -> "Resources":
+        """Return a copy, to which another tree adds its own instances of `TreeResource`."""
+        copied = Resources(self)
+        copied.remedy = self.remedy
+        copied._chosen.update(self._chosen)
+        return copied
+
+    def choose(self, resource_type: Any, resource: object) -> None:
+        """Choose the object that leaves get for a type.
+
+        Args:
+            resource_type: The type.
+            resource: The object.
+        """
+        self._chosen[resource_type] = resource
+
+    def find(self, parameter: Parameter, id: str) -> object:
+        """Return the resource for a parameter, else the default of the parameter, or UNSET.
+
+        A missing `TreeResource` is created.
+
+        Args:
+            parameter: The parameter.
+            id: The ID of its leaf, for messages.
+
+        Raises:
+            NodeError: As `first_of`.
+        """
+        if parameter not in self._found:
+            resource_type = parameter.resource_type
+            resource = self._chosen.get(resource_type, UNSET)
+            if resource is UNSET:
+                resource = self.first_of(resource_type, f"'{parameter.name}' of <{id}>")
+            if resource is UNSET and is_tree_resource(resource_type):
+                resource = resource_type()
+                self.append(resource)
+            self._found[parameter] = parameter.default if resource is UNSET else resource
+        return self._found[parameter]
+
+    def first_of(self, resource_type: Any, parameter: str) -> object:
+        """Return the first resource that fits a parameter of type *resource_type*, or UNSET.
+
+        Args:
+            resource_type: The type.
+            parameter: The name of the parameter and its leaf, for messages.
+
+        Raises:
+            NodeError: Other resources of the same class fit, too: the choice between them would be arbitrary.
+                Or isinstance() does not support the type.
+        """
+        try:
+            fitting = [resource for resource in self if isinstance(resource, resource_type)]
+        except TypeError:
+            name = getattr(resource_type, "__name__", resource_type)
+            raise NodeError(
+                f"the parameter {parameter} has the type {name}, which isinstance() does not support: use a "
+                "class, or a Protocol marked @runtime_checkable"
+            ) from None
+        if not fitting:
+            return UNSET
+        first = fitting[0]
+        # A resource may be listed twice.
+        count = len({id(resource) for resource in fitting if type(resource) is type(first)})
+        if count > 1:
+            raise NodeError(
+                f"{count} resources of the class {type(first).__name__} fit the parameter {parameter}: "
+                "pass only one of them, or give each a class of its own"
+            )
+        return first
+
+    def remedy_for(self, parameter: Parameter) -> str:
+        """Return what to do about the missing resource for *parameter*.
+
+        A file that is both imported and loaded as a plugin exists as two modules, each with its own classes.
+        """
+        resource_type = parameter.resource_type
+        for cls in map(type, self):
+            if isinstance(resource_type, type) and cls.__qualname__ == resource_type.__qualname__:
+                module = cls.__module__
+                if resource_type.__module__ == f"{PLUGIN_FILE_PREFIX}{module}":
+                    return (
+                        f"resources contains a {cls.__qualname__} of the imported module '{module}', but "
+                        f'add_plugin loaded {module}.py a second time: write add_plugin("{module}")'
+                    )
+                return (
+                    f"resources contains a {cls.__qualname__} of the module '{module}', "
+                    f"but the leaf needs the class of '{resource_type.__module__}'"
+                )
+        return self.remedy
+
+
+def is_tree_resource(resource_type: object) -> TypeGuard[type[TreeResource]]:
+    """Return whether a type is a subclass of TreeResource, of which every tree creates its own instance."""
+    return isinstance(resource_type, type) and issubclass(resource_type, TreeResource)
+
+
+class MissingResourceError(NodeError, AttributeError):
+    """An attribute was read for which the tree has no resource."""
+
+
+class ResourceAttribute:
+    """A class attribute whose value nodes get when they are created. Reading it before raises an error."""
+
+    def __init__(self, parameter: Parameter) -> None:
+        self.parameter = parameter
+
+    def __get__(self, node: Any, cls: type) -> object:
+        """Raise MissingResourceError. A value of the node itself takes precedence."""
+        if node is None:
+            return self
+        name, type_name = self.parameter.name, self.parameter.type_name
+        raise MissingResourceError(
+            f"<{node.config.id}> needs {with_article(type_name)} for its attribute '{name}': pass it in "
+            f"resources=[…], or assign it; if it is a port, mark it: {name}: In[{type_name}]"
+        )
+
+
+def class_resources(cls: type, names: Mapping[str, Any]) -> list[Parameter]:
+    """Return the attributes of a node class that are filled with resources, by their types.
+
+    These are the public attributes that are annotated with a class, except for built-in classes such as
+    float, and that have no value: neither in the class nor by an assignment in one of its methods.
+
+    Args:
+        names: Local names, for resolving annotations that are strings.
+    """
+    parents = [parent for parent in cls.__mro__ if parent.__module__.partition(".")[0] != _ENGINE]
+    declared = {name for parent in parents for name in inspect.get_annotations(parent)}
+    candidates = {
+        name: resource_type
+        for name, resource_type in class_annotations(cls, names).items()
+        if name in declared and isinstance(resource_type, type) and resource_type.__module__ != "builtins"
+        if not name.startswith("_") and not _has_value(cls, name)
+    }
+    if candidates:
+        for code in _method_codes(parents):
+            for name in _assigned_names(code):
+                candidates.pop(name, None)
+    return [Parameter(name, True, None, resource_type, UNSET) for name, resource_type in candidates.items()]
+
+
+def _has_value(cls: type, name: str) -> bool:
+    value = getattr(cls, name, UNSET)
+    if value is UNSET or hides_attribute(name, value):
+        return False
+    return not isinstance(value, ResourceAttribute)
+
+
+def bind_resources(cls: type, attributes: Iterable[Parameter]) -> None:
+    """Make *attributes*, the result of `class_resources`, attributes of *cls* that report a missing value."""
+    for parameter in attributes:
+        setattr(cls, parameter.name, ResourceAttribute(parameter))
+
+
+def _method_codes(classes: list[type]) -> Iterator[CodeType]:
+    for cls in classes:
+        for member in vars(cls).values():
+            for function in (member, *(getattr(member, part, None) for part in ("fget", "fset", "__func__"))):
+                code = getattr(inspect.unwrap(function) if callable(function) else None, "__code__", None)
+                if isinstance(code, CodeType):
+                    yield code
+
+
+@lru_cache(maxsize=2048)  # a process with several registries adds the same classes to each
+def _assigned_names(code: CodeType) -> frozenset[str]:
+    """Return the names of attributes that *code* assigns, also in functions that it defines."""
+    names = {
+        str(instruction.argval)
+        for instruction in dis.get_instructions(code)
+        if instruction.opname == "STORE_ATTR"
+    }
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            names |= _assigned_names(constant)
+        elif isinstance(constant, str) and "setattr" in code.co_names:
+            names.add(constant)
+    return frozenset(names)
