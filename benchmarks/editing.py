@@ -24,7 +24,7 @@ from btcore.clock import NS_PER_MS
 from btcore.diagnostics import Diagnostic
 from btcore.extras import describe_missing
 from btcore.lint.validate import validate_document
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 from btcore_studio.schema import write_schema
 from measure.paired_timing import Spread, Work, measure_rounds
 from measure.report import Report, arguments, at_most

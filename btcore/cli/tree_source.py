@@ -15,7 +15,8 @@ from btcore.options import option
 from btcore.registry.registry import Registry
 from btcore.xml.define import define
 from btcore.xml.plan.plan import Plans, plan
-from btcore.xml.read.document import Document, parse_bytes, parse_file
+from btcore.xml.read.document import Document
+from btcore.xml.read.read import parse_bytes, parse_file
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem

@@ -34,8 +34,9 @@ from btcore.tree.tree import Tree
 from btcore.values import to_text
 from btcore.xml.models.tree_nodes_model import quoted
 from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.document import Document, parse_text
+from btcore.xml.read.document import Document
 from btcore.xml.read.element import Element, ElementPart
+from btcore.xml.read.read import parse_text
 
 _STEP: Final = "    "
 MAX_BUILDER_DEPTH: Final = 2_000

@@ -9,8 +9,7 @@ from btcore.errors import BtcoreError
 from btcore.loading.instantiate import instantiate
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
-from btcore.xml.read.document import parse_file
-from btcore.xml.read.read import read
+from btcore.xml.read.read import parse_file, read
 
 
 class FileWatcher:

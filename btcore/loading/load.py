@@ -17,8 +17,8 @@ from btcore.registry.registry import Registry
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans, plan_document
-from btcore.xml.read.document import Document, parse_file, parse_text
-from btcore.xml.read.read import PackageResolver
+from btcore.xml.read.document import Document
+from btcore.xml.read.read import PackageResolver, parse_file, parse_text
 
 __all__ = ["LoadArguments"]  # for the API reference, which has the functions on the page of `btcore`
 

@@ -24,7 +24,8 @@ from btcore.registry.manifest import Manifest, create_manifest
 from btcore.status import NodeType
 from btcore.suggestions import did_you_mean, similar_file, suggestion
 from btcore.values import TypeRegistry
-from btcore.xml.read.document import Document, parse_file, parse_text
+from btcore.xml.read.document import Document
+from btcore.xml.read.read import parse_file, parse_text
 
 
 @cache

@@ -26,7 +26,7 @@ from btcore.signals import EndingSignals
 from btcore.status import Status
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
-from btcore.xml.read.document import parse_file
+from btcore.xml.read.read import parse_file
 
 T = TypeVar("T")
 

@@ -20,7 +20,7 @@ from btcore.loading.load import load, loads, plan_inputs
 from btcore.status import IDLE, RUNNING, Status
 from btcore.testing.trace import Trace, TraceStep, format_trace
 from btcore.tree.tree import Tree
-from btcore.xml.read.document import parse_file, parse_text
+from btcore.xml.read.read import parse_file, parse_text
 
 if TYPE_CHECKING:
     from btcore.runs.providers import Provider

@@ -19,7 +19,7 @@ from btcore.status import NodeType
 from btcore.testing import Harness
 from btcore.testing.trace import TraceStep
 from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 from btcore_drawing.diagram import DiagramNode, diagram_of_document
 from btcore_drawing.svg import diagram_to_svg
 from btcore_studio.convert.convert import convert

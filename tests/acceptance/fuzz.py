@@ -22,7 +22,7 @@ from btcore import Blackboard, BtcoreError, SimClock, loads
 from btcore.lint.validate import validate_document
 from btcore.script.program import compile_script
 from btcore.values import DOUBLE, INT, INT64, NODE_STATUS, UINT, UINT64, VECTOR_DOUBLE, VECTOR_INT
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 from tests.conformance.recorded_cases import Journal
 
 RECORDED = Path(__file__).parents[1] / "conformance"

@@ -38,7 +38,7 @@ from btcore.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.tree.saved_state import save_state
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 
 _STATUSES = {"S": SUCCESS, "F": FAILURE, "K": SKIPPED, "R": RUNNING}
 _TIMED = ("Delay", "Timeout", "Sleep", "UserTimer")

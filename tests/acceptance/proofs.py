@@ -47,7 +47,7 @@ from btcore.registry.registry import Registry
 from btcore.status import FAILURE, SUCCESS
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 from btcore_proof.model_leaves import Choices, ModelPrompt, with_model_leaves
 from btcore_proof.propositions import parse_question
 from btcore_proof.prover import POSSIBLE, PROVED, REFUTED, Answer, Prover

@@ -12,7 +12,7 @@ from btcore import Registry, diagnostic_codes
 from btcore.diagnostic_codes import ALL_CODES, DiagnosticCode
 from btcore.errors import TreeError
 from btcore.lint.validate import validate_document
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 from btcore_studio.convert.convert import convert
 
 ROOT = Path(__file__).parents[2]

@@ -13,7 +13,7 @@ from btcore.logs.files import LogError
 from btcore.registry.registry import Registry
 from btcore.testing.substitution_rules import load_substitution_rules
 from btcore.xml.models.model_file import add_models
-from btcore.xml.read.document import parse_file
+from btcore.xml.read.read import parse_file
 from btcore_monitor.logs import read_fbl, read_sqlite
 
 IRREGULAR = {

@@ -16,7 +16,7 @@ pytest.importorskip("pybullet")
 from btcore import Registry
 from btcore.cli.main import main
 from btcore.lint.validate import validate_document
-from btcore.xml.read.document import parse_file
+from btcore.xml.read.read import parse_file
 
 FOLDER = Path(__file__).parent / "third_party_trees"
 GIVEN = ("goal", "goals", "low")

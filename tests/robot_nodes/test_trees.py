@@ -6,7 +6,7 @@ from lxml import etree
 
 from btcore import Diagnostic, Registry
 from btcore.lint.validate import validate_document
-from btcore.xml.read.document import parse_file
+from btcore.xml.read.read import parse_file
 from btcore_studio.schema import write_schema
 
 TREES = sorted((Path(__file__).parents[2] / "trees").rglob("*.xml"))

@@ -12,8 +12,7 @@ from btcore.tree.drawing import to_text
 from btcore.tree.tree import Tree
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
 from btcore.xml.plan.plan import Plans, plan_document
-from btcore.xml.read.document import parse_file
-from btcore.xml.read.read import read
+from btcore.xml.read.read import parse_file, read
 from btcore_proof.answer_text import lines_of_answer
 from btcore_proof.counterexample import TreeMaker
 from btcore_proof.declarations import Declarations, declarations_beside, read_declarations

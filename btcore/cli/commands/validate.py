@@ -26,7 +26,7 @@ from btcore.field_options import pass_options
 from btcore.input_files import read_file, real_path
 from btcore.lint.validate import validate_document
 from btcore.xml.edit.quick_fixes import FixMaker, fix_text
-from btcore.xml.read.document import parse_file
+from btcore.xml.read.read import parse_file
 
 MAX_ROUNDS: Final = 10
 """Maximum number of times that a file is fixed and checked again: a fix can reveal another problem."""

@@ -1,20 +1,34 @@
-"""Read the documents that belong to a tree: the first stage of loading.
+"""Parse texts and files into documents, and read the documents that belong to a tree.
 
-`<include path="…" ros_pkg="…"/>` names the documents that are read with a document.
+Invalid XML is reported with file, line and column. A `<!DOCTYPE …>` with content is an error.
+The first stage of loading, `read`, adds the documents that `<include path="…" ros_pkg="…"/>` names.
 """
 
+import os
 import posixpath
-from collections.abc import Callable, Iterable, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from btcore.diagnostic_codes import IGNORED_PACKAGE, INCLUDE_FAILED, UNREADABLE_FILE
-from btcore.diagnostics import Hint
+from btcore.diagnostic_codes import (
+    DOCUMENT_TOO_LARGE,
+    DOCUMENT_TYPE,
+    EMPTY_DOCUMENT,
+    IGNORED_PACKAGE,
+    INCLUDE_FAILED,
+    NOT_UTF8,
+    NOT_XML,
+    UNREADABLE_FILE,
+    DiagnosticCode,
+)
+from btcore.diagnostics import Diagnostic, Hint
 from btcore.errors import XmlSyntaxError
 from btcore.fixes import SetValue
-from btcore.input_files import real_path
-from btcore.xml.read.document import DiagnosticCollector, Diagnostics, Document, parse_file
-from btcore.xml.read.element import Element
+from btcore.input_files import read_error, read_file, real_path
+from btcore.suggestions import similar_file, suggestion
+from btcore.xml.read.document import DiagnosticCollector, Diagnostics, Document
+from btcore.xml.read.element import EXAMPLE, Element, encoded, parse_with_expat
 
 PackageResolver = Callable[[str], "str | Path | None"]
 """A function that returns the share directory of the ROS package with a given name, or None."""
@@ -23,6 +37,172 @@ MAX_INCLUDED_FILES: Final = 1_000
 """Maximum number of files that a document includes, directly or indirectly."""
 MAX_INCLUDE_DEPTH: Final = 100
 """Maximum number of files between the main file and an included file."""
+MAX_ELEMENTS: Final = 500_000
+"""Maximum number of elements of a document."""
+MAX_ATTRIBUTES: Final = 5_000_000
+"""Maximum number of attributes of a document."""
+
+_ROOT_TAG: Final = re.compile(rb"<root\b", re.IGNORECASE)
+_BYTE_ORDER_MARKS: Final = (
+    (b"\xff\xfe\x00\x00", "UTF-32"),
+    (b"\x00\x00\xfe\xff", "UTF-32"),
+    (b"\xff\xfe", "UTF-16"),
+    (b"\xfe\xff", "UTF-16"),
+)
+
+
+def parse_text(text: str, file: str = "", *, confined: bool = False) -> Document:
+    """Parse a text.
+
+    Args:
+        file: Name of the file in messages, or "".
+        confined: Whether includes from outside of the file's folder, or of the working directory, are errors.
+    """
+    # The text is decoded already, so a byte order mark and the declared encoding are ignored.
+    text = text.removeprefix("\ufeff")
+    if not text or text.isspace():
+        raise XmlSyntaxError([Diagnostic(EMPTY_DOCUMENT, "the document is empty", file, hint=EXAMPLE)])
+    # Every element needs a "<" besides the "</" of its end tag, and every attribute a "=".
+    if text.count("<") - text.count("</") > MAX_ELEMENTS or text.count("=") > MAX_ATTRIBUTES:
+        message = f"the document has more than {MAX_ELEMENTS:,} elements or {MAX_ATTRIBUTES:,} attributes"
+        raise XmlSyntaxError([Diagnostic(DOCUMENT_TOO_LARGE, message, file)])
+    if "!" in text and "<!DOCTYPE" in text:
+        _refuse_document_type(text, file)
+    zero = text.find("\0")
+    if zero >= 0:
+        raise _syntax_error(NOT_XML, "invalid XML: the text contains a NUL character", text, zero, file)
+    # Escaping is slow, so it is skipped if certainly no value contains a line break or a tab.
+    escaped = text
+    if not _has_one_line_tags(text):
+        from btcore.xml.read.tinyxml2_compat import escape_line_breaks, may_keep_line_breaks
+
+        if may_keep_line_breaks(text):
+            escaped = escape_line_breaks(text)
+    plain = parse_with_expat(encoded(escaped))
+    if plain is not None:
+        return Document(plain, text, file, knows_lines=escaped is text, confined=confined)
+    from btcore.xml.read.tinyxml2_parser import parse_as_tinyxml2
+
+    root, findings = parse_as_tinyxml2(text, file)
+    return Document(root, text, file, findings, confined=confined)
+
+
+def _has_one_line_tags(text: str) -> bool:
+    """Return True only if no tag contains a line break or a tab. May return False for such a text, too."""
+    if any(odd in text for odd in "\t\r'") or ("!" in text and "<!" in text):
+        return False
+    # Searching for one character is much faster than for two, so the rare "?" narrows the search.
+    if text.rfind("<?", 0, text.rfind("?") + 1) > 0:
+        return False
+    # With these counts, every line break follows a ">", and every ">" ends a tag.
+    return text.count("\n") == text.count(">\n") and text.count("<") == text.count(">")
+
+
+def parse_file(
+    path: str | os.PathLike[str],
+    *,
+    confined: bool = False,
+    included_by: Document | None = None,
+    unsaved: Mapping[Path, str] | None = None,
+) -> Document:
+    """Read and parse the file *path*.
+
+    Args:
+        confined: As in `parse_text`.
+        included_by: The document that includes the file; the same restriction and unsaved texts apply. The
+            error for a file that does not contain a `<root>` does not quote the file.
+        unsaved: Texts that replace the content of the file and of included files, by their `real_path`.
+    """
+    name = os.fspath(path)
+    unsaved = unsaved if included_by is None else included_by.unsaved
+    text = unsaved.get(real_path(path)) if unsaved else None
+    try:
+        data = read_file(path) if text is None else encoded(text)
+    except OSError as error:
+        raise XmlSyntaxError([_unreadable(Path(path), error)]) from None
+    if included_by is not None and _ROOT_TAG.search(data) is None:
+        # Messages quote the text. A file that a stranger includes may contain anything, such as passwords.
+        raise XmlSyntaxError([Diagnostic(UNREADABLE_FILE, "not an XML document of trees", name)])
+    document = parse_bytes(data, name, confined=confined)
+    if unsaved:
+        document.unsaved = unsaved
+    if included_by is not None:
+        document.confined_to = included_by.confined_to
+    return document
+
+
+def parse_bytes(data: bytes, file: str, *, confined: bool = False) -> Document:
+    """Parse the content of a file.
+
+    Args:
+        file: Name of the file in messages.
+        confined: As in `parse_text`.
+    """
+    return parse_text(_decoded(data, file), file, confined=confined)
+
+
+def _unreadable(path: Path, error: OSError) -> Diagnostic:
+    hint = ""
+    files: list[str] = []
+    if str(path).lstrip().startswith("<"):
+        message = "expected the path of a file, but got XML text"
+        return Diagnostic(UNREADABLE_FILE, message, hint="to load a text, use btcore.loads(text)")
+    if path.is_dir():
+        message = "is a folder, not a file"
+        names = sorted(file.name for file in path.glob("*.xml"))[:5]
+        if names:
+            hint = suggestion("a file in it: " + ", ".join(names))
+            files = [f"{path.name}/{name}" for name in names]
+    elif isinstance(error, FileNotFoundError):
+        message = "no such file"
+        near = similar_file(path, ".xml")
+        if near is not None:
+            hint = suggestion(near)
+            files = [Path(near).name]
+    else:
+        message = f"can't be read: {read_error(error)}"
+    # An include of the file names one of these files instead.
+    fixes = tuple(SetValue(name) for name in files)
+    return Diagnostic(UNREADABLE_FILE, message, os.fspath(path), hint=hint, fixes=fixes)
+
+
+def _decoded(data: bytes, file: str) -> str:
+    for mark, encoding in _BYTE_ORDER_MARKS:
+        if data.startswith(mark):
+            message = f"the file is encoded as {encoding}, not as UTF-8"
+            raise XmlSyntaxError([Diagnostic(NOT_UTF8, message, file, hint="save it as UTF-8")])
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        before = data[: error.start].decode("utf-8")
+        # Decode the rest with replacement characters, to show the line in the message.
+        text = before + data[error.start :].decode("utf-8", "replace")
+        message = f"the byte 0x{data[error.start]:02X} is not valid UTF-8"
+        raise _syntax_error(NOT_UTF8, message, text, len(before), file, "save the file as UTF-8") from None
+
+
+def _refuse_document_type(text: str, file: str) -> None:
+    """Raise XmlSyntaxError for a document type that defines or fetches something; a bare name is allowed."""
+    from btcore.xml.read.scan import scan
+
+    for at, end in scan(text).opaque:
+        if text.startswith("<!DOCTYPE", at):
+            inside = text[at + len("<!DOCTYPE") : end].removesuffix(">").split()
+            if len(inside) > 1 or "[" in "".join(inside):
+                message = "a document type that defines or fetches something is not supported"
+                hint = "trees need no <!DOCTYPE …>: remove it, and replace its entities by their text"
+                raise _syntax_error(DOCUMENT_TYPE, message, text, at, file, hint, len("<!DOCTYPE"))
+
+
+def _syntax_error(
+    code: DiagnosticCode, message: str, text: str, offset: int, file: str, hint: str = "", width: int = 1
+) -> XmlSyntaxError:
+    from btcore.xml.read.positions import span_at
+
+    return XmlSyntaxError([span_at(text, offset, width).diagnostic(code, message, file, Hint(hint))])
+
+
+# --- the documents of a tree
 
 
 class Sources(NamedTuple):

@@ -7,7 +7,7 @@ import pytest
 from btcore import Blackboard, In, Put, Registry, StatefulAction, Status, action, condition
 from btcore.diagnostics import Diagnostic
 from btcore.lint.validate import validate_document
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 
 
 @condition

@@ -8,7 +8,7 @@ import pytest
 from btcore import Registry
 from btcore.lint.validate import validate_document
 from btcore.xml.models.model_file import add_models
-from btcore.xml.read.document import parse_file
+from btcore.xml.read.read import parse_file
 
 PALETTE = """<root BTCPP_format="4"><TreeNodesModel>
   <Control ID="Alternate"/>

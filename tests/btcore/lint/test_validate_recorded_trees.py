@@ -11,7 +11,7 @@ import btcore
 from btcore.diagnostics import Diagnostic
 from btcore.errors import TreeError
 from btcore.lint.validate import validate_document
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 from tests.conformance.recorded_cases import Journal, conformance_registry, read_cases
 
 DATA = Path(__file__).parents[2] / "conformance" / "data"

@@ -8,7 +8,7 @@ import pytest
 
 from btcore import Registry
 from btcore.lint.validate import validate_document
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 
 SMALL, LARGE = 100, 800  # elements
 MOST = 16  # times the calls of SMALL: linear checks make 8 times the calls, quadratic checks 64 times

@@ -21,7 +21,7 @@ from btcore import (
 )
 from btcore.loading.builder import NodeDraft
 from btcore.loading.tree_xml import tree_to_xml
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 
 
 class Gear(enum.Enum):

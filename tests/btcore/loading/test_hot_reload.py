@@ -9,7 +9,7 @@ import btcore
 from btcore import Status, Tree, TreeError
 from btcore.loading.hot_reload import FileWatcher, rebuild_tree
 from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.document import parse_file
+from btcore.xml.read.read import parse_file
 
 FIRST = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
     <Script code="x := 1"/><Sleep msec="3600000"/></Sequence></BehaviorTree></root>"""

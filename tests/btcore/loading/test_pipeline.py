@@ -12,8 +12,7 @@ from btcore import Registry, TreeError, builds, loads
 from btcore.loading.instantiate import instantiate
 from btcore.xml.define import define
 from btcore.xml.plan.plan import plan
-from btcore.xml.read.document import parse_text
-from btcore.xml.read.read import read
+from btcore.xml.read.read import parse_text, read
 
 CALLING = """<root BTCPP_format="4" main_tree_to_execute="Main">
   <BehaviorTree ID="Main">

@@ -4,7 +4,7 @@ import pytest
 
 from btcore import In, InOut, NodeExecutionError, Out, Registry, Status, SyncAction, Tree, TreeError, loads
 from btcore.lint.validate import validate_document
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 
 
 class Animal:

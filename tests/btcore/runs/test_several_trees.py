@@ -11,7 +11,7 @@ import btcore
 from btcore import FAILURE, RUNNING, SUCCESS, Registry, Run, RunSettings, Status, provider
 from btcore.loading.load import plan_inputs
 from btcore.runs.run import TreelessProgram
-from btcore.xml.read.document import parse_file
+from btcore.xml.read.read import parse_file
 
 FAST = RunSettings(fast=True)
 WriteTree = Callable[[str, str], Path]

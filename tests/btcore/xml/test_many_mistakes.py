@@ -9,7 +9,7 @@ import pytest
 from btcore import Registry, TreeError, load, loads
 from btcore.errors import XmlSyntaxError
 from btcore.lint.validate import validate_document
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 
 LIMIT_S = 20.0  # of processor time; the tests need 0.5 s, and with checks in quadratic time 100 s and more
 TREE = '<BehaviorTree ID="T#"><SubTree ID="X#"/></BehaviorTree>'

@@ -4,7 +4,7 @@ from dataclasses import asdict
 
 from btcore import In, Put, Registry, action
 from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 from btcore_drawing.data_flow import DataflowRow, trace_dataflow
 
 TEXT = """<root BTCPP_format="4" main_tree_to_execute="Main">

@@ -8,7 +8,7 @@ from lxml import etree
 
 from btcore import Registry
 from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 from btcore_drawing.diagram import diagram_of_document
 from btcore_drawing.svg import diagram_to_svg
 

@@ -23,7 +23,7 @@ from btcore import (
 )
 from btcore.lint.validate import validate_document
 from btcore.testing import load_substitution_rules
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 from tests.btcore.conftest import TreeFactory
 
 R, S, F = Status.RUNNING, Status.SUCCESS, Status.FAILURE

@@ -8,7 +8,7 @@ import btcore
 from btcore import In, PortError, Put, Registry, action
 from btcore.lint.validate import validate_document
 from btcore.xml.models.model_file import add_models
-from btcore.xml.read.document import parse_file
+from btcore.xml.read.read import parse_file
 
 # A tree that Groot saved with a palette of another version than the robot's nodes.
 TREE = """<root BTCPP_format="{format}" main_tree_to_execute="Navigate">

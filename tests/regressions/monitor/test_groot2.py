@@ -13,7 +13,7 @@ from btcore import Blackboard, Direction, Port, Registry, SimClock, Status, Sync
 from btcore.errors import RegistrationError
 from btcore.lint.validate import validate_document
 from btcore.xml.models.model_file import add_models
-from btcore.xml.read.document import parse_file, parse_text
+from btcore.xml.read.read import parse_file, parse_text
 from btcore_monitor.events import ObservedNode, ObservedTree
 from btcore_monitor.serve import Publisher, serve
 from btcore_monitor.watch.address import parse_address

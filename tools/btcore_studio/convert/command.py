@@ -14,7 +14,7 @@ from btcore.diagnostics import Diagnostic
 from btcore.exit_codes import ExitCode
 from btcore.field_options import pass_options
 from btcore.input_files import read_file
-from btcore.xml.read.document import parse_file
+from btcore.xml.read.read import parse_file
 from btcore_studio.convert.convert import Conversion
 from btcore_studio.convert.convert import convert as converted
 

@@ -10,7 +10,8 @@ from btcore.registry.registry import Registry
 from btcore.xml.edit.editor import DocumentEditor, Edit, EditError, apply_edits
 from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS
-from btcore.xml.read.document import Document, parse_text
+from btcore.xml.read.document import Document
+from btcore.xml.read.read import parse_text
 from btcore.xml.read.scan import ScannedElement
 
 # `_skipIf` of a disabled node; the original condition is in the parentheses.

@@ -15,7 +15,8 @@ from btcore.errors import TreeError
 from btcore.input_files import read_file, real_path
 from btcore.registry.registry import Registry
 from btcore.xml.edit.editor import Edit
-from btcore.xml.read.document import Document, parse_file, parse_text
+from btcore.xml.read.document import Document
+from btcore.xml.read.read import parse_file, parse_text
 from btcore.xml.read.scan import Scan, scan
 from btcore_studio.language.diagnostics import Report
 from btcore_studio.language.node_models import NodeModel, add_mock_nodes

@@ -26,8 +26,8 @@ from btcore.xml.models.model_file import (
     add_models,
     has_models,
 )
-from btcore.xml.read.document import Document, parse_file, parse_text
-from btcore.xml.read.read import read
+from btcore.xml.read.document import Document
+from btcore.xml.read.read import parse_file, parse_text, read
 from btcore_studio.language.diagnostics import check
 from btcore_studio.language.node_models import NodeModel, add_mock_nodes, models_of
 

@@ -24,8 +24,8 @@ from btcore.xml.models.model_file import (
 )
 from btcore.xml.plan.plan import Plans, plan
 from btcore.xml.read.dialect import EXPLICIT_TAGS
-from btcore.xml.read.document import Document, parse_file, parse_text
-from btcore.xml.read.read import read
+from btcore.xml.read.document import Document
+from btcore.xml.read.read import parse_file, parse_text, read
 from btcore_drawing.diagram import DiagramNode, diagram_of_document
 from btcore_drawing.folding import fold
 from btcore_drawing.node_card import NODE_TYPE_COLOURS

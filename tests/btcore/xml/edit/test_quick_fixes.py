@@ -12,7 +12,7 @@ from btcore.lint.validate import validate_document
 from btcore.registry.registry import Registry
 from btcore.xml.edit.editor import apply_edits
 from btcore.xml.edit.quick_fixes import FixMaker
-from btcore.xml.read.document import parse_file
+from btcore.xml.read.read import parse_file
 
 # What precedes the place of every fix must be counted in UTF-16 code units.
 BEFORE = "<!-- 🤖 Grüße -->"

@@ -12,7 +12,7 @@ from btcore.lint.validate import validate_document
 from btcore.registry.mock_nodes import Outcomes
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
 from btcore.xml.models.tree_nodes_model import write_models
-from btcore.xml.read.document import parse_file, parse_text
+from btcore.xml.read.read import parse_file, parse_text
 
 MODELS = """<root BTCPP_format="4">
   <TreeNodesModel>

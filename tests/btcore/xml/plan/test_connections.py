@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from btcore import Registry
 from btcore.lint.dry_run import DryRun
 from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 
 KEYS = ("a", "b", "c", "_d", "@a")
 TEXTS = ("a", "{a}", "{b}", "{=}", "=", " {c} ", "${a}", "3", "{_d}", "{@b}")

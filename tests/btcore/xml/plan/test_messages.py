@@ -15,7 +15,7 @@ from btcore.lint.validate import validate_document
 from btcore.loading.instantiate import instantiate
 from btcore.xml.plan import hints
 from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 from tests.btcore.message_cases import read_cases
 
 Write = Callable[..., str]

@@ -12,7 +12,7 @@ from btcore.lint.validate import validate_document
 from btcore.loading.instantiate import instantiate
 from btcore.xml.plan import hints
 from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.document import parse_file, parse_text
+from btcore.xml.read.read import parse_file, parse_text
 
 Write = Callable[..., str]
 Refused = Callable[[object], TreeError]

@@ -7,7 +7,7 @@ import pytest
 
 import btcore
 from btcore.errors import XmlSyntaxError
-from btcore.xml.read.document import parse_file, parse_text
+from btcore.xml.read.read import parse_file, parse_text
 from tests.btcore.message_cases import read_cases
 
 

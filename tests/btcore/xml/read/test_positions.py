@@ -2,9 +2,10 @@
 
 import pytest
 
-from btcore.xml.read.document import Document, parse_text
+from btcore.xml.read.document import Document
 from btcore.xml.read.element import ElementPart
 from btcore.xml.read.positions import span_at
+from btcore.xml.read.read import parse_text
 
 TEXT = """<?xml version="1.0"?>
 <!-- <A/> is a comment -->

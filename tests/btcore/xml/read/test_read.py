@@ -6,7 +6,7 @@ import pytest
 
 from btcore import Registry, Status, TreeError, load, loads
 from btcore.lint.validate import validate_document
-from btcore.xml.read.document import parse_file
+from btcore.xml.read.read import parse_file
 
 
 def write(path: Path, *trees: str, include: str = "", main: str = "") -> Path:

@@ -8,8 +8,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from btcore.errors import XmlSyntaxError
-from btcore.xml.read.document import parse_text
 from btcore.xml.read.element import Element
+from btcore.xml.read.read import parse_text
 from btcore.xml.read.scan import Place, Scan, ScannedElement, scan, value_offsets
 
 ROOT = Path(__file__).parents[4]

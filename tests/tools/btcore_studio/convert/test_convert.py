@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from btcore import Diagnostic, Registry, TreeError
 from btcore.xml.edit.editor import apply_edits
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 from btcore.xml.read.scan import scan
 from btcore.xml.read.tinyxml2_compat import START_TAG
 from btcore_studio.convert.convert import Conversion, convert

@@ -13,7 +13,7 @@ from btcore.registry.registry import Registry
 from btcore.xml.edit.editor import EditError, apply_edits
 from btcore.xml.plan.plan import Plans, plan_document
 from btcore.xml.plan.tree_plan import NodePlan
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 from btcore_studio.edit.subtrees import extract_subtree, inline_subtree
 from tests.conformance.recorded_cases import conformance_registry, run_case
 

@@ -17,8 +17,8 @@ import pytest
 from btcore.errors import TreeError
 from btcore.registry.registry import Registry
 from btcore.xml.edit.editor import Edit, EditError, apply_edits
-from btcore.xml.read.document import parse_text
 from btcore.xml.read.element import Element
+from btcore.xml.read.read import parse_text
 from btcore.xml.read.scan import ScannedElement, scan
 from btcore_studio.edit.text_edits import invert_edits, rebase_edits
 from btcore_studio.edit.tree_editor import TreeEditor, apply_checked

@@ -10,7 +10,7 @@ from lsprotocol import types
 
 import btcore
 from btcore.registry.manifest import takes_children
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 from btcore_studio.language.completion import MAX_ITEMS, complete
 from btcore_studio.language.descriptions import is_mandatory
 from btcore_studio.language.diagnostics import check

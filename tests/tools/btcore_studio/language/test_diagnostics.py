@@ -11,7 +11,7 @@ from btcore import Registry
 from btcore.diagnostics import Diagnostic
 from btcore.errors import TreeError
 from btcore.lint.validate import validate_document
-from btcore.xml.read.document import parse_file
+from btcore.xml.read.read import parse_file
 from btcore_studio.language.diagnostics import Report, check, merge
 from btcore_studio.language.worker import Libraries
 

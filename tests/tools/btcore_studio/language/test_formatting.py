@@ -13,8 +13,8 @@ pytest.importorskip("pygls")
 from lsprotocol import types
 
 from btcore.xml.edit.editor import apply_edits
-from btcore.xml.read.document import parse_text
 from btcore.xml.read.element import Element
+from btcore.xml.read.read import parse_text
 from btcore.xml.read.scan import scan
 from btcore_studio.edit.text_edits import invert_edits
 from btcore_studio.language.formatting import format_document, format_range, formatting_edits

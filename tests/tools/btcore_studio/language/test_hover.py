@@ -7,7 +7,7 @@ import pytest
 from lsprotocol import types
 
 from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.document import parse_file
+from btcore.xml.read.read import parse_file
 from btcore_drawing.data_flow import trace_dataflow
 from btcore_studio.language.entries import entry_facts
 from btcore_studio.language.hover import hover

@@ -13,7 +13,7 @@ from lsprotocol import types
 from btcore.cli.main import main
 from btcore.registry.registry import Registry
 from btcore.xml.edit.editor import apply_edits
-from btcore.xml.read.document import parse_file
+from btcore.xml.read.read import parse_file
 from btcore_studio.language.diagnostics import Report, check
 from btcore_studio.language.project import Project, SourceDocument
 from btcore_studio.language.quick_fixes import code_actions, convert_to_4

@@ -11,7 +11,7 @@ from lsprotocol import types
 
 from btcore.registry.registry import Registry
 from btcore.xml.edit.editor import Edit, apply_edits
-from btcore.xml.read.document import parse_text
+from btcore.xml.read.read import parse_text
 from btcore.xml.read.scan import ScannedElement
 from btcore_studio.language.completion import complete
 from btcore_studio.language.diagnostics import Report, check

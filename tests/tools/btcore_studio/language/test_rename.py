@@ -13,7 +13,7 @@ from btcore.lint.validate import validate_document
 from btcore.registry.registry import Registry
 from btcore.xml.edit.editor import apply_edits
 from btcore.xml.models.model_file import add_models
-from btcore.xml.read.document import parse_file
+from btcore.xml.read.read import parse_file
 from btcore_studio.edit.text_edits import invert_edits
 from btcore_studio.language.navigation import find_definition
 from btcore_studio.language.node_models import NodeModel, PortModel
