@@ -21,10 +21,10 @@ WriteTree = Callable[[str, str], Path]
 def write_tree(tmp_path: Path) -> WriteTree:
     """Return a function that writes a tree with the given ID and content, and returns the file."""
 
-    def write(ID: str, content: str) -> Path:
-        file = tmp_path / f"{ID}.xml"
+    def write(id: str, content: str) -> Path:
+        file = tmp_path / f"{id}.xml"
         file.write_text(
-            f'<root BTCPP_format="4"><BehaviorTree ID="{ID}">{content}</BehaviorTree></root>',
+            f'<root BTCPP_format="4"><BehaviorTree ID="{id}">{content}</BehaviorTree></root>',
             encoding="utf-8",
         )
         return file
