@@ -37,8 +37,8 @@ from btcore.registry.mock_nodes import is_mock
 from btcore.suggestions import join_names, nearest_name
 from btcore.values import NODE_STATUS, IntegerType, RealType, ValueType, VectorType
 from btcore.values.numbers import whole_float
-from btcore.xml.plan.hints import value_hint
 from btcore.xml.plan.tree_plan import NodePlan
+from btcore.xml.plan.tree_planner import value_hint
 from btcore.xml.read.document import DiagnosticCollector, Document
 
 # Longer texts are not checked: the search for the longest number takes quadratic time.
