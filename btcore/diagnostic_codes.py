@@ -146,7 +146,7 @@ BASE_CLASS_READ: Final = DiagnosticCode("W214", "warning", "entry of a base clas
 UNCHECKED_LITERAL: Final = DiagnosticCode("W215", "warning", "literal not checked")
 
 # The codes of tools, such as those of the conversion in btcore_studio, are in this table because a code must
-# have the same meaning in all packages, and errors.md describes all codes.
+# have the same meaning in all packages, and docs/reference/errors.md describes all codes.
 
 # Conversion: written differently, with the same meaning
 FORMAT_SET: Final = DiagnosticCode("C101", "same meaning", "format attribute set")
