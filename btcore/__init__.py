@@ -11,6 +11,7 @@ from btcore import builds
 
 builds.select_build(__name__)
 
+# For type checkers. `_HOMES` lists the same names: tests/test_architecture.py compares the lists.
 if TYPE_CHECKING:
     __version__: str
 

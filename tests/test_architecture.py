@@ -354,6 +354,14 @@ def test_built_in_nodes_import_only_the_public_api() -> None:
             assert private == set(), f"{module} imports what btcore/__init__.py doesn't offer"
 
 
+def test_type_checkers_see_the_public_names_of_btcore() -> None:
+    text = Path(btcore.__file__).read_text(encoding="utf-8")
+    [block] = [node for node in ast.parse(text).body if isinstance(node, ast.If)]
+    imported = [node for node in block.body if isinstance(node, ast.ImportFrom)]
+    names = sorted((node.module, name.asname) for node in imported for name in node.names)
+    assert names == sorted((module, name) for module, names in btcore._HOMES.items() for name in names)
+
+
 def test_no_module_has_a_generic_name() -> None:
     assert [module for module in SOURCES if GENERIC_NAMES & set(module.split("."))] == []
 

@@ -1,6 +1,6 @@
 """The runs of commands with the options of providers."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from types import TracebackType
 from typing import Any, Unpack
 
@@ -26,7 +26,6 @@ class CommandRun(Run):
         source: The tree or the program.
         settings: The settings, which the function of the command got.
         prepare: As in `Run`.
-        provided: As in `Run`.
         arguments: As in `Run`.
     """
 
@@ -36,14 +35,11 @@ class CommandRun(Run):
         source: Plans | TreelessProgram,
         settings: GivenSettings,
         prepare: Callable[[Any], None] | None = None,
-        *,
-        provided: Sequence[object] = (),
         **arguments: Unpack[LoadArguments],
     ) -> None:
         super().__init__(
             source,
             settings=settings,
-            provided=provided,
             providers=command_providers(ctx).available,
             prepare=prepare,
             **arguments,

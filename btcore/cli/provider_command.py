@@ -43,9 +43,6 @@ def attach_providers(
 ) -> CommandProviders:
     """Find the providers for a command, also in its plugins, and attach them to the context *ctx*.
 
-    Importing all providers takes time. Therefore the options of installed providers are missing, unless a
-    word of *args* may be one of them, such as `--monitor` or `--help`.
-
     Args:
         ctx: The context of the command, for `command_providers`.
         command_options: The options that the command has without providers.
@@ -57,17 +54,40 @@ def attach_providers(
     available = AvailableProviders(
         provider for plugin in plugins.values() for provider in providers_in(plugin.module)
     )
-    options = _create_provider_options([*available.of_user, *available.core], command_options)
-    all_options = [*command_options, *options]
-    known = {name for option in all_options for name in (*option.opts, *option.secondary_opts)}
+    options = _ProviderOptions(command_options)
+    options.add([*available.of_user, *available.core])
+    if has_all_options or _may_need_all_options(ctx, args, available, [*command_options, *options.created]):
+        options.add(available.all())
+    providers = ctx.meta[_META_KEY] = CommandProviders(available, options.created, plugins)
+    return providers
+
+
+def _may_need_all_options(
+    ctx: click.Context,
+    args: Sequence[str],
+    available: AvailableProviders,
+    known_options: Sequence[click.Parameter],
+) -> bool:
+    """Return whether to import all installed providers, which takes time, for their options.
+
+    They may be needed if:
+
+    - a word of *args* starts with `-`, and is none of *known_options*: it may be an option of a provider,
+      such as `--monitor`, or `--help`, which lists all options;
+    - a provider of a plugin has settings: the name of an option of theirs may be that of any other option,
+      which is an error in every run;
+    - the command gives options other defaults, also those of providers;
+    - a shell completes the command line.
+
+    No option of a provider is missed, although click has not parsed the words yet: it is a word of its own.
+    If another word is taken for an option, such as the value of `--set -x`, the import is only unnecessary.
+    """
+    if ctx.resilient_parsing or ctx.default_map or any(provider.settings for provider in available.of_user):
+        return True
+    known_names = {name for option in known_options for name in (*option.opts, *option.secondary_opts)}
     # Without `-`, which is standard input or output.
     words = {word.partition("=")[0] for word in args if word.startswith("-") and word != "-"}
-    # An option of a plugin could have the name of any other option, which is an error in every run.
-    user_has_settings = any(provider.settings for provider in available.of_user)
-    if has_all_options or user_has_settings or not words <= known:
-        options = _create_provider_options(available.all(), command_options)
-    providers = ctx.meta[_META_KEY] = CommandProviders(available, options, plugins)
-    return providers
+    return not words <= known_names
 
 
 def command_providers(ctx: click.Context) -> CommandProviders:
@@ -78,33 +98,32 @@ def command_providers(ctx: click.Context) -> CommandProviders:
     return providers
 
 
-def _create_provider_options(
-    providers: Sequence[Provider], command_options: Sequence[click.Parameter]
-) -> list[FieldOption]:
-    """Return the options of *providers*' settings, except for settings of *command_options*."""
-    known = {option.struct for option in command_options if isinstance(option, FieldOption)} | {RunSettings}
-    names = ["--help", *(name for option in command_options for name in (*option.opts, option.name or ""))]
-    taken = dict.fromkeys(names, "the command")
-    options: list[FieldOption] = []
-    for provider in providers:
-        for settings in [settings for settings in provider.settings if settings not in known]:
-            known.add(settings)
-            options += _create_unclashing_options(provider, settings, taken)
-    return options
+class _ProviderOptions:
+    """The options of providers' settings, except for settings of which the command has options itself."""
 
+    def __init__(self, command_options: Sequence[click.Parameter]) -> None:
+        self.created: list[FieldOption] = []
+        self._known = {option.struct for option in command_options if isinstance(option, FieldOption)}
+        self._known.add(RunSettings)
+        names = (name for option in command_options for name in (*option.opts, option.name or ""))
+        self._users = dict.fromkeys(["--help", *names], "the command")
 
-def _create_unclashing_options(
-    provider: Provider, settings: type[Settings], taken: dict[str, str]
-) -> list[FieldOption]:
-    options = create_options(settings)
-    for option in options:
+    def add(self, providers: Sequence[Provider]) -> None:
+        """Create the options of *providers* that were not created before."""
+        for provider in providers:
+            for settings in [settings for settings in provider.settings if settings not in self._known]:
+                self._known.add(settings)
+                for option in create_options(settings):
+                    self._take_names(option, repr(provider))
+                    self.created.append(option)
+
+    def _take_names(self, option: FieldOption, user: str) -> None:
         for name in (option.opts[0], option.name):
-            if name in taken:
+            if name in self._users:
                 raise ProviderError(
-                    f"{option.opts[0]} is an option of {provider} and of {taken[name]}: rename one"
+                    f"{option.opts[0]} is an option of {user} and of {self._users[name]}: rename one"
                 )
-            taken[name] = repr(provider)
-    return options
+            self._users[name] = user
 
 
 def given_options(ctx: click.Context) -> list[FieldOption]:
@@ -176,9 +195,7 @@ class ProviderCommand(click.Command):
         Returns:
             The arguments that remain.
         """
-        # The command may give options of providers other defaults.
-        has_all_options = ctx.resilient_parsing or bool(ctx.default_map)
-        attach_providers(ctx, self.params, args, has_all_options)
+        attach_providers(ctx, self.params, args)
         with explain_missing_options(ctx):
             return super().parse_args(ctx, args)
 
@@ -207,6 +224,7 @@ class ProviderCommand(click.Command):
 
 
 def _find_plugin_names(args: Sequence[str]) -> Iterator[str]:
+    """Yield the values of `--plugin` before click parses *args*, since plugins may add options."""
     seen: set[str] = set()
     for word, following in zip(args, [*args, ""][1:], strict=True):
         if word == "--":

@@ -26,6 +26,7 @@ END_REASON_TEXT: Final[dict[EndReason | None, str]] = {
     "duration": ", stopped by --duration",
     "end_of_time": ", until the end of the recording",
     "interrupted": ", interrupted",
+    "program_error": ", ended by an error of the program",
 }
 """The end of a heading, by the reason why the run ended."""
 

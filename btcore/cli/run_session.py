@@ -88,13 +88,13 @@ class RunSession:
     """The run of a tree from the command line.
 
     Args:
+        run: The run.
         tree_source: The file of the tree.
+        plans: The plans of the first tree.
         until: The result that ends the run.
         file_watcher: Detects saves of the tree's file, and of files that it includes; None without `--watch`.
 
     Attributes:
-        run: The run.
-        plans: The plans of the first tree.
         summary: The results of the run, for the terminal and `--json`.
     """
 
@@ -134,7 +134,7 @@ class RunSession:
                     reload, on_end = self._reloads.reload, self._reloads.show_end
                 with suppress(NodeExecutionError):  # it is printed after the summary
                     run.tick_to_end(self._until, on_tick=progress.on_tick, reload=reload, on_end=on_end)
-            if count := run.skipped_ticks:
+            if count := run.missed_ticks:
                 skipped = f"{terminal.counted(count, 'tick')} {'was' if count == 1 else 'were'} skipped"
                 terminal.print_warning(
                     f"{skipped}, because the previous tick took longer than {1000 / settings.rate:g} ms; use "
@@ -190,9 +190,8 @@ def create_session(
         terminal.print_diagnostics(plans.diagnostics.warnings)
         changes.apply_to(run.tree, plans)
 
-    command_run = CommandRun(
-        ctx, plans, settings, prepare, provided=changes.provided, tick_limit=options.tick_limit
-    )
+    resources, tick_limit = changes.resources, options.tick_limit
+    command_run = CommandRun(ctx, plans, settings, prepare, resources=resources, tick_limit=tick_limit)
     return RunSession(command_run, tree_source, plans, options.until, file_watcher)
 
 

@@ -34,14 +34,14 @@ class TreeChanges:
         set: The values of `--set`.
 
     Attributes:
-        provided: Objects for the leaves.
+        resources: Objects for the leaves.
     """
 
     def __init__(self, outcomes: Sequence[str], substitute: Sequence[Path], set: Sequence[str]) -> None:
         self._outcomes = _parse_outcomes(outcomes) if outcomes else None
         self._rules = _load_rules(substitute) if substitute else {}
         self._entries = _parse_entries(set)
-        self.provided = [] if self._outcomes is None else [self._outcomes]
+        self.resources = [] if self._outcomes is None else [self._outcomes]
 
     def with_rules(self, nodes: Registry) -> Registry:
         """Return *nodes*, or a copy with the substitution rules."""

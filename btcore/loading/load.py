@@ -240,14 +240,21 @@ def plan_inputs(
 
 
 def _create_tree(plans: Plans, arguments: LoadArguments) -> Tree:
+    resources, blackboard = find_resources(arguments), arguments.get("blackboard")
+    return instantiate(plans, resources, blackboard, arguments.get("clock"), arguments.get("tick_limit"))
+
+
+def find_resources(arguments: LoadArguments) -> Sequence[object]:
+    """Return the resources among the arguments.
+
+    Raises:
+        TypeError: The resources are not a list.
+    """
     resources = arguments.get("resources", ())
     # A text can be iterated, but is a single object here.
     if isinstance(resources, (str, bytes)) or not isinstance(resources, Iterable):
         raise TypeError(f"resources={reprlib.repr(resources)} is not a list: write resources=[…]")
-    if not isinstance(resources, Sequence):
-        resources = list(resources)
-    blackboard, clock = arguments.get("blackboard"), arguments.get("clock")
-    return instantiate(plans, resources, blackboard, clock, arguments.get("tick_limit"))
+    return resources if isinstance(resources, Sequence) else list(resources)
 
 
 def check_argument_names(arguments: LoadArguments) -> None:

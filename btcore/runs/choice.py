@@ -78,26 +78,27 @@ class Choice(NamedTuple):
         return next((provider for provider in self.order if provider.provides_clock), None)
 
 
-def choose(
-    required: Sequence[TypeRef],
+def choose_providers(
+    needed_types: Sequence[TypeRef],
     available: AvailableProviders,
     settings: GivenSettings,
-    provided: Sequence[object] = (),
-    optional: Sequence[TypeRef] = (),
+    resources: Sequence[object] = (),
+    optional_types: Sequence[TypeRef] = (),
 ) -> Choice:
     """Return the providers of a run.
 
     Args:
-        required: The types that the leaves of the tree need, and those that the program wants.
-        provided: Objects of the program, which are preferred to providers.
-        optional: Types that the program can do without. A provider that is used for one of them alone is not
-            preferred for the types that are needed.
+        needed_types: The types that the leaves of the tree need, and those that the program wants.
+        resources: Objects of the program, which are preferred to providers.
+        optional_types: Types that the program can do without. A provider that is used for one of them alone
+            is not preferred for the needed types.
 
     Raises:
         ProviderError: Two providers are equally good, or need each other, or a side-effect provider needs
             what nothing provides.
     """
-    requests = [*(_Request(type, False) for type in required), *(_Request(type, True) for type in optional)]
+    requests = [_Request(type, is_optional=False) for type in needed_types]
+    requests += [_Request(type, is_optional=True) for type in optional_types]
     side_effects = [
         provider
         for provider in available.with_side_effects(settings.keys() - {RunSettings})
@@ -105,7 +106,7 @@ def choose(
     ]
     rejected: dict[Provider, str] = {}
     while True:
-        attempt = _Attempt(available, _Candidates(available, settings, provided, rejected))
+        attempt = _Attempt(available, _Candidates(available, settings, resources, rejected))
         newly_rejected = attempt.assign(requests, side_effects)
         if not newly_rejected:
             return attempt.result()
@@ -136,12 +137,12 @@ class _Candidates(NamedTuple):
 
     available: AvailableProviders
     settings: GivenSettings
-    provided: Sequence[object]
+    resources: Sequence[object]
     rejected: Mapping[Provider, str]
 
     def find_object(self, needed_type: TypeRef) -> object:
         """Return the object of the program for a type, or None."""
-        fitting = [provided for provided in self.provided if fits(provided, needed_type)]
+        fitting = [resource for resource in self.resources if fits(resource, needed_type)]
         if len(set(map(id, fitting))) > 1 and len(set(map(type, fitting))) == 1:
             raise ProviderError(
                 f"the program provides {len(fitting)} objects of the class {type(fitting[0]).__name__}: the "
@@ -297,7 +298,7 @@ class _Attempt:
             raise ProviderError(
                 f"a run has one clock, but {len(clocks)} of its providers are clocks: {names}"
             )
-        uses_core_alone = not self._candidates.provided and self._used.keys() <= set(self._available.core)
+        uses_core_alone = not self._candidates.resources and self._used.keys() <= set(self._available.core)
         if clocks or uses_core_alone:
             return
         for provider in self._available.of_type(_CLOCK):

@@ -14,7 +14,7 @@ from btcore.entry_points import names_by_remedy
 from btcore.errors import BtcoreError, ProviderError
 from btcore.registry.resources import Resources
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.choice import Choice, choose, find_unused_settings
+from btcore.runs.choice import Choice, choose_providers, find_unused_settings
 from btcore.runs.providers import TYPES_OF_RUN, Need, Provider, Report, TypeRef, fits, full_name, is_settings
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
 from btcore.tree.tree import Tree
@@ -96,7 +96,7 @@ class RunProviders:
     """The providers of a run, which are chosen and then opened, and the objects of the run.
 
     Args:
-        provided: The objects of the program.
+        program_resources: The objects of the program.
         clock: The clock that the program has given, or None.
 
     Attributes:
@@ -110,15 +110,15 @@ class RunProviders:
         self,
         available: AvailableProviders,
         settings: GivenSettings,
-        provided: Sequence[object],
+        program_resources: Sequence[object],
         clock: Clock | None,
         report: Report,
     ) -> None:
         self._available = available
         self._settings = settings
-        self._provided = provided
+        self._program_resources = program_resources
         self._clock = clock
-        self._types: Sequence[TypeRef] = ()
+        self._requested_types: Sequence[TypeRef] = ()
         self._opened: dict[Provider, OpenedProvider] = {}
         self.choice = Choice()
         self.report = report
@@ -127,19 +127,24 @@ class RunProviders:
         self.resources.remedy = "the run does not provide it"
 
     def choose(
-        self, needed: Sequence[TypeRef], wanted: Sequence[TypeRef], optional: Sequence[TypeRef]
+        self,
+        leaf_types: Sequence[TypeRef],
+        wanted_types: Sequence[TypeRef],
+        optional_types: Sequence[TypeRef],
     ) -> None:
         """Choose the providers.
 
         Args:
-            needed: The types that the leaves need.
-            wanted: The types that the program wants, and without which the run cannot begin.
-            optional: The types that the program wants if they are provided.
+            leaf_types: The types that the leaves need.
+            wanted_types: The types that the program wants, and without which the run cannot begin.
+            optional_types: The types that the program can do without.
         """
-        required = [*needed, *wanted]
-        self._types = [*required, *optional]
-        self.choice = choose(required, self._available, self._settings, self._provided, optional)
-        for name in map(full_name, wanted):
+        needed_types = [*leaf_types, *wanted_types]
+        self._requested_types = [*needed_types, *optional_types]
+        self.choice = choose_providers(
+            needed_types, self._available, self._settings, self._program_resources, optional_types
+        )
+        for name in map(full_name, wanted_types):
             problem = self.choice.problems.get(name)
             if problem is not None:
                 raise ProviderError("; ".join([problem, *self._explain_unavailable()]))
@@ -153,17 +158,17 @@ class RunProviders:
         for settings in map(self._settings.find, used):
             if settings is not None:
                 settings.check_environment()
-        self.resources += self._provided
+        self.resources += self._program_resources
         for provider in self.choice.order:
             if not self.choice.opens_after_tree(provider):
                 # A provider may return an object of another one, under another type.
                 known = set(map(id, self.resources))
                 objects = self._open(provider, stack)
                 self.resources += [provided for provided in objects if id(provided) not in known]
-        for type in self._types:
-            chosen = self._find_chosen(full_name(type))
-            if chosen is not None:
-                self.resources.choose(type, chosen)
+        for type in self._requested_types:
+            assigned = self._find_assigned(full_name(type))
+            if assigned is not None:
+                self.resources.choose(type, assigned)
 
     def open_after_tree(self, tree: Tree, stack: contextlib.ExitStack) -> None:
         """Open the providers that need *tree*, whose leaves do not get their objects."""
@@ -179,13 +184,13 @@ class RunProviders:
         return opened.objects
 
     def find(self, type: TypeRef) -> object:
-        """Return the object of a type: the chosen object, else the first among the resources; or None."""
-        chosen = self._find_chosen(full_name(type))
-        if chosen is not None:
-            return chosen
+        """Return the object of a type: the assigned object, else the first among the resources; or None."""
+        assigned = self._find_assigned(full_name(type))
+        if assigned is not None:
+            return assigned
         return next((resource for resource in self.resources if fits(resource, type)), None)
 
-    def _find_chosen(self, type_name: str) -> object:
+    def _find_assigned(self, type_name: str) -> object:
         """Return the object that the choice assigns to the type with a full name, or None."""
         if type_name in self.choice.objects:
             return self.choice.objects[type_name]
@@ -209,7 +214,7 @@ class RunProviders:
             raise ProviderError(
                 f"the provider {provider} declares a Clock, but provides no object with a clock"
             )
-        clock = next((provided for provided in self._provided if is_clock(provided)), None)
+        clock = next(filter(is_clock, self._program_resources), None)
         return clock or (SimClock() if self._settings[RunSettings].fast else SystemClock())
 
     def replace_tree(self, tree: Tree) -> None:
@@ -237,15 +242,15 @@ class RunProviders:
         """Return the settings that were given, but that no used provider takes, with the reasons."""
         return find_unused_settings(self.choice, self._available, self._settings)
 
-    def explain_missing(self, needed: Sequence[TypeRef]) -> Iterator[str]:
+    def explain_missing(self, leaf_types: Sequence[TypeRef]) -> Iterator[str]:
         """Yield why objects are missing that the leaves need."""
         unknown = []
-        for type in needed:
+        for type in leaf_types:
             name = full_name(type)
             provider, problem = self.choice.providers.get(name), self.choice.problems.get(name)
             if provider is not None and self.choice.opens_after_tree(provider):
                 yield _explain_late_opening(provider)
-            elif provider is not None and self._find_chosen(name) is None:
+            elif provider is not None and self._find_assigned(name) is None:
                 yield f"the provider {provider} has provided None"
             elif problem is not None and self._available.of_type(name):
                 yield problem
@@ -256,7 +261,7 @@ class RunProviders:
             yield (
                 "a run does not create objects of your own classes: derive the class from "
                 "btcore.TreeResource, or write a provider of the object: see 'Your own resources'; a program "
-                "may pass the object in Run(provided=[…])"
+                "may pass the object in Run(resources=[…])"
             )
 
     def _explain_unavailable(self) -> list[str]:
@@ -268,16 +273,24 @@ class RunProviders:
     def _collect_arguments(self, provider: Provider) -> dict[str, object]:
         return {need.parameter: self._find_argument(provider, need) for need in provider.needs}
 
+    def _find_object_of_run(self, type: TypeRef) -> object:
+        """Return the object for one of `TYPES_OF_RUN`."""
+        if type is Clock:
+            return self.clock
+        if type is Tree:
+            return self.tree
+        return self.report if type is Report else self.resources
+
     def _find_argument(self, provider: Provider, need: Need) -> object:
         if need.type in TYPES_OF_RUN:
-            return getattr(self, TYPES_OF_RUN[need.type])
+            return self._find_object_of_run(need.type)
         if is_settings(need.type):
             return self._settings.find(need.type)
-        chosen = self._find_chosen(need.type_name)
-        if chosen is None and not need.is_optional:
+        assigned = self._find_assigned(need.type_name)
+        if assigned is None and not need.is_optional:
             other = self.choice.providers[need.type_name]
             raise ProviderError(f"{provider} needs its '{need.parameter}', but {other} has provided None")
-        return chosen
+        return assigned
 
 
 def _explain_late_opening(provider: Provider) -> str:

@@ -45,9 +45,9 @@ _GENERAL_MODULES: Final = ("builtins", "typing", "abc", "typing_extensions")
 TypeRef = type | str
 """A class or protocol whose objects are provided or needed, or its full name, if it is not imported."""
 
-EndReason = Literal[LoopEnd, "raised"]
-"""Why a run ended: as its loop ended ("interrupted" also stands for an exception of the program), or because
-a leaf raised an exception."""
+EndReason = Literal[LoopEnd, "raised", "program_error"]
+"""Why a run ended: as its loop ended, because a leaf raised an exception, or because another exception left
+the `with` block of the run ("interrupted", if it is a KeyboardInterrupt or SystemExit)."""
 
 
 class Report(dict[str, object]):
@@ -94,8 +94,8 @@ def _print_warning(message: str) -> None:
     print(f"warning: {escape_controls(message)}", file=sys.stderr)
 
 
-TYPES_OF_RUN: Final[dict[Any, str]] = {Clock: "clock", Tree: "tree", Report: "report", Resources: "resources"}
-"""The types of parameters whose objects are those of the run itself: the attributes of `RunProviders`."""
+TYPES_OF_RUN: Final[tuple[TypeRef, ...]] = (Clock, Tree, Report, Resources)
+"""The types of parameters whose objects are those of the run itself: attributes of `RunProviders`."""
 
 
 class Need(NamedTuple):

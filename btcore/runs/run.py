@@ -14,7 +14,13 @@ from btcore.engine.leaf import StatefulAction
 from btcore.errors import BtcoreError, NodeExecutionError, OutputError, ProviderError, TreeError
 from btcore.exit_codes import ExitCode, code_of_signal
 from btcore.loading.instantiate import instantiate, make_leaf_tree
-from btcore.loading.load import LoadArguments, PausedGarbageCollection, check_argument_names, plan_inputs
+from btcore.loading.load import (
+    LoadArguments,
+    PausedGarbageCollection,
+    check_argument_names,
+    find_resources,
+    plan_inputs,
+)
 from btcore.registry.resources import Resources
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice
@@ -94,15 +100,15 @@ class Run:
 
     Args:
         source: The path of an XML file, the plans of a tree, or a program; or a list of them.
-        provided: Objects for leaves and providers; they are preferred to providers of the same types.
         providers: Providers of the program, besides those of installed packages; or all that may be used.
         settings: Settings of providers, and `RunSettings`.
         prepare: Called on entry when the trees were created, before the providers that need the tree are
             opened.
-        arguments: As in `btcore.load`, except `resources`, for all trees: a *blackboard* is shared by them.
-            Those about reading a file have no effect on plans and programs. The default of `clock` is that of
-            a provider, or of *provided*; without one, the system's clock, or a simulated clock with
-            `RunSettings.fast`.
+        arguments: As in `btcore.load`, for all trees: a *blackboard* is shared by them. Those about reading a
+            file have no effect on plans and programs. The *resources* are also for providers, and are
+            preferred to providers of the same types. The default of *clock* is the clock of a provider, or
+            the first of *resources* that is a clock; without one, the system's clock, or a simulated clock
+            with `RunSettings.fast`.
 
     Attributes:
         settings: The settings by their classes.
@@ -133,15 +139,12 @@ class Run:
         self,
         source: Runnable | Sequence[Runnable],
         *,
-        provided: Sequence[object] = (),
         providers: Sequence[Provider] | AvailableProviders = (),
         settings: Sequence[Settings] | GivenSettings = (),
         prepare: Callable[["Run"], None] | None = None,
         **arguments: Unpack[LoadArguments],
     ) -> None:
         check_argument_names(arguments)
-        if arguments.get("resources"):
-            raise TypeError("a run has no argument 'resources': write provided=[…]")
         sources: Sequence[object] = [source]
         if isinstance(source, Sequence) and not isinstance(source, (str, Plans)):  # plans are a tuple
             sources = source
@@ -162,8 +165,8 @@ class Run:
         self.elapsed_s = 0.0
         self.wall_s = 0.0
         available = providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)
-        clock = arguments.get("clock")
-        self._providers = RunProviders(available, self.settings, list(provided), clock, self.report)
+        resources, clock = find_resources(arguments), arguments.get("clock")
+        self._providers = RunProviders(available, self.settings, resources, clock, self.report)
         self._loop = TickLoop(self.run_settings)
         self._signals = EndingSignals()
         self._stack = ExitStack()
@@ -408,8 +411,8 @@ class Run:
         Raises:
             NodeExecutionError: A leaf raised an exception when it was halted.
         """
-        if error is not None and error is not self.error:
-            self.report.end_reason = "interrupted"
+        if error is not None and error is not self.error and self.end_reason != "interrupted":
+            self.report.end_reason = "program_error" if isinstance(error, Exception) else "interrupted"
         elif self.end_reason is None:
             self.report.end_reason = "done"
         was_interrupted = self.end_reason == "interrupted"
@@ -466,6 +469,6 @@ class Run:
         return ExitCode.FAILURE if failed else ExitCode.SUCCESS
 
     @property
-    def skipped_ticks(self) -> int:
-        """The number of ticks that were skipped because an earlier tick was still in progress."""
-        return self._loop.skipped_ticks
+    def missed_ticks(self) -> int:
+        """The number of ticks that did not take place because an earlier tick was in progress."""
+        return self._loop.missed_ticks

@@ -49,7 +49,7 @@ class TickLoop:
         trees: The trees, in the order in which they are ticked; they have the same clock.
         is_paused: Whether no tick takes place.
         status: The joint status of the trees after the last tick.
-        skipped_ticks: The number of ticks that were skipped because an earlier tick was still in progress.
+        missed_ticks: The number of ticks that did not take place because an earlier tick was in progress.
     """
 
     def __init__(self, settings: RunSettings) -> None:
@@ -62,14 +62,14 @@ class TickLoop:
         self._on_tick: Callable[[Status], None] | None = None
         self._reload: Callable[[], bool] | None = None
         self._on_end: OnEnd | None = None
-        self._running: list[Tree] = []
+        self._unfinished: list[Tree] = []
         self._wake_event = threading.Event()
         self._is_stopping = False
         self._is_waiting = False
         self.trees: list[Tree] = []
         self.is_paused = False
         self.status: Status = IDLE
-        self.skipped_ticks = 0
+        self.missed_ticks = 0
 
     def start(
         self,
@@ -80,12 +80,7 @@ class TickLoop:
     ) -> None:
         """Begin the time of the loop; all trees are ticked, also those that have ended before.
 
-        Args:
-            until: The result that ends a tree; the loop ends when all trees have ended.
-            on_tick: Called with the status after every tick.
-            reload: Called between ticks; it may replace the first tree, and returns whether it did. After the
-                end of all trees, also by an exception of a leaf, the loop waits until it does.
-            on_end: Called before this wait, with the exception or None.
+        The arguments are those of `Run.tick_to_end`.
         """
         self._start_ns = self.clock.now()
         duration = self._settings.duration
@@ -94,10 +89,10 @@ class TickLoop:
         self._on_tick = on_tick
         self._reload = reload
         self._on_end = on_end
-        self._running = self.trees
+        self._unfinished = self.trees
         self._is_stopping = False
         self.status = IDLE
-        self.skipped_ticks = 0
+        self.missed_ticks = 0
         for tree in self.trees:
             tree.context.wake_event = self._wake_event
 
@@ -112,17 +107,17 @@ class TickLoop:
         return self.clock.now() - self._start_ns
 
     def run(self) -> LoopEnd:
-        """Tick until the loop ends, and return the reason.
+        """Tick until the loop ends, also after reloads of trees that have ended, and return the reason.
 
         Raises:
             NodeExecutionError: A leaf raised an exception, and no other tree has replaced its tree.
         """
         if self._reload is None:
-            return self._tick_to_end()
+            return self._tick_trees()
         while True:
             error: NodeExecutionError | None = None
             try:
-                end: LoopEnd | None = self._tick_to_end()
+                end: LoopEnd | None = self._tick_trees()
             except NodeExecutionError as raised:
                 end, error = "done", raised
             if end == "done":
@@ -134,29 +129,29 @@ class TickLoop:
                     raise error
                 return end
 
-    def _tick_to_end(self) -> LoopEnd:
+    def _tick_trees(self) -> LoopEnd:
         """Tick until all trees have ended, or the loop ends, and return the reason."""
         reason = self._wait_for_end_of_pause()
         if reason is not None:
             return reason
         self._due_ns = self.clock.now()
-        ticked = self._running
+        ticked = self._unfinished
         while True:
             self._tick(ticked)
             if self._is_stopping:
                 return "interrupted"
-            if not self._running:
+            if not self._unfinished:
                 return "done"
             if self.is_paused:
                 reason = self._wait_for_end_of_pause()
                 if reason is not None:
                     return reason
-                self._due_ns = self.clock.now()  # the ticks of the pause have not been skipped
+                self._due_ns = self.clock.now()  # the ticks of the pause have not been missed
             now = self.clock.now()
             # An additional tick before the due time leaves it unchanged.
             if now >= self._due_ns:
                 missed = (now - self._due_ns) // self._period_ns
-                self.skipped_ticks += missed
+                self.missed_ticks += missed
                 self._due_ns += (missed + 1) * self._period_ns
             try:
                 deadline = self._due_ns if self._end_ns is None else min(self._due_ns, self._end_ns)
@@ -166,7 +161,7 @@ class TickLoop:
             end = self._find_end()
             if end is not None:
                 return end
-            ticked = woken if woken and self.clock.now() < self._due_ns else self._running
+            ticked = woken if woken and self.clock.now() < self._due_ns else self._unfinished
 
     def _find_end(self) -> LoopEnd | None:
         """Return why the loop ends between two ticks, or None."""
@@ -178,7 +173,7 @@ class TickLoop:
     def _tick(self, trees: Sequence[Tree]) -> None:
         for tree in trees:
             if not self._is_stopping and tree.tick_once() in self._end_statuses:
-                self._running = [other for other in self._running if other is not tree]
+                self._unfinished = [other for other in self._unfinished if other is not tree]
         self.status = _join_statuses(self.trees)
         if self._on_tick is not None:
             self._on_tick(self.status)
@@ -193,7 +188,7 @@ class TickLoop:
         """Tick *tree* in place of the first, and at once."""
         first, *others = self.trees
         self.trees = [tree, *others]
-        self._running = [tree, *(other for other in self._running if other is not first)]
+        self._unfinished = [tree, *(other for other in self._unfinished if other is not first)]
         if first.context.wake_event is self._wake_event:  # the loop has started
             tree.context.wake_event = self._wake_event
             self._due_ns = tree.clock.now()
@@ -262,19 +257,19 @@ class TickLoop:
                 woken = self._take_woken_trees()
                 if woken or self._is_stopping:
                     return woken
-                first = min([tree.context.first_deadline(deadline) for tree in self._running])
+                first = min([tree.context.first_deadline(deadline) for tree in self._unfinished])
                 if not self.clock.wait_until(first, self._wake_event):
                     return self._take_woken_trees()
                 if not self._wake_event.is_set():
                     # The clock has ended the wait, as that of a simulation in lockstep may.
-                    return self._running
+                    return self._unfinished
                 self._wake_event.clear()  # before the trees are asked: a later wake-up sets it again
         finally:
             self._is_waiting = False
 
     def _take_woken_trees(self) -> list[Tree]:
         """Consume the wake-ups of the trees that have not ended, and return the trees that had one."""
-        return [tree for tree in self._running if tree.context.consume_wake_up()]
+        return [tree for tree in self._unfinished if tree.context.consume_wake_up()]
 
     def stop(self) -> None:
         """End the loop before the next tick, and let the present one repeat no more nodes.

@@ -137,7 +137,6 @@ class Harness:
 
         run = Run(
             plan_inputs(parse_text if is_text else parse_file, (source,), options),
-            provided=options.pop("resources", ()),
             settings=[RunSettings(fast=True), *settings],
             providers=AvailableProviders(providers, uses_installed=False),
             **options,

@@ -280,7 +280,7 @@ class Tree:
             raise first
 
     def _notify_error(self, error: NodeExecutionError) -> None:
-        # Not the `observers` of _tick_root(): a node may have subscribed the first observer within the tick.
+        # Read here, not before the tick: a node may have subscribed the first observer within the tick.
         if self.context.observers is not None:
             self.context.observers.notify_error(error)
 

@@ -47,13 +47,13 @@ def publisher(
         try:
             yield published
         finally:
-            # After an interrupt no viewer for browsers stays open, and foreign clients get 2 s for what they
-            # have not received. Recordings and windows of the run itself are completed in any case.
-            was_interrupted = report.end_reason in (None, "interrupted")
+            # After an interrupt or an error, no viewer for browsers stays open, and foreign clients get 2 s
+            # for what they have not received. Recordings and windows of the run are completed in any case.
+            ends_early = report.end_reason in (None, "interrupted", "program_error")
             # Before waiting: a monitor ends when it has received the end of the stream.
             published.end_stream()
-            failures = finish_monitors(monitors, stay_open=not was_interrupted)
-            published.close(INTERRUPTED_GRACE_S if was_interrupted else None)
+            failures = finish_monitors(monitors, stay_open=not ends_early)
+            published.close(INTERRUPTED_GRACE_S if ends_early else None)
             if failures:
                 raise OutputError("; ".join(failures))
 

@@ -96,7 +96,7 @@ def test_a_map_of_a_world_without_waypoints_is_refused_for_a_patrol(tmp_path: Pa
 def test_a_robot_without_waypoints_on_its_map_gets_none(tmp_path: Path) -> None:
     path = tmp_path / "office.yaml"
     save_map(OccupancyMap(np.zeros((2, 2), dtype=np.int8), 0.05, (0.0, 0.0)), path)
-    run = Run(TreelessProgram("Look"), settings=[MapSettings(path)], provided=[Rover()]).want(
+    run = Run(TreelessProgram("Look"), settings=[MapSettings(path)], resources=[Rover()]).want(
         Robot, Waypoints
     )
     with run:

@@ -42,7 +42,7 @@ def drive(
         program.keep_running = lambda: step(robot) is None
 
     run_settings = RunSettings(rate=rate, duration=seconds, seed=3, fast=True)
-    with Run(program, settings=[settings, run_settings], provided=provided, prepare=prepare).want(
+    with Run(program, settings=[settings, run_settings], resources=provided, prepare=prepare).want(
         Robot
     ) as run:
         run.tick_to_end()
@@ -155,7 +155,7 @@ def test_settings_reach_the_world_and_events_the_report() -> None:
         world="house", camera="off", people=2, obstacles=1, event=("box:90-95", "kidnap:1")
     )
     program = TreelessProgram("Drive")
-    with Run(program, settings=[settings, RunSettings(fast=True)], provided=[SpareBoxes(1)]).want(
+    with Run(program, settings=[settings, RunSettings(fast=True)], resources=[SpareBoxes(1)]).want(
         SimulatedRobot
     ) as run:
         body = run.find(SimulatedRobot)
@@ -200,6 +200,6 @@ def test_nothing_of_the_simulator_is_opened_for_another_robot() -> None:
         assert run.find(WorldPlaces) is run.find(OccupancyMap) is None
     assert run.report == {}
     given = Rover()
-    run = Run(TreelessProgram("Look"), settings=[ARENA], provided=[given]).want(Robot)
+    run = Run(TreelessProgram("Look"), settings=[ARENA], resources=[given]).want(Robot)
     with run.want(WorldPlaces, optional=True):
         assert [provider.name for provider in run.choice.order] == []

@@ -46,8 +46,8 @@ def _run(ctx: click.Context, session: RosSession, settings: GivenSettings, *, na
 
     program = TreelessProgram("Navigation")
     # With spare boxes the simulated robot has the events of btcore ros2 sim.
-    provided = [session, SpareBoxes(SPARE_BOXES)]
-    with CommandRun(ctx, program, settings, provided=provided).want(Navigation) as run:
+    resources = [session, SpareBoxes(SPARE_BOXES)]
+    with CommandRun(ctx, program, settings, resources=resources).want(Navigation) as run:
         stack = run.find(Navigation)
         assert stack is not None
         robot = stack.robot

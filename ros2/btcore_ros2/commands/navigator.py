@@ -74,7 +74,7 @@ def navigator(
 
         server = NavigatorServer(session, to_pose, through_poses, plugins=plugins, rate=tick_frequency)
         session.node.get_logger().info("waiting for goals of navigate_to_pose and navigate_through_poses")
-        with CommandRun(ctx, TreelessProgram("Navigator"), settings, provided=[session]) as run:
+        with CommandRun(ctx, TreelessProgram("Navigator"), settings, resources=[session]) as run:
             stopped = threading.Event()
             run.run_until_signal(lambda: _serve(server, run, stopped), stopped.set)
     return run.exit_code

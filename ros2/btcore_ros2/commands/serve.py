@@ -87,7 +87,7 @@ def serve(
         source = _TreeSource(ctx, session, trees, plugins)
         wanted = LoadedTrees(source.read_files(), source.nodes).check()
         uses_parameter = _set_port(settings, session)
-        run = CommandRun(ctx, TreelessProgram("Waiting"), settings, provided=[session]).want(*wanted)
+        run = CommandRun(ctx, TreelessProgram("Waiting"), settings, resources=[session]).want(*wanted)
         with _explain_port(uses_parameter), run:
             robot = run.find(Robot)
             if robot is not None and robot.clock is not session.clock:

@@ -67,8 +67,8 @@ def _run(
     from btcore_sim.simulation import Simulation
 
     program = TreelessProgram("Simulation")
-    provided = [session, SpareBoxes(SPARE_BOXES)]
-    run = CommandRun(ctx, program, settings, provided=provided).want(Simulation)
+    resources = [session, SpareBoxes(SPARE_BOXES)]
+    run = CommandRun(ctx, program, settings, resources=resources).want(Simulation)
     server: LockstepServer | None = None
     with run:
         simulated = run.find(Simulation)

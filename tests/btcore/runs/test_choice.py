@@ -70,14 +70,14 @@ def run_with(
     *providers: Provider,
     want: Any = (),
     settings: Any = (),
-    provided: Any = (),
+    resources: Any = (),
     installed: Mapping[str, Provider] | None = None,
 ) -> Run:
     """Return the run of a program that wants types; no other providers are installed."""
     source = AvailableProviders(providers, uses_installed=False)
     source._loaded = dict(installed or {})
     program = TreelessProgram("Test", lambda: False)
-    run = Run(program, provided=provided, settings=[FAST, *settings], providers=source)
+    run = Run(program, resources=resources, settings=[FAST, *settings], providers=source)
     return run.want(*want)
 
 
@@ -186,12 +186,12 @@ def test_a_need_that_the_program_fulfils_is_not_the_missing_one() -> None:
         return Simulated()
 
     with pytest.raises(ProviderError, match=r"nothing provides a Simulated: robot \(.*\) needs a Hand, but"):
-        run_with(robot, want=[Simulated], provided=[Arm()]).__enter__()
+        run_with(robot, want=[Simulated], resources=[Arm()]).__enter__()
 
 
 def test_objects_of_the_program_win_over_providers() -> None:
     own = Simulated("own")
-    with run_with(simulator, world_map, want=[Simulated, WorldMap], provided=[own]) as run:
+    with run_with(simulator, world_map, want=[Simulated, WorldMap], resources=[own]) as run:
         assert run.find(Simulated) is own
         assert run.find(WorldMap) is not None
 
@@ -362,7 +362,7 @@ def test_an_exception_of_the_run_reaches_the_providers_and_stays_itself() -> Non
 
     with pytest.raises(KeyError), run_with(arm, want=[Arm]):
         raise KeyError("x")
-    assert seen == ["interrupted"]
+    assert seen == ["program_error"]
 
 
 def test_a_provider_without_types_is_explained() -> None:
@@ -516,7 +516,7 @@ def test_two_objects_of_a_class_are_ambiguous() -> None:
         pass
 
     with pytest.raises(ProviderError, match="2 objects of the class Bell"):
-        run_with(clapper, settings=[OutputSettings("a.txt")], provided=[Bell(), Bell()]).__enter__()
+        run_with(clapper, settings=[OutputSettings("a.txt")], resources=[Bell(), Bell()]).__enter__()
 
 
 def test_mistakes_of_programs_are_explained() -> None:

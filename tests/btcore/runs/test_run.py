@@ -173,7 +173,7 @@ def test_all_incomplete_outputs_are_named() -> None:
         yield None
         raise OutputError("the picture is missing")
 
-    run = Run(program(), providers=[disk, other], provided=[Torch()], settings=[LampSettings()])
+    run = Run(program(), providers=[disk, other], resources=[Torch()], settings=[LampSettings()])
     with pytest.raises(OutputError, match="recording is incomplete; the picture is missing"), run:
         run.tick_to_end()
     assert [str(error) for error in run.closing_errors] == [
@@ -216,7 +216,7 @@ def test_a_pause_stops_ticks_and_simulated_time() -> None:
         run.tick_to_end(on_tick=on_tick)
     assert ticks == pytest.approx([0.0, 0.1, 0.2, 0.3, 0.4])
     assert at_the_end_of_the_pause == [3]
-    assert run.skipped_ticks == 0
+    assert run.missed_ticks == 0
 
 
 def test_a_tree_that_was_reloaded_is_ticked_at_once() -> None:

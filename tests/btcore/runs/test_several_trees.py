@@ -21,10 +21,10 @@ WriteTree = Callable[[str, str], Path]
 def write_tree(tmp_path: Path) -> WriteTree:
     """Return a function that writes a tree with the given ID and content, and returns the file."""
 
-    def write(ID: str, content: str) -> Path:
-        file = tmp_path / f"{ID}.xml"
+    def write(id: str, content: str) -> Path:
+        file = tmp_path / f"{id}.xml"
         file.write_text(
-            f'<root BTCPP_format="4"><BehaviorTree ID="{ID}">{content}</BehaviorTree></root>',
+            f'<root BTCPP_format="4"><BehaviorTree ID="{id}">{content}</BehaviorTree></root>',
             encoding="utf-8",
         )
         return file
@@ -106,7 +106,7 @@ def test_a_deadline_gives_its_tree_alone_an_additional_tick(write_tree: WriteTre
     with Run(files, settings=[FAST]) as run:
         run.tick_to_end(on_tick=lambda _: times.append((run.clock.now() / 1e9, *ticks_of(run))))
     assert times[:6] == [(0.0, 1, 1), (0.1, 2, 2), (0.13, 2, 3), (0.2, 3, 4), (0.26, 3, 5), (0.3, 4, 6)]
-    assert run.skipped_ticks == 0
+    assert run.missed_ticks == 0
 
 
 def ticks_of(run: Run) -> list[int]:

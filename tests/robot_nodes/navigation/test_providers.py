@@ -9,7 +9,7 @@ import pytest
 from btcore import Run, RunSettings, Settings, SettingsError
 from btcore.program_runner import TreelessProgram
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.choice import choose
+from btcore.runs.choice import choose_providers
 from btcore.runs.settings import GivenSettings
 from btcore_navigation.leaves.explore import Explorer, MapFile
 from btcore_navigation.leaves.navigate import PoseNavigator
@@ -29,7 +29,8 @@ HOUSE = SimulatorSettings(world="house", camera="off")
 
 
 def used(wanted: list[Any], *settings: Settings) -> set[str]:
-    return {provider.name for provider in choose(wanted, AvailableProviders(), GivenSettings(settings)).order}
+    choice = choose_providers(wanted, AvailableProviders(), GivenSettings(settings))
+    return {provider.name for provider in choice.order}
 
 
 def test_the_simulated_robot_navigates_on_the_map_of_its_world() -> None:
@@ -93,11 +94,11 @@ class Rover(Robot):
 
 
 def test_a_robot_without_a_map_cannot_navigate(tmp_path: Path) -> None:
-    run = Run(TreelessProgram("Navigate"), settings=[NavigationSettings()], provided=[Rover()])
+    run = Run(TreelessProgram("Navigate"), settings=[NavigationSettings()], resources=[Rover()])
     with pytest.raises(SettingsError, match=r"there is no map to navigate on: use --map FILE\.yaml"):
         run.want(PoseNavigator).__enter__()
     save_map(OccupancyMap(np.zeros((2, 2), dtype=np.int8), 0.05, (0.0, 0.0)), tmp_path / "map.yaml")
-    run = Run(TreelessProgram("Navigate"), settings=[MapSettings(tmp_path / "map.yaml")], provided=[Rover()])
+    run = Run(TreelessProgram("Navigate"), settings=[MapSettings(tmp_path / "map.yaml")], resources=[Rover()])
     with pytest.raises(SettingsError, match="there is no wall on the map"):
         run.want(PoseNavigator).__enter__()
 
