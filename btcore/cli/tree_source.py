@@ -109,8 +109,8 @@ def parse_source(path: Path, confined: bool) -> Document:
     return parse_bytes(data, "<stdin>", confined=confined)
 
 
-class TreeSource:
-    """The file of a tree, and how to make its plans.
+class TreeReader:
+    """Reads and checks the file of the tree that a command was given.
 
     Attributes:
         path: The XML file, or `STDIN`.
