@@ -203,10 +203,9 @@ def _load_libraries(
             options.plugins,
             options.models,
             options.confined,
-            own_packages=bool(options.substitute),  # a rule may name a node of any library
+            btcore_packages=bool(options.substitute),  # a rule may name a node of any library
             imported=command_providers(ctx).plugins,
         )
-    loaded = installed()
-    libraries = NodeLibraries(loaded.nodes.copy(), loaded.unavailable)
+    libraries = installed().copy()
     libraries.add_models(options.models, options.confined)
     return libraries

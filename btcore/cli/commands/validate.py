@@ -74,7 +74,7 @@ def validate(
     paths = [path for source in sources for path in _find_files(source)]
     if fix and STDIN in paths:
         raise click.UsageError("--fix cannot change stdin; --diff prints what it would change in a file.")
-    libraries = load_libraries(options.plugins, options.models, options.confined, own_packages=False)
+    libraries = load_libraries(options.plugins, options.models, options.confined, btcore_packages=False)
     given = [remapped_key(key, key) or key for key in given]
 
     def check(file: Path, text: str | None = None) -> list[Diagnostic]:
