@@ -273,7 +273,7 @@ accept-tools: .venv/ready
 accept-ros2: .venv-ros/ready
 	@.venv-ros/bin/python tests/acceptance/ros2_schedules.py --schedules $(SCHEDULES)
 	@.venv-ros/bin/python tests/acceptance/ros2_runs.py $(ROS2_RUNS)
-	@.venv-ros/bin/python tests/acceptance/ros2_goals.py --goals $(GOALS)
+	@$(if $(GOALS),.venv-ros/bin/python tests/acceptance/ros2_goals.py --goals $(GOALS))
 
 # Nothing of this is committed: npm brings the tools, in the versions of package.json.
 vscode:

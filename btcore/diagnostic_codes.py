@@ -103,7 +103,7 @@ CONTROL_CHARACTER_IN_NAME: Final = DiagnosticCode("E116", "tree error", "control
 TREE_TOO_LARGE: Final = DiagnosticCode("E117", "tree error", "tree too large")
 NODE_NOT_CREATED: Final = DiagnosticCode("E118", "tree error", "node not created")
 FIRST_TICK_REFUSED: Final = DiagnosticCode("E119", "tree error", "children rejected by the first tick")
-NOT_FOR_A_BATCH: Final = DiagnosticCode("E120", "tree error", "not supported in a batch")
+NOT_FOR_A_BATCH: Final = DiagnosticCode("E120", "tree error", "not supported in a batch")  # of btcore_batch
 
 # Ports, keys and scripts
 UNKNOWN_PORT: Final = DiagnosticCode("E201", "port error", "unknown port")
@@ -144,6 +144,9 @@ IGNORED_ATTRIBUTE: Final = DiagnosticCode("W212", "warning", "ignored attribute"
 TEXT_FOR_UNTYPED_ENTRY: Final = DiagnosticCode("W213", "warning", "text for an entry without a type")
 BASE_CLASS_READ: Final = DiagnosticCode("W214", "warning", "entry of a base class")
 UNCHECKED_LITERAL: Final = DiagnosticCode("W215", "warning", "literal not checked")
+
+# The codes of tools, such as those of the conversion in btcore_studio, are in this table because a code must
+# have the same meaning in all packages, and docs/reference/errors.md describes all codes.
 
 # Conversion: written differently, with the same meaning
 FORMAT_SET: Final = DiagnosticCode("C101", "same meaning", "format attribute set")

@@ -11,21 +11,23 @@ from btcore.suggestions import suggestion
 
 
 class Hint(NamedTuple):
-    """How to correct the problem of a diagnostic: its attributes `hint`, `fixes` and `outer_key`."""
+    """How to correct the problem of a diagnostic: its attributes `hint`, `fixes` and `outer_key`.
+
+    A diagnostic that is reported about an element of a document takes its hint as a `Hint`, with or without
+    fixes; a `Diagnostic` has the text.
+    """
 
     text: str = ""
     fixes: tuple[Fix, ...] = ()
     outer_key: str = ""
 
     @classmethod
-    def of(cls, hint: "str | Hint") -> "Hint":
-        """Return *hint*; a text becomes a hint without fixes."""
-        return hint if isinstance(hint, Hint) else cls(hint)
-
-    @classmethod
     def similar_name(cls, name: str) -> "Hint":
         """Return the hint that the marked name may be a misspelt *name*."""
         return cls(suggestion(f"'{name}'"), (Rename(name),))
+
+
+NO_HINT: Final = Hint()
 
 
 class Diagnostic(NamedTuple):

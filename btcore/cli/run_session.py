@@ -88,13 +88,13 @@ class RunSession:
     """The run of a tree from the command line.
 
     Args:
+        run: The run.
         tree_reader: Reads the plans of the tree from its file.
+        plans: The plans of the first tree.
         until: The result that ends the run.
         file_watcher: Detects saves of the tree's file, and of files that it includes; None without `--watch`.
 
     Attributes:
-        run: The run.
-        plans: The plans of the first tree.
         summary: The results of the run, for the terminal and `--json`.
     """
 

@@ -1,8 +1,8 @@
 """Getters and setters of ports that are attributes of a leaf.
 
-`PortAttribute` is a property with these functions, and not a compiled
-descriptor class, because mypyc drops the `__set__` of such a class. The functions are in this module
-because it is compiled.
+The attributes are properties with these functions, and not compiled descriptors, because mypyc drops the
+`__set__` of a descriptor class. The functions are in this module because it is compiled; their class,
+`PortAttribute`, is in `signature.py`, which is not, because mypyc cannot compile a subclass of property.
 """
 
 from collections.abc import Callable

@@ -5,6 +5,7 @@ from typing import Final
 
 from btcore.blackboard.ports import PortRole
 from btcore.diagnostic_codes import ENDLESS_TICK
+from btcore.diagnostics import Hint
 from btcore.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
 from btcore.nodes.repeat import RepeatedNode
 from btcore.registry.mock_nodes import is_mock
@@ -79,7 +80,7 @@ class EndlessTickCheck:
             ENDLESS_TICK,
             f"{message}, and no node below it can be RUNNING",
             node.element,
-            hint="add a pause, such as a <Delay>, or limit the number of repetitions",
+            hint=Hint("add a pause, such as a <Delay>, or limit the number of repetitions"),
         )
 
     def _may_pause(self, node: NodePlan) -> bool:

@@ -76,7 +76,13 @@ def _warn_refused_write(
     declaration = dry_run.declared_by(entry)
     hint = f"declared by {declaration}; the type of an entry never changes" if declaration else ""
     collector.report(
-        use.document, REFUSED_ENTRY_VALUE, message, use.node.element, use.attribute, hint, within=use.within
+        use.document,
+        REFUSED_ENTRY_VALUE,
+        message,
+        use.node.element,
+        attribute=use.attribute,
+        hint=Hint(hint),
+        within=use.within,
     )
 
 
@@ -103,7 +109,9 @@ def _check_base_class(
     )
     origin = dry_run.declared_by(entry)
     hint = f"declared by {origin}" if origin else ""
-    collector.report(use.document, BASE_CLASS_READ, message, use.node.element, use.attribute, hint)
+    collector.report(
+        use.document, BASE_CLASS_READ, message, use.node.element, attribute=use.attribute, hint=Hint(hint)
+    )
 
 
 def _written_value(use: EntryUse) -> Binding | None:
@@ -263,7 +271,14 @@ def _warn_untyped(use: EntryUse, creator: EntryUse, collector: DiagnosticCollect
         f"'{creator.attribute}' of {creator.node.label} in line {line} "
         f"creates the entry; a Script works in both: {use.key} := '{text}'"
     )
-    collector.report(use.document, TEXT_FOR_UNTYPED_ENTRY, message, use.node.element, use.attribute, hint)
+    collector.report(
+        use.document,
+        TEXT_FOR_UNTYPED_ENTRY,
+        message,
+        use.node.element,
+        attribute=use.attribute,
+        hint=Hint(hint),
+    )
 
 
 def _assignments_of(text: str, enums: dict[str, int]) -> dict[int, Assignment]:
@@ -298,9 +313,9 @@ def _check_script(
         message += error.message if isinstance(error, ScriptError) else str(error)
         declaration = dry_run.declared_by(entry)
         place = f"'{use.key}' has the type {entry.declared.name}, declared by {declaration}"
-        hint = place if declaration else ""
+        hint = Hint(place if declaration else "")
         collector.report(
-            use.document, REFUSED_ENTRY_VALUE, message, use.node.element, use.attribute, hint,
+            use.document, REFUSED_ENTRY_VALUE, message, use.node.element, attribute=use.attribute, hint=hint,
             within=use.within, width=len(use.key),
         )  # fmt: skip
     finally:
@@ -336,7 +351,7 @@ def _check_constant(
         if text.isidentifier():
             passed = entry_hint("pass the entry", text)
             hint = Hint(f"{hint.text}; {passed.text}", passed.fixes)
-        collector.report(use.document, code, message, use.node.element, use.attribute, hint)
+        collector.report(use.document, code, message, use.node.element, attribute=use.attribute, hint=hint)
         return
 
 

@@ -26,7 +26,7 @@ from btcore.diagnostic_codes import (
     UNCHECKED_LITERAL,
     UNCONNECTED_OUTPUT,
 )
-from btcore.diagnostics import Hint
+from btcore.diagnostics import NO_HINT, Hint
 from btcore.engine.signature import PortAttribute
 from btcore.errors import ConversionError
 from btcore.fixes import SetAttributes, SetValue
@@ -37,8 +37,8 @@ from btcore.registry.mock_nodes import is_mock
 from btcore.suggestions import join_names, nearest_name
 from btcore.values import NODE_STATUS, IntegerType, RealType, ValueType, VectorType
 from btcore.values.numbers import whole_float
-from btcore.xml.plan.hints import value_hint
 from btcore.xml.plan.tree_plan import NodePlan
+from btcore.xml.plan.tree_planner import value_hint
 from btcore.xml.read.document import DiagnosticCollector, Document
 
 # Longer texts are not checked: the search for the longest number takes quadratic time.
@@ -59,12 +59,16 @@ def check_ignored_attributes(node: NodePlan, document: Document, collector: Diag
             if near is not None:
                 message = f"the attribute '{key}' of {node.label} is ignored: unknown name"
                 hint = Hint.similar_name(near)
-                collector.report(document, IGNORED_ATTRIBUTE, message, node.element, key, hint, part="name")
+                collector.report(
+                    document, IGNORED_ATTRIBUTE, message, node.element, attribute=key, hint=hint, part="name"
+                )
         elif key not in ("ID", "name"):
             reason = port_name_error(key)
             message = f"the attribute '{key}' of {node.label} is ignored: invalid port name ({reason})"
             hint = Hint("rename the port, here and in the code that registers it")
-            collector.report(document, IGNORED_ATTRIBUTE, message, node.element, key, hint, part="name")
+            collector.report(
+                document, IGNORED_ATTRIBUTE, message, node.element, attribute=key, hint=hint, part="name"
+            )
 
 
 @lru_cache(maxsize=64)  # every node of a file that btcore or Groot wrote may have the same attributes
@@ -132,30 +136,38 @@ def check_port_literals(
             if not reported and port.reads and node.manifest and not is_mock(node.manifest.cls):
                 message = f"the {label} has the type {port.type.name}: {error}"
                 key = intended or (text if is_port_name(text) else "")
-                entry = entry_hint("use the blackboard entry", key) if key else Hint()
+                entry = entry_hint("use the blackboard entry", key) if key else NO_HINT
                 hint = Hint(entry.text, (*value_hint(port.type).fixes, *entry.fixes))
-                collector.report(document, INCONVERTIBLE_TEXT, message, node.element, port.name, hint)
+                collector.report(
+                    document, INCONVERTIBLE_TEXT, message, node.element, attribute=port.name, hint=hint
+                )
         elif intended:
             message = f"the {label} is the text '{text}', not an entry"
             hint = entry_hint("use the entry", intended)
-            collector.report(document, INCOMPLETE_POINTER, message, node.element, port.name, hint)
+            collector.report(
+                document, INCOMPLETE_POINTER, message, node.element, attribute=port.name, hint=hint
+            )
         elif port.direction is Direction.OUT and format == 4:
             message = f"the output {label} has no entry: '{text}' is only a text"
             key = f"{{{text}}}" if text.isidentifier() else f"{{{port.name}}}"
             shown = key if text.isidentifier() else "{…}"
             hint = Hint(f'write {port.name}="{shown}"', (SetValue(key),))
-            collector.report(document, UNCONNECTED_OUTPUT, message, node.element, port.name, hint)
+            collector.report(
+                document, UNCONNECTED_OUTPUT, message, node.element, attribute=port.name, hint=hint
+            )
         else:
             for item, part, type_name in partly_read(text, _literal_type(node, port), format):
                 message = f"the {label} has the type {type_name}: only '{part}' of '{item}' is read"
                 hint = _number_hint(text, item, part, type_name)
-                collector.report(document, PARTIAL_NUMBER, message, node.element, port.name, hint)
+                collector.report(
+                    document, PARTIAL_NUMBER, message, node.element, attribute=port.name, hint=hint
+                )
     for key, text in node.subtree_call.constants.items() if node.subtree_call is not None else ():
         intended = intended_key(text)
         if intended:
             message = f"'{key}' of {node.label} is the text '{text}', not an entry"
             hint = entry_hint("use the entry", intended)
-            collector.report(document, INCOMPLETE_POINTER, message, node.element, key, hint)
+            collector.report(document, INCOMPLETE_POINTER, message, node.element, attribute=key, hint=hint)
 
 
 def check_literals_of_class(node: NodePlan, document: Document, collector: DiagnosticCollector) -> None:
@@ -170,8 +182,8 @@ def check_literals_of_class(node: NodePlan, document: Document, collector: Diagn
             code,
             message,
             node.element,
-            problem.port,
-            problem.hint,
+            attribute=problem.port,
+            hint=Hint(problem.hint),
             within=problem.start,
             width=problem.width,
         )

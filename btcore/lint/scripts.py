@@ -44,7 +44,7 @@ def check_script_results(
     for attribute, text, is_condition in node.iter_scripts():
         if not text and is_condition and attribute not in node.conditions:
             message = f"the script in '{attribute}' of {node.label} always raises: it is empty"
-            collector.report(document, SCRIPT_RAISES, message, node.element, attribute)
+            collector.report(document, SCRIPT_RAISES, message, node.element, attribute=attribute)
         try:
             statements = parse_statements(text, enums)
         except ScriptError:
@@ -57,7 +57,7 @@ def check_script_results(
                 SCRIPT_RAISES,
                 message,
                 node.element,
-                attribute,
+                attribute=attribute,
                 within=error.column,
                 width=error.width,
             )
@@ -82,8 +82,8 @@ def _check_condition(
             CONDITION_ASSIGNS,
             message,
             node.element,
-            attribute,
-            hint,
+            attribute=attribute,
+            hint=hint,
             within=last.column,
             width=last.width,
         )
@@ -109,8 +109,8 @@ def _check_condition(
             SCRIPT_RAISES,
             message,
             node.element,
-            attribute,
-            hint,
+            attribute=attribute,
+            hint=hint,
             within=value.column,
             width=value.width,
         )

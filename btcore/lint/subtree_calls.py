@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from btcore.blackboard.ports import remapped_key
 from btcore.diagnostic_codes import BRACES_IN_FORMAT_3, INCOMPLETE_POINTER, UNUSED_TREE, USELESS_REMAPPING
-from btcore.diagnostics import Hint
+from btcore.diagnostics import NO_HINT, Hint
 from btcore.fixes import RenameElement, SetValue
 from btcore.suggestions import join_names, nearest_name
 from btcore.xml.plan.key_uses import NON_KEY_ATTRIBUTES, TreeKeys
@@ -26,7 +26,7 @@ def check_unused_trees(plans: Plans, main: TreePlan, collector: DiagnosticCollec
         if tree.id not in called and element.get("ID") is not None:
             message = f"the tree '{tree.id}' is unused: '{main.id}' doesn't call it, directly or indirectly"
             hint = f'call it with <SubTree ID="{tree.id}"/>, or remove it'
-            collector.report(document, UNUSED_TREE, message, element, "ID", hint=hint)
+            collector.report(document, UNUSED_TREE, message, element, attribute="ID", hint=Hint(hint))
 
 
 def check_remappings(
@@ -57,7 +57,7 @@ def check_remappings(
                 f'write {key}="{text[1:-1]}", or <SubTreePlus ID="{call.tree_id}" {key}="{text}"/>',
                 (SetValue(text[1:-1]), RenameElement("SubTreePlus")),
             )
-            collector.report(document, BRACES_IN_FORMAT_3, message, node.element, key, hint)
+            collector.report(document, BRACES_IN_FORMAT_3, message, node.element, attribute=key, hint=hint)
         if call.remaps.get(key) == "=" and node.element.get(key) is None:
             message = (
                 f"the model of '{call.tree_id}' has the default '{text}' for '{key}', which means the entry "
@@ -69,15 +69,17 @@ def check_remappings(
             continue
         message = f"no port or script in the tree of {node.label} uses '{key}'"
         may_search = collector.take_comparisons(used)
-        unused = _unused_key_hint(key, used, call.port_texts) if may_search else ""
-        collector.report(document, USELESS_REMAPPING, message, node.element, key, unused, part="name")
+        unused = _unused_key_hint(key, used, call.port_texts) if may_search else NO_HINT
+        collector.report(
+            document, USELESS_REMAPPING, message, node.element, attribute=key, hint=unused, part="name"
+        )
 
 
-def _unused_key_hint(key: str, used: set[str], written: Mapping[str, str]) -> str | Hint:
+def _unused_key_hint(key: str, used: set[str], written: Mapping[str, str]) -> Hint:
     # A key with "@" is on the main tree's blackboard, whatever the remapping.
     free = sorted(name for name in used if name not in written and not name.startswith("@"))
     near = nearest_name(key, free)
     if near is not None:
         return Hint.similar_name(near)
     names = join_names([f"'{name}'" for name in sorted(used)])
-    return f"its keys are {names}" if names else "it uses no keys"
+    return Hint(f"its keys are {names}" if names else "it uses no keys")

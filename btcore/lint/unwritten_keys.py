@@ -84,7 +84,9 @@ def _warn_empty_script_entry(uses: Sequence[EntryUse], collector: DiagnosticColl
         hint = "load the tree with a blackboard that holds the script: load(…, blackboard=…)"
         if not of_root:
             hint = f'pass the script in the SubTree element: {use.key}="…"'
-        collector.report(use.document, UNWRITTEN_KEY, message, use.node.element, use.attribute, hint)
+        collector.report(
+            use.document, UNWRITTEN_KEY, message, use.node.element, attribute=use.attribute, hint=Hint(hint)
+        )
         return True
     return False
 
@@ -108,8 +110,8 @@ def _warn_never_created(uses: Sequence[EntryUse], collector: DiagnosticCollector
         ASSIGNMENT_TO_MISSING_ENTRY,
         f"{script} assigns to the entry '{use.key}', which is never created",
         use.node.element,
-        use.attribute,
-        Hint(hint, creation, root_key),
+        attribute=use.attribute,
+        hint=Hint(hint, creation, root_key),
         within=use.within,
         width=len(use.key),
     )
@@ -143,8 +145,8 @@ def _warn_never_written(
         UNWRITTEN_KEY,
         f"{reader} reads {key_text}, which is never written{more}",
         use.node.element,
-        use.attribute,
-        _unwritten_key_hint(keys, use, board, key),
+        attribute=use.attribute,
+        hint=_unwritten_key_hint(keys, use, board, key),
         within=use.within,
         width=len(use.key) if use.within else 0,
     )
@@ -156,7 +158,7 @@ def is_pointer(use: EntryUse) -> bool:
     return text is None or text != use.key
 
 
-def _unwritten_key_hint(keys: WrittenKeys, use: EntryUse, board: Blackboard, key: str) -> str | Hint:
+def _unwritten_key_hint(keys: WrittenKeys, use: EntryUse, board: Blackboard, key: str) -> Hint:
     if use.access is AccessKind.READS_AS_KEY:
         return Hint(
             f"{{{use.key}}} must hold the name of the entry to write; "
@@ -188,6 +190,6 @@ def _unwritten_key_hint(keys: WrittenKeys, use: EntryUse, board: Blackboard, key
     value = passed if keys.dry_run.format == 3 and entrance.node.id == "SubTree" else f"{{{passed}}}"
     hint = f'a subtree has a blackboard of its own: in the {called} write {key}="{value}"'
     if entrance.document is not use.document:
-        return hint
+        return Hint(hint)
     index = entrance.document.source_map.index(entrance.node.element)
     return Hint(hint, (Connect(index, entrance.key, key, value.replace("…", key)),))

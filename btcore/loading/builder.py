@@ -23,7 +23,7 @@ from btcore.diagnostic_codes import (
     WRONG_CHILD_COUNT,
     DiagnosticCode,
 )
-from btcore.diagnostics import Diagnostic, Hint
+from btcore.diagnostics import NO_HINT, Diagnostic, Hint
 from btcore.errors import ConversionError, PortError, TreeError, UnknownNodeError, XmlSyntaxError
 from btcore.loading.instantiate import instantiate
 from btcore.loading.load import PausedGarbageCollection
@@ -304,15 +304,15 @@ class _BuiltDocument(Document):
         code: DiagnosticCode,
         message: str,
         element: Element,
+        *,
         attribute: str = "",
-        hint: str | Hint = "",
+        hint: Hint = NO_HINT,
         part: ElementPart = "value",
         within: int = 0,
     ) -> Diagnostic:
         """Return a diagnostic at the place in the code, with the generated XML in the hint."""
-        hint = Hint.of(hint).text
         draft = self._drafts[self.source_map.index(element)]
         if draft is None:
-            return Diagnostic(code, message, self.file, hint=hint)
+            return Diagnostic(code, message, self.file, hint=hint.text)
         shown = f"the generated XML is {super().diagnostic(code, message, element).source.strip()}"
-        return Diagnostic(code, message, *draft.where, hint=f"{hint}; {shown}" if hint else shown)
+        return Diagnostic(code, message, *draft.where, hint=f"{hint.text}; {shown}" if hint.text else shown)

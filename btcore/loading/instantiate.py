@@ -19,7 +19,7 @@ from btcore.diagnostic_codes import (
     NODE_NOT_CREATED,
     SCRIPT_SYNTAX,
 )
-from btcore.diagnostics import Hint
+from btcore.diagnostics import NO_HINT, Hint
 from btcore.engine.context import TreeContext
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
@@ -254,7 +254,7 @@ class NodeCreator:
     ) -> None:
         if entry is None or entry.declared.same(port.type):
             self.collector.report(
-                draft.document, CONFLICTING_ENTRY_TYPES, str(error), node_plan.element, port.name
+                draft.document, CONFLICTING_ENTRY_TYPES, str(error), node_plan.element, attribute=port.name
             )
             return
         own, declared = port.type.name, entry.declared.name
@@ -271,7 +271,12 @@ class NodeCreator:
                 f"{origin}; an output needs exactly this type, so declare the port as {entry.declared.name}"
             )
         self.collector.report(
-            draft.document, CONFLICTING_ENTRY_TYPES, message, node_plan.element, port.name, hint
+            draft.document,
+            CONFLICTING_ENTRY_TYPES,
+            message,
+            node_plan.element,
+            attribute=port.name,
+            hint=Hint(hint),
         )
 
     def create_node(
@@ -311,7 +316,9 @@ class NodeCreator:
             hint = ""
             if isinstance(error, TypeError) and str(error).startswith("object.__init__()"):
                 hint = "call super().__init__() without arguments: a node has its name and config already"
-            self.collector.report(draft.document, LEAF_INIT_RAISED, message, node_plan.element, hint=hint)
+            self.collector.report(
+                draft.document, LEAF_INIT_RAISED, message, node_plan.element, hint=Hint(hint)
+            )
         return None
 
     def _report_rejection(self, node_plan: NodePlan, draft: SubtreeDraft, error: BtcoreError) -> None:
@@ -328,7 +335,7 @@ class NodeCreator:
             for port in missing
             if port.role in LOAD_TIME_ROLES
         }
-        hint = Hint()
+        hint = NO_HINT
         if values:
             hint = Hint("write " + " ".join(f'{name}="…"' for name in values), (SetAttributes(values),))
         self.collector.report(draft.document, code, str(error), node_plan.element, hint=hint)
@@ -360,7 +367,12 @@ class NodeCreator:
             message = f"two SubTree nodes have the path '{config.path}'"
             hint = "give them different names, or remove the names"
             self.collector.report(
-                draft.document, DUPLICATE_SUBTREE_PATH, message, node_plan.element, "name", hint
+                draft.document,
+                DUPLICATE_SUBTREE_PATH,
+                message,
+                node_plan.element,
+                attribute="name",
+                hint=Hint(hint),
             )
         self._paths.add(config.path)
 
@@ -380,7 +392,7 @@ class NodeCreator:
                 inner.set(key, value, None if isinstance(value, str) else type_of(value))
             except BlackboardError as error:
                 self.collector.report(
-                    draft.document, CONFLICTING_ENTRY_TYPES, str(error), node_plan.element, key
+                    draft.document, CONFLICTING_ENTRY_TYPES, str(error), node_plan.element, attribute=key
                 )
         inner.autoremap = call.autoremap
         return inner

@@ -110,7 +110,7 @@ def load(path: str | PathLike[str], *more: str | PathLike[str], **arguments: Unp
         <Status.SUCCESS: 2>
     """
     with PausedGarbageCollection():
-        return _create_tree(plan_tree(parse_file, (path, *more), arguments), arguments)
+        return _create_tree(plan_inputs(parse_file, (path, *more), arguments), arguments)
 
 
 def loads(text: str, *more: str, **arguments: Unpack[LoadArguments]) -> Tree:
@@ -133,7 +133,7 @@ def loads(text: str, *more: str, **arguments: Unpack[LoadArguments]) -> Tree:
         <Status.SUCCESS: 2>
     """
     with PausedGarbageCollection():
-        return _create_tree(plan_tree(parse_text, (text, *more), arguments), arguments)
+        return _create_tree(plan_inputs(parse_text, (text, *more), arguments), arguments)
 
 
 def make(id: str, /, **arguments: Unpack[LoadArguments]) -> Tree:
@@ -159,14 +159,16 @@ def make(id: str, /, **arguments: Unpack[LoadArguments]) -> Tree:
         False
     """
     check_argument_names(arguments)
-    documents = _registry(arguments.get("nodes")).documents
+    registry = _registry(arguments.get("nodes"))
+    documents = registry.documents
     if not documents:
         hint = "register it: nodes.add_trees(…)"
         raise TreeError([Diagnostic(UNDETERMINED_MAIN_TREE, f"unknown tree '{id}'", hint=hint)])
     # The document of the tree; the last document if the tree is in an included file.
     main = next((document for document in reversed(documents) if _defines(document, id)), documents[-1])
     with PausedGarbageCollection():
-        return _create_tree(_plan_documents([main], {**arguments, "tree": id}), arguments)
+        plans = plan_document(main, registry, id, arguments.get("format"), packages=arguments.get("packages"))
+        return _create_tree(plans, arguments)
 
 
 def required_resources(
@@ -198,15 +200,15 @@ def required_resources(
         >>> btcore.required_resources("grasp.xml", nodes=nodes) == [Gripper]
         True
     """
-    plans = plan_tree(parse_file, (path, *more), arguments)
+    plans = plan_inputs(parse_file, (path, *more), arguments)
     plans.diagnostics.raise_errors()
     return plans.required_resources()
 
 
-def plan_tree(
+def plan_inputs(
     parse: Callable[..., Document], inputs: Iterable[str | PathLike[str]], arguments: LoadArguments
 ) -> Plans:
-    """Return the plans of the tree in XML files or texts, for callers that need them before the nodes.
+    """Return the plans of the trees in XML files or texts: `load` and `loads` without creating nodes.
 
     Args:
         parse: `parse_file` or `parse_text`.
@@ -227,10 +229,6 @@ def plan_tree(
             errors += error.diagnostics
     if errors:
         raise XmlSyntaxError(errors)
-    return _plan_documents(documents, arguments)
-
-
-def _plan_documents(documents: Sequence[Document], arguments: LoadArguments) -> Plans:
     main, *others = documents
     return plan_document(
         main,

@@ -19,10 +19,10 @@ class LoopNode(DecoratorNode):
     """Takes an element from `queue`, writes it to `value`, and ticks the child: at most one element per tick.
 
     A RUNNING child is ticked again with the same element. The node is RUNNING until the queue is empty and
-    then returns `if_empty` (default SUCCESS); it fails as soon as the child fails. `queue` is a literal
-    list (`1;2;3`), which starts from the beginning whenever the node starts, or an entry that holds a deque
-    (its elements are removed), a list, or a text like the literal. An entry that was never written, or was
-    removed by the child, is an error.
+    then returns `if_empty` (default SUCCESS); it fails as soon as the child fails. A skipped child counts as
+    a success. `queue` is a literal list (`1;2;3`), which starts from the beginning whenever the node starts,
+    or an entry that holds a deque (its elements are removed), a list, or a text like the literal. An entry
+    that was never written, or was removed by the child, is an error.
 
     Derive a class for elements of another type, and declare the type in the annotation of the port.
 
@@ -110,7 +110,6 @@ class LoopNode(DecoratorNode):
         if self._status is IDLE:
             self.set_status(RUNNING)
         status = execute_tick(self.child)
-        # After a skipped child, too, the next tick takes the next element.
         self._child_running = status is RUNNING
         if status is SUCCESS or status is FAILURE:
             reset_status(self.child)
@@ -147,7 +146,7 @@ class LoopInt(LoopNode):
     """Ticks its child for each integer in `queue`, which it writes to `value`; one integer per tick.
 
     The node is RUNNING until the queue is empty, and then returns `if_empty` (default SUCCESS). It fails as
-    soon as the child fails.
+    soon as the child fails. A skipped child counts as a success.
     """
 
     spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
@@ -159,7 +158,7 @@ class LoopBool(LoopNode):
     """Ticks its child for each bool in `queue`, which it writes to `value`; one bool per tick.
 
     The node is RUNNING until the queue is empty, and then returns `if_empty` (default SUCCESS). It fails as
-    soon as the child fails.
+    soon as the child fails. A skipped child counts as a success.
     """
 
     spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
@@ -171,7 +170,7 @@ class LoopDouble(LoopNode):
     """Ticks its child for each real number in `queue`, which it writes to `value`; one number per tick.
 
     The node is RUNNING until the queue is empty, and then returns `if_empty` (default SUCCESS). It fails as
-    soon as the child fails.
+    soon as the child fails. A skipped child counts as a success.
     """
 
     spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
@@ -183,7 +182,7 @@ class LoopString(LoopNode):
     """Ticks its child for each string in `queue`, which it writes to `value`; one string per tick.
 
     The node is RUNNING until the queue is empty, and then returns `if_empty` (default SUCCESS). It fails as
-    soon as the child fails.
+    soon as the child fails. A skipped child counts as a success.
     """
 
     spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))

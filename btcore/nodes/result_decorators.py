@@ -89,7 +89,8 @@ class ForceFailure(ForcedNode):
 class KeepRunningUntilFailure(DecoratorNode):
     """Ticks its child in every tick until it fails, and then fails; RUNNING until then.
 
-    A child that succeeds is started again by the next tick.
+    A child that succeeds is started again by the next tick. A skipped child also makes the node RUNNING, as
+    in BehaviorTree.CPP.
     """
 
     spec: ClassVar[NodeSpec] = NodeSpec(
@@ -110,7 +111,6 @@ class KeepRunningUntilFailure(DecoratorNode):
         status = execute_tick(self.child)
         if status is SUCCESS or status is FAILURE:
             reset_status(self.child)
-        # RUNNING also after a skipped child, as in BehaviorTree.CPP.
         return FAILURE if status is FAILURE else RUNNING
 
 
@@ -118,8 +118,9 @@ class KeepRunningUntilFailure(DecoratorNode):
 class RunOnce(DecoratorNode):
     """Ticks its child until it completes for the first time, and returns its result.
 
-    Later ticks do not tick the child: they return SKIPPED, or the first result again if `then_skip` is
-    false. A halt does not reset this: the child completes at most once in the life of the tree.
+    SKIPPED is returned unchanged, and the next tick ticks the child again. After the child has completed, it
+    is not ticked: the node returns SKIPPED, or the first result again if `then_skip` is false. A halt does
+    not reset this: the child completes at most once in the life of the tree.
     """
 
     spec: ClassVar[NodeSpec] = NodeSpec(state_fields=("_result",), never_pauses=True, formats=(4,))

@@ -20,7 +20,7 @@ class Timeout(DecoratorNode):
     """Halts its child and fails if the child is still RUNNING `msec` milliseconds after the start.
 
     An `msec` of 0 means no limit. The tree is woken when the time has passed. If the child completes earlier,
-    the node returns the child's result.
+    the node returns the child's result. SKIPPED is returned unchanged, and the time continues.
     """
 
     spec: ClassVar[NodeSpec] = NodeSpec(
@@ -80,8 +80,8 @@ class Timeout(DecoratorNode):
 class Delay(DecoratorNode):
     """Is RUNNING for `delay_msec` milliseconds, then ticks its child and returns the child's result.
 
-    The tree is woken when the time has passed. A RUNNING child is ticked again without a delay. After the
-    child has completed, the next start waits again.
+    The tree is woken when the time has passed. A RUNNING child, or in format 4 a skipped child, is ticked
+    again without a delay. After the child has completed, the next start waits again.
     """
 
     spec: ClassVar[NodeSpec] = NodeSpec(
@@ -115,7 +115,6 @@ class Delay(DecoratorNode):
         if not self.has_passed(self._deadline):
             return RUNNING
         status = execute_tick(self.child)
-        # In format 4, a skipped child does not end the delay: the next tick continues without a new delay.
         if status is SUCCESS or status is FAILURE or (status is SKIPPED and self.config.format == 3):
             self._deadline = -1
             self.reset_child()

@@ -19,7 +19,7 @@ from btcore.loading.load import (
     PausedGarbageCollection,
     check_argument_names,
     find_resources,
-    plan_tree,
+    plan_inputs,
 )
 from btcore.registry.manifest import Resources
 from btcore.runs.available_providers import AvailableProviders
@@ -71,7 +71,7 @@ def _plan_source(source: object, arguments: LoadArguments) -> Plans | TreelessPr
     """Return the plans of a tree, or a program."""
     if isinstance(source, (str, PathLike)):
         with PausedGarbageCollection():
-            source = plan_tree(parse_file, (source,), arguments)
+            source = plan_inputs(parse_file, (source,), arguments)
     if isinstance(source, Plans):
         source.diagnostics.raise_errors()
     elif not isinstance(source, TreelessProgram):

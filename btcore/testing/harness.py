@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import NS_PER_S, SimClock, SystemClock, TickSchedule
-from btcore.loading.load import load, loads, plan_tree
+from btcore.loading.load import load, loads, plan_inputs
 from btcore.status import IDLE, RUNNING, Status
 from btcore.testing.trace import Trace, TraceStep, format_trace
 from btcore.tree.tree import Tree
@@ -136,7 +136,7 @@ class Harness:
         from btcore.runs.settings import RunSettings
 
         run = Run(
-            plan_tree(parse_text if is_text else parse_file, (source,), options),
+            plan_inputs(parse_text if is_text else parse_file, (source,), options),
             settings=[RunSettings(fast=True), *settings],
             providers=AvailableProviders(providers, uses_installed=False),
             **options,

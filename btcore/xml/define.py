@@ -96,7 +96,12 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
             fixes = (SetFormat(4), SetFormat(3))
             hint = Hint('write BTCPP_format="4", or "3" for a tree of Groot 1', fixes)
             collector.report(
-                main_document, UNKNOWN_FORMAT, message, main_document.root, "BTCPP_format", hint=hint
+                main_document,
+                UNKNOWN_FORMAT,
+                message,
+                main_document.root,
+                attribute="BTCPP_format",
+                hint=hint,
             )
     dialect = DIALECTS[format or 4]
     are_complete = not collector.errors
@@ -158,7 +163,9 @@ def _warn_duplicate(
     effect = f"it replaces the tree at {where}" if replaces else f"it is ignored, the tree at {where} is used"
     message = f"duplicate tree '{definition.id}': {effect}"
     hint = "rename or remove one of the two trees"
-    collector.report(definition.document, DUPLICATE_TREE_ID, message, definition.element, "ID", hint=hint)
+    collector.report(
+        definition.document, DUPLICATE_TREE_ID, message, definition.element, attribute="ID", hint=Hint(hint)
+    )
 
 
 def _find_main(
@@ -177,7 +184,7 @@ def _find_main(
             if not fixes:
                 hint = f"--tree, or tree=… in Python, takes the ID of a <BehaviorTree>; {hint}"
             message = f"unknown main tree '{requested}'"
-            collector.report(document, UNDETERMINED_MAIN_TREE, message, root, hint=hint)
+            collector.report(document, UNDETERMINED_MAIN_TREE, message, root, hint=Hint(hint))
         return by_id.get(requested)
     written = root.get("main_tree_to_execute")
     if written is not None:
@@ -188,7 +195,7 @@ def _find_main(
                 UNDETERMINED_MAIN_TREE,
                 message,
                 root,
-                "main_tree_to_execute",
+                attribute="main_tree_to_execute",
                 hint=tree_hint(written, by_id),
             )
         return by_id.get(written)
@@ -206,7 +213,7 @@ def _find_main(
         message = "ambiguous main tree: the document has several trees"
         names = join_names(sorted(by_id), "or")
         hint = f'write main_tree_to_execute="…" in <root>, or select a tree when loading: {names}'
-    collector.report(document, UNDETERMINED_MAIN_TREE, message, root, hint=hint)
+    collector.report(document, UNDETERMINED_MAIN_TREE, message, root, hint=Hint(hint))
     return None
 
 
@@ -234,21 +241,21 @@ def _read_subtree_models(
         if dialect.format == 4 and len(sections) > 1:
             message = "second <TreeNodesModel> in the document"
             hint = "move its models into the first <TreeNodesModel>"
-            collector.report(document, DUPLICATE_MODELS, message, sections[1], hint=hint)
+            collector.report(document, DUPLICATE_MODELS, message, sections[1], hint=Hint(hint))
         for section in sections:
             for model in section.iterchildren("SubTree"):
                 id = model.get("ID")
                 if id is None:
                     message = "missing ID in the model of a subtree"
                     hint = 'write <SubTree ID="…">'
-                    collector.report(document, MISSING_ID, message, model, hint=hint)
+                    collector.report(document, MISSING_ID, message, model, hint=Hint(hint))
                     continue
                 ports = models_by_id.setdefault(id, {})
                 for port in model.iterchildren(*PORT_TAGS):
                     if len(ports) >= MAX_MODEL_PORTS:
                         # Every call of the tree has all ports: a short document could fill the memory.
                         message = f"the model of '{id}' has more than {MAX_MODEL_PORTS:,} ports"
-                        collector.report(document, TREE_TOO_LARGE, message, model, "ID")
+                        collector.report(document, TREE_TOO_LARGE, message, model, attribute="ID")
                         break
                     _add_model_port(document, port, ports, dialect, collector)
     return models_by_id
@@ -264,10 +271,10 @@ def _add_model_port(
     name = port.get("name")
     if name is None:
         message = f"missing name of the <{port.tag}>"
-        collector.report(document, MISSING_ID, message, port, hint=f'write <{port.tag} name="…"/>')
+        collector.report(document, MISSING_ID, message, port, hint=Hint(f'write <{port.tag} name="…"/>'))
         return
     error = model_port_name_error(name) if dialect.checks_names else ""
     if error:
         message = f"invalid port name '{name}' in the model of a subtree: {error}"
-        collector.report(document, INVALID_NAME, message, port, "name")
+        collector.report(document, INVALID_NAME, message, port, attribute="name")
     ports[name] = port.get("default")

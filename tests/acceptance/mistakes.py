@@ -104,10 +104,10 @@ def nodes_with_leaves(
 
         return Check if manifest.type is btcore.NodeType.CONDITION else Leaf
 
-    for ID, manifest in list(nodes.manifests.items()):
-        if ID not in own:
-            nodes.remove(ID)
-            nodes.add(leaf_class(manifest), ID=ID)
+    for id, manifest in list(nodes.manifests.items()):
+        if id not in own:
+            nodes.remove(id)
+            nodes.add(leaf_class(manifest), ID=id)
     return nodes
 
 

@@ -228,10 +228,10 @@ def missing_nodes() -> list[str]:
     registry = Registry.standard()
     kinds = (NodeType.CONTROL, NodeType.DECORATOR)
     return [
-        f"{ID} of format {format}"
+        f"{id} of format {format}"
         for format, known in NODES.items()
-        for ID, manifest in registry.manifests_of(format).items()
-        if manifest.type in kinds and ID not in known
+        for id, manifest in registry.manifests_of(format).items()
+        if manifest.type in kinds and id not in known
     ]
 
 
@@ -414,18 +414,18 @@ class _Writer:
 
     def subtree(self, leaves: int, depth: int) -> str:
         """Return a SubTree, which uses the entries of the tree around it."""
-        ID = f"Sub{len(self.subtrees)}"
+        id = f"Sub{len(self.subtrees)}"
         self.subtrees.append("")
         if self.format == 4:
-            tag, attributes = "SubTree", {"ID": ID, "_autoremap": "true"}
+            tag, attributes = "SubTree", {"ID": id, "_autoremap": "true"}
         else:
             shared = self.rng.random() < 0.5
             tag = "SubTree" if shared else "SubTreePlus"
-            attributes = {"ID": ID, "__shared_blackboard" if shared else "__autoremap": "true"}
+            attributes = {"ID": id, "__shared_blackboard" if shared else "__autoremap": "true"}
         name = self.start(tag, attributes)
         written = f"<{self.head(name)}/>"
         inside = self.element(leaves, depth + 1)
-        self.subtrees[int(ID.removeprefix("Sub"))] = f'<BehaviorTree ID="{ID}">{inside}</BehaviorTree>'
+        self.subtrees[int(id.removeprefix("Sub"))] = f'<BehaviorTree ID="{id}">{inside}</BehaviorTree>'
         return written
 
 

@@ -24,9 +24,8 @@ from planned_server import Plan, planned_server
 from btcore_ros2.session import RosSession
 from btcore_ros2.testing import isolate_ros
 
-MAX_NAMES = 200
-"""The number of topics; with fewer goals, as many as goals."""
-
+NAMES = 200
+WARM_UP = 2 * NAMES
 LIMIT_S = 120.0
 IN_PROGRESS = 5
 """How many goals are sent before the first has ended; the queue of a service in ROS 2 has 10 places."""
@@ -120,10 +119,9 @@ class GoalRun:
 
     Args:
         folder: A folder for the files.
-        names: The number of topics.
     """
 
-    def __init__(self, folder: Path, names: int) -> None:
+    def __init__(self, folder: Path) -> None:
         from btcpp_ros2_interfaces.action import ExecuteTree
         from btcpp_ros2_interfaces.srv import GetTrees
         from rclpy.action import ActionClient
@@ -132,7 +130,6 @@ class GoalRun:
         self.sent = 0
         self._goal_type = ExecuteTree.Goal
         self._folder = folder
-        self._names = names
         self._trees = folder / "trees.xml"
         self._peer = planned_server()
         self._peer.__enter__()
@@ -159,10 +156,7 @@ class GoalRun:
         for _ in range(count):
             number = self.sent
             self.sent += 1
-            topics = {
-                "topic": f"/topic{number % self._names}",
-                "other": f"/topic{(7 * number + 1) % self._names}",
-            }
+            topics = {"topic": f"/topic{number % NAMES}", "other": f"/topic{(7 * number + 1) % NAMES}"}
             pending.append(self._start(KINDS[number % 7 % len(KINDS)], topics))
             if len(pending) >= IN_PROGRESS:
                 self._end(*pending.pop(0))
@@ -232,10 +226,9 @@ def main() -> int:
     options = parser.parse_args()
     isolate_ros()
     with tempfile.TemporaryDirectory() as folder:
-        names = min(MAX_NAMES, options.goals)
-        run = GoalRun(Path(folder), names)
+        run = GoalRun(Path(folder))
         try:
-            run.send(2 * names)
+            run.send(WARM_UP)
             before, began = run.resting_counts(EXPIRY_S), time.monotonic()
             for _ in range(10):
                 run.send(options.goals // 10)

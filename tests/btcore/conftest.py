@@ -68,7 +68,7 @@ def document() -> Callable[..., str]:
     ) -> str:
         if not isinstance(others, str):
             lines = [
-                f'  <BehaviorTree ID="{ID}">{content}</BehaviorTree>\n' for ID, content in others.items()
+                f'  <BehaviorTree ID="{id}">{content}</BehaviorTree>\n' for id, content in others.items()
             ]
             others = "".join(lines)
         return f'<root {root}>\n  <BehaviorTree ID="Main">\n    {body}\n  </BehaviorTree>\n{others}</root>\n'

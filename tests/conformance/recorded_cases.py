@@ -3,6 +3,9 @@
 A case contains a tree, a script or a text to convert, and the result that BehaviorTree.CPP returned. The
 program prints `N passed, M failed` and the first differences, and exits with 1 if there is a difference.
 Differences that docs/reference/differences.md describes are counted separately, and are no failures.
+
+The leaves and the journal, which many tests import, are in this file because the program runs alone: to test
+an installed btcore, its path must not contain the repository, and therefore not the package `tests`.
 """
 
 import gzip

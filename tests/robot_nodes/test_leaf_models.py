@@ -56,15 +56,15 @@ def shipped() -> dict[str, Manifest]:
     nodes.add_plugins()
     leaves = (NodeType.ACTION, NodeType.CONDITION)
     return {
-        ID: manifest
-        for ID, manifest in nodes.manifests_of(4).items()
+        id: manifest
+        for id, manifest in nodes.manifests_of(4).items()
         if manifest.distribution != "btcore"
         and (manifest.type in leaves or (manifest.type is NodeType.DECORATOR and resources_of(manifest)))
     }
 
 
 SHIPPED = shipped()
-IDS = sorted(ID for ID, manifest in SHIPPED.items() if not resources_of(manifest) & ROS)
+IDS = sorted(id for id, manifest in SHIPPED.items() if not resources_of(manifest) & ROS)
 
 
 # --- what a model excludes
@@ -186,7 +186,7 @@ def values_of(name: str, kind: str) -> list[object]:
 
 def elements_of(ids: list[str]) -> list[str]:
     """Return the elements of nodes."""
-    return [_element(SHIPPED[ID], number) for number, ID in enumerate(ids)]
+    return [_element(SHIPPED[id], number) for number, id in enumerate(ids)]
 
 
 def _element(manifest: Manifest, number: int) -> str:
@@ -216,9 +216,9 @@ def tree_of(elements: list[str], resources: list[object], clock: Any, watch: typ
 
 def write_inputs(tree: btcore.Tree, ids: list[str], rng: random.Random) -> None:
     """Write values to the entries that inputs read; an optional input may remain unwritten."""
-    for ID in ids:
-        model = model_of(SHIPPED[ID])
-        for port in SHIPPED[ID].ports.values():
+    for id in ids:
+        model = model_of(SHIPPED[id])
+        for port in SHIPPED[id].ports.values():
             values = values_of(port.name, port.type.name) or ([205] if port.name == "error_code" else [])
             if not port.writes and values and (port.name not in model.optional or rng.random() < 0.5):
                 tree.blackboard[f"in_{port.name}"] = rng.choice(values)
@@ -360,8 +360,8 @@ def test_leaves_follow_their_models_in_random_schedules(robot: Any, tmp_path: An
             robot.clock.sleep(rng.choice([0.0, 0.05, 0.1, 1.2, 8.0]))
     assert sorted(set(watch.faults)) == []
     # Every node has completed, or is endless.
-    never = {ID for ID in IDS if not model_of(SHIPPED[ID]).endless} - {
-        ID for ID, result in watch.seen if result in ("SUCCESS", "FAILURE")
+    never = {id for id in IDS if not model_of(SHIPPED[id]).endless} - {
+        id for id, result in watch.seen if result in ("SUCCESS", "FAILURE")
     }
     assert never == set()
 
@@ -399,7 +399,7 @@ def test_leaves_follow_their_models_in_the_simulator(explores: bool, tmp_path: A
     records(stack.servers, "send_goal", wheels, lambda goal, action, name="": action * (action in DRIVING))
     places = Waypoints({"recharge": Pose2D(0, 0, 0), "wp1": Pose2D(1, 1, 0)}, "here")
     resources = [robot, stack, stack.servers, tracker, locator, places, MapFile(tmp_path / "map.yaml")]
-    ids = [ID for ID in IDS if explores or ID not in ("Explore", "SaveMap")]
+    ids = [id for id in IDS if explores or id not in ("Explore", "SaveMap")]
     rng = random.Random(2)
     watch = watch_of(rng, 0.9, 0.02)
     watch.used = wheels

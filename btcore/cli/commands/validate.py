@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 import click
+from rich.console import Console
 from rich.text import Text
 
 from btcore.blackboard.ports import remapped_key
@@ -49,7 +50,11 @@ class _FixedFile(NamedTuple):
 @click.option("--strict", is_flag=True, help="Treat warnings as errors.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
 @click.option("--fix", is_flag=True, help="Correct the files, as far as no decision of a person is needed.")
-@click.option("--diff", is_flag=True, help="Print what --fix would change, and change nothing.")
+@click.option(
+    "--diff",
+    is_flag=True,
+    help="Print what --fix would change, instead of changing it, and the errors and warnings on stderr.",
+)
 def validate(
     sources: Sequence[str],
     options: TreeOptions,
@@ -69,13 +74,13 @@ def validate(
       0  no errors
       2  errors, or with --strict warnings
     """
-    if as_json and diff:
-        raise click.UsageError("--json and --diff cannot be used together.")
+    if diff and (as_json or fix):
+        raise click.UsageError(f"{'--json' if as_json else '--fix'} and --diff cannot be used together.")
     paths = [path for source in sources for path in _find_files(source)]
-    if fix and STDIN in paths:
-        raise click.UsageError("--fix cannot change stdin; --diff prints what it would change in a file.")
+    if (fix or diff) and STDIN in paths:
+        raise click.UsageError(f"{'--fix' if fix else '--diff'} needs a file, not stdin.")
     libraries = load_libraries(options.plugins, options.models, options.confined, btcore_packages=False)
-    given = [remapped_key(key, key) or key for key in given]
+    given = [remapped_key(key, key) or key for key in given]  # a key may also be given as {key}
 
     def check(file: Path, text: str | None = None) -> list[Diagnostic]:
         """Return the problems of a file, or of the *text* that replaces its content."""
@@ -89,17 +94,17 @@ def validate(
         nodes = libraries.nodes_for(document)
         return validate_document(document, nodes=nodes, tree=options.tree, format=options.format, given=given)
 
-    fixed = [_fix_file(path, check) for path in paths if path != STDIN] if fix or diff else []
+    fixed = [_fix_file(path, check) for path in paths] if fix or diff else []
     if diff:
         _print_difference(fixed)
     for path, before, after, _ in fixed:
-        if not diff and before != after:
+        if fix and before != after:
             files.write(path, after.encode())
     diagnostics = [item for path in paths for item in check(path)]
     errors = [item for item in diagnostics if item.is_error]
     warnings = [item for item in diagnostics if not item.is_error]
     valid = not errors and not (strict and warnings)
-    fix_count = sum(file.fix_count for file in fixed)
+    fix_count = sum(file.fix_count for file in fixed) if fix else 0
     if as_json:
         shown, _ = shown_diagnostics([*errors, *warnings])
         data = {
@@ -110,8 +115,9 @@ def validate(
             "omitted": len(diagnostics) - len(shown),
         }
         terminal.print_json(data)
-    elif not diff:
-        _print(errors, warnings, len(paths), fix_count, valid)
+    else:
+        console = terminal.stderr_console() if diff else terminal.stdout_console()
+        _print(console, errors, warnings, len(paths), fix_count, valid)
         terminal.print_notes(libraries.missing_library_notes(diagnostics))
     return ExitCode.SUCCESS if valid else ExitCode.USER_ERROR
 
@@ -152,9 +158,13 @@ def _print_difference(fixed: Iterable[_FixedFile]) -> None:
 
 
 def _print(
-    errors: Sequence[Diagnostic], warnings: Sequence[Diagnostic], file_count: int, fix_count: int, valid: bool
+    console: Console,
+    errors: Sequence[Diagnostic],
+    warnings: Sequence[Diagnostic],
+    file_count: int,
+    fix_count: int,
+    valid: bool,
 ) -> None:
-    console = terminal.stdout_console()
     diagnostics = [*errors, *warnings]
     if diagnostics:
         terminal.print_diagnostics(diagnostics, console)

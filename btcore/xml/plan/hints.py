@@ -3,28 +3,29 @@
 from collections.abc import Mapping
 from functools import cache, cached_property
 
-from btcore.diagnostics import Hint
+from btcore.diagnostics import NO_HINT, Hint
 from btcore.entry_points import UnavailableEntryPoint, unsearched_libraries
-from btcore.fixes import CallTree, DeclareNode, Rename, SetFormat, SetValue
+from btcore.fixes import CallTree, DeclareNode, Fix, Rename, SetFormat
 from btcore.names import is_port_name
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.suggestions import join_names, nearest_name, suggestion
-from btcore.values import BOOL, EnumType, ValueType
 from btcore.xml.define import Definitions
 from btcore.xml.read.dialect import EXPLICIT_TAGS, NODE_REPLACEMENTS
 from btcore.xml.read.document import DiagnosticCollector
 
 
-class UnknownNodeHints:
-    """Makes hints for the unknown nodes of a document and its includes."""
+class UnknownNameHints:
+    """Makes hints for the unknown nodes and ports of a document and its includes.
+
+    After `MAX_COMPARISONS` comparisons of names, the hints are empty.
+    """
 
     def __init__(self, definitions: Definitions, registry: Registry, collector: DiagnosticCollector) -> None:
         self._registry = registry
-        self._format = definitions.dialect.format
         self._collector = collector
+        self._format = definitions.dialect.format
         self._trees = definitions.by_id
-        self._plugin_suggested = False
         # The files that declare nodes in their TreeNodesModel, by ID.
         self._declaring_files = {
             model.get("ID"): document.file
@@ -34,92 +35,110 @@ class UnknownNodeHints:
         }
 
     @cached_property
-    def manifests(self) -> Mapping[str, Manifest]:
-        """The registered nodes of the format, by ID."""
+    def _manifests(self) -> Mapping[str, Manifest]:
         return self._registry.manifests_of(self._format)
 
-    def hint(self, name: str) -> Hint:
-        """Return a hint for an unknown node; the first of the hints suggests to load a plugin."""
-        if not self._collector.take_comparisons(self.manifests):
-            return Hint()
-        if name in self._trees:
-            fix = CallTree(is_safe=True)
-            return Hint(f"'{name}' is a tree: write <SubTree ID=\"{name}\"/>", (fix,))
+    def for_node(self, name: str) -> Hint:
+        """Return the hint for the most likely reason why the node *name* is unknown."""
+        if not self._collector.take_comparisons(self._manifests):
+            return NO_HINT
+        return (
+            self._tree_hint(name)
+            or self._version_hint(name)
+            or self._declaration_hint(name)
+            or self._registry_hint(name)
+            or self._spelling_hint(name)
+        )
+
+    def for_port(self, manifest: Manifest, name: str) -> Hint:
+        """Return a hint for a port *name* that the node of *manifest* doesn't have."""
+        if not self._collector.take_comparisons(manifest.ports):
+            return NO_HINT
+        similar = next(
+            (item for item in manifest.parameters if item.name == name and item.looks_like_port), None
+        )
+        if similar is not None:
+            type_name = similar.type_name
+            in_port = suggestion(f"{name}: In[{type_name}]")
+            return Hint(f"its parameter '{name}: {type_name}' is a resource; {in_port}")
+        if not manifest.ports:
+            return Hint("it has no ports")
+        near = nearest_name(name, manifest.ports)
+        if near is not None:
+            return Hint.similar_name(near)
+        ports = join_names([f"'{port}'" for port in manifest.ports])
+        return Hint(f"its ports are {ports}" if len(manifest.ports) > 1 else f"its only port is {ports}")
+
+    def _tree_hint(self, name: str) -> Hint | None:
+        if name not in self._trees:
+            return None
+        return Hint(f"'{name}' is a tree: write <SubTree ID=\"{name}\"/>", (CallTree(is_safe=True),))
+
+    def _version_hint(self, name: str) -> Hint | None:
+        """Return the hint for a node of another version of BehaviorTree.CPP."""
         successor = NODE_REPLACEMENTS.get(name)
         if successor is not None and self._registry.get(successor, self._format) is not None:
             return Hint(f"use <{successor}>, which replaces it", (Rename(successor, is_safe=True),))
         other = 3 if self._format == 4 else 4
-        if self._registry.get(name, other) is not None:
-            hint = f'<{name}> belongs to format {other}: write <root BTCPP_format="{other}">'
-            return Hint(hint, (SetFormat(other),))
-        if name in self._declaring_files:
-            model = f"--model {self._declaring_files[name] or 'FILE'}"
-            return Hint(
-                "a <TreeNodesModel> declares it, but its code is not registered: use --plugin or nodes.add, "
-                f"or {model} to work without the code"
-            )
-        declare = (DeclareNode(name),) if is_port_name(name) else ()
-        if not self.manifests:
-            hint = "the registry is empty: start with Registry.standard(), which has the built-in nodes"
-            return Hint(hint, declare)
-        # A registry without installed libraries is that of a program: the commands load them all.
-        is_program = not any(manifest.is_overridable for manifest in self.manifests.values())
-        installed, unavailable = _installed_nodes() if is_program else (self._registry, [])
-        provided = installed.get(name, self._format)
-        if provided is not None:
-            hint = (
-                f"the installed library {provided.distribution} provides it: call nodes.add_plugins() of the "
-                "registry, and pass nodes=nodes"
-            )
-            return Hint(hint, declare)
-        searched = "searched: " + ", ".join(self._distributions())
-        near = nearest_name(name, [*self.manifests, *EXPLICIT_TAGS])
-        hint = searched if near is None else f"{suggestion(f'<{near}>')}   {searched}"
-        if not self._plugin_suggested:
-            self._plugin_suggested = True
-            hint += "; load a plugin that provides it (--plugin, or nodes.add_plugin)"
-            hint += "".join(f"; {note}" for note in unsearched_libraries(unavailable))
-        rename = () if near is None else (Rename(near),)
-        return Hint(hint, (*rename, *declare))
+        if self._registry.get(name, other) is None:
+            return None
+        text = f'<{name}> belongs to format {other}: write <root BTCPP_format="{other}">'
+        return Hint(text, (SetFormat(other),))
+
+    def _declaration_hint(self, name: str) -> Hint | None:
+        if name not in self._declaring_files:
+            return None
+        model = f"--model {self._declaring_files[name] or 'FILE'}"
+        return Hint(
+            "a <TreeNodesModel> declares it, but its code is not registered: use --plugin or nodes.add, "
+            f"or {model} to work without the code"
+        )
+
+    def _registry_hint(self, name: str) -> Hint | None:
+        """Return the hint for a registry that lacks the built-in nodes, or an installed library."""
+        if not self._manifests:
+            text = "the registry is empty: start with Registry.standard(), which has the built-in nodes"
+            return Hint(text, _declaration(name))
+        provided = self._libraries[0].get(name, self._format)
+        if provided is None:
+            return None
+        text = (
+            f"the installed library {provided.distribution} provides it: call nodes.add_plugins() of the "
+            "registry, and pass nodes=nodes"
+        )
+        return Hint(text, _declaration(name))
+
+    def _spelling_hint(self, name: str) -> Hint:
+        near = nearest_name(name, [*self._manifests, *EXPLICIT_TAGS])
+        if near is not None:
+            return Hint(suggestion(f"<{near}>"), (Rename(near), *_declaration(name)))
+        searched = f"searched: {', '.join(self._distributions())}"
+        load = "load a plugin that provides it (--plugin, or nodes.add_plugin)"
+        unsearched = unsearched_libraries(self._libraries[1])
+        return Hint("; ".join([searched, load, *unsearched]), _declaration(name))
+
+    @cached_property
+    def _libraries(self) -> tuple[Registry, list[UnavailableEntryPoint]]:
+        """The registry with the nodes of installed libraries, and the libraries that cannot be imported.
+
+        The commands load all libraries; a program may have loaded none.
+        """
+        is_program = not any(manifest.is_overridable for manifest in self._manifests.values())
+        return _installed_nodes() if is_program else (self._registry, [])
 
     def _distributions(self) -> list[str]:
         """Return the names of the Python distributions that provide the nodes, btcore first."""
-        names = {manifest.distribution for manifest in self.manifests.values()}
+        names = {manifest.distribution for manifest in self._manifests.values()}
         if "__main__" in names:
             names = (names - {"__main__"}) | {"your program"}
         return sorted(names, key=lambda name: (name != "btcore", name))
+
+
+def _declaration(name: str) -> tuple[Fix, ...]:
+    return (DeclareNode(name),) if is_port_name(name) else ()
 
 
 @cache
 def _installed_nodes() -> tuple[Registry, list[UnavailableEntryPoint]]:
     nodes = Registry()
     return nodes, nodes.add_installed()
-
-
-def literals_of(value_type: ValueType) -> list[str]:
-    """Return the texts of all values of an enum or a Boolean; no texts for other types."""
-    if isinstance(value_type, EnumType):
-        return [value_type.to_text(member) for member in value_type.members]
-    return ["true", "false"] if value_type is BOOL else []
-
-
-def value_hint(value_type: ValueType) -> Hint:
-    """Return the hint, without a text, for a literal that is not of the type *value_type*."""
-    literals = literals_of(value_type)
-    return Hint("", (SetValue(*literals),) if literals else ())
-
-
-def port_hint(manifest: Manifest, name: str) -> Hint:
-    """Return a hint for a port *name* that the node of *manifest* doesn't have."""
-    similar = next((item for item in manifest.parameters if item.name == name and item.looks_like_port), None)
-    if similar is not None:
-        type_name = similar.type_name
-        in_port = suggestion(f"{name}: In[{type_name}]")
-        return Hint(f"its parameter '{name}: {type_name}' is a resource; {in_port}")
-    if not manifest.ports:
-        return Hint("it has no ports")
-    near = nearest_name(name, manifest.ports)
-    if near is not None:
-        return Hint.similar_name(near)
-    ports = join_names([f"'{port}'" for port in manifest.ports])
-    return Hint(f"its ports are {ports}" if len(manifest.ports) > 1 else f"its only port is {ports}")

@@ -258,7 +258,7 @@ def _measure_from(
         message = f"with all its subtrees the tree is more than {MAX_DEPTH:,} levels deep"
     if message:
         document, element = root.definition.document, root.definition.element
-        collector.report(document, TREE_TOO_LARGE, message, element, "ID", hint=hint)
+        collector.report(document, TREE_TOO_LARGE, message, element, attribute="ID", hint=Hint(hint))
         del sizes[root.id]
 
 
@@ -274,7 +274,7 @@ def _add_cycle(
     message = f"the trees call each other recursively: {' → '.join([*cycle, call.tree_id])}"
     document = tree.definition.document
     hint = "a tree can't contain itself"
-    collector.report(document, RECURSIVE_TREES, message, call.element, "ID", hint=hint)
+    collector.report(document, RECURSIVE_TREES, message, call.element, attribute="ID", hint=Hint(hint))
 
 
 def _check_scripts(tree: TreePlan, enums: dict[str, int], collector: DiagnosticCollector) -> None:
@@ -299,4 +299,4 @@ def report_script_error(
         key: The attribute that holds the script.
     """
     message = f"invalid script in '{key}' of <{node.id}>: {error.message}"
-    collector.report(document, SCRIPT_SYNTAX, message, node.element, key, within=error.column)
+    collector.report(document, SCRIPT_SYNTAX, message, node.element, attribute=key, within=error.column)

@@ -27,8 +27,9 @@ from btcore.diagnostic_codes import (
     UNKNOWN_TREE,
     UNREACHABLE_CHILD,
     WRONG_CHILD_COUNT,
+    DiagnosticCode,
 )
-from btcore.diagnostics import Hint
+from btcore.diagnostics import NO_HINT, Hint
 from btcore.engine.node_config import MAX_NODES
 from btcore.errors import ConversionError
 from btcore.fixes import (
@@ -54,15 +55,15 @@ from btcore.names import (
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.status import NodeType
-from btcore.values import BOOL
+from btcore.values import BOOL, EnumType, ValueType
 from btcore.xml.define import Definitions, TreeDefinition, tree_hint
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.read.dialect import EXPLICIT_TAGS, Dialect
-from btcore.xml.read.document import DiagnosticCollector, Document
-from btcore.xml.read.element import Element
+from btcore.xml.read.document import DiagnosticCollector
+from btcore.xml.read.element import Element, ElementPart
 
 if TYPE_CHECKING:
-    from btcore.xml.plan.hints import UnknownNodeHints
+    from btcore.xml.plan.hints import UnknownNameHints
 
 MAX_SUGGESTED_TREES: Final = 20
 """Maximum number of trees that are suggested for a SubTree element without an ID."""
@@ -97,6 +98,19 @@ def wrapping_fixes(most: int) -> tuple[Fix, ...]:
         most: The maximum number of children.
     """
     return tuple(WrapChildren(tag, most - 1) for tag in ("Sequence", "Fallback"))
+
+
+def literals_of(value_type: ValueType) -> list[str]:
+    """Return the texts of all values of an enum or a Boolean; no texts for other types."""
+    if isinstance(value_type, EnumType):
+        return [value_type.to_text(member) for member in value_type.members]
+    return ["true", "false"] if value_type is BOOL else []
+
+
+def value_hint(value_type: ValueType) -> Hint:
+    """Return the hint, without a text, for a literal that is not of the type *value_type*."""
+    literals = literals_of(value_type)
+    return Hint("", (SetValue(*literals),) if literals else ())
 
 
 class _TagRule(NamedTuple):
@@ -152,10 +166,8 @@ class TreePlanner:
         # Names of attributes that _select_attributes() kept. Its decision depends only on the name, so it is
         # not called again for these names.
         self._kept_attributes: set[str] = set()
-        self._unknown_node_hints: UnknownNodeHints | None = None
-        # Of the tree that is being planned:
-        self._document: Document = definitions.sources.main_document
-        self._own_id = ""
+        self._unknown_name_hints: UnknownNameHints | None = None
+        self._definition: TreeDefinition  # of the tree that is being planned
 
     # --- the first pass: create node plans, and check the structure of the tree
 
@@ -165,12 +177,12 @@ class TreePlanner:
         Returns:
             The plans in pre-order, beginning with the root; [] if there is no root.
         """
-        self._document = definition.document
-        self._own_id = definition.id
-        top, dialect, limit = definition.element, self._dialect, definition.document.max_depth
-        ignored: set[NodePlan] = set()
+        self._definition = definition
+        ignoring_tags = self._dialect.tags_with_ignored_children
         nodes: list[NodePlan] = []
-        pending = [NodePlan(top, 0)]
+        # Ignored nodes are checked, as in BehaviorTree.CPP, but not planned.
+        ignored: set[NodePlan] = set()
+        pending = [NodePlan(definition.element, 0)]
         while pending:
             node = pending.pop()
             if node not in ignored:
@@ -178,39 +190,61 @@ class TreePlanner:
             if len(nodes) > MAX_NODES + 1:  # the first is the <BehaviorTree>
                 message = f"the tree has more than {MAX_NODES:,} nodes"
                 hint = Hint("nodes are numbered with 16 bits")
-                self._collector.report(self._document, TREE_TOO_LARGE, message, top, "ID", hint)
+                self._report(TREE_TOO_LARGE, message, definition.element, attribute="ID", hint=hint)
                 return []
-            element = node.element
-            tag = element.tag
-            children = element.children
-            rule = self._tag_rules.get(tag) or self._add_tag_rule(tag)
-            if not children and rule.may_be_empty:
-                continue
-            if children:
-                children = element_children(element)
-                if len(children) != len(element.children):
-                    self._report_obsolete_roots(element)
-            if not rule.is_node:
-                self._check_other_tag(tag, element, children)
-            elif rule.counted_as is not None:
-                self._check_child_count(tag, rule.counted_as, element, children)
-            if not children:
-                continue
-            depth = node.depth + 1
-            if depth > limit:
-                message = f"elements are nested more than {limit:,} deep"
-                hint = Hint("split the tree into subtrees")
-                self._collector.report(self._document, TOO_DEEP, message, element, hint=hint)
-            elif tag not in dialect.tags_with_unchecked_children:
-                child_nodes = [NodePlan(child, depth) for child in children]
-                pending += reversed(child_nodes)
-                if tag in dialect.tags_with_ignored_children or node in ignored:
-                    ignored.update(child_nodes)
-                else:
-                    node.children = child_nodes
-        # A tree has one root: further roots are an error, reported above, and left out.
-        further_roots = nodes[0].children[1:]
-        return nodes[1 : nodes.index(further_roots[0])] if further_roots else nodes[1:]
+            element, depth = node.element, node.depth + 1
+            children = [NodePlan(child, depth) for child in self._check_element(element, depth)]
+            pending += reversed(children)
+            if element.tag in ignoring_tags or node in ignored:
+                ignored.update(children)
+            else:
+                # A tree has one root: further roots are an error, and ignored.
+                node.children = children if node.depth else children[:1]
+                ignored.update(children[len(node.children) :])
+        return nodes[1:]
+
+    def _check_element(self, element: Element, child_depth: int) -> list[Element]:
+        """Check the tag, the number of the children and their depth. Return the children to check next."""
+        tag = element.tag
+        children = element.children
+        rule = self._tag_rules.get(tag) or self._add_tag_rule(tag)
+        if not children and rule.may_be_empty:
+            return children
+        if children:
+            children = element_children(element)
+            if len(children) != len(element.children):
+                self._report_obsolete_roots(element)
+        if not rule.is_node:
+            self._check_other_tag(tag, element, children)
+        elif rule.counted_as is not None:
+            self._check_child_count(tag, rule.counted_as, element, children)
+        limit = self._definition.document.max_depth
+        if children and child_depth > limit:
+            hint = Hint("split the tree into subtrees")
+            self._report(TOO_DEEP, f"elements are nested more than {limit:,} deep", element, hint=hint)
+            return []
+        return [] if tag in self._dialect.tags_with_unchecked_children else children
+
+    def _report(
+        self,
+        code: DiagnosticCode,
+        message: str,
+        element: Element,
+        *,
+        attribute: str = "",
+        hint: Hint = NO_HINT,
+        part: ElementPart = "value",
+    ) -> None:
+        document = self._definition.document
+        self._collector.report(document, code, message, element, attribute=attribute, hint=hint, part=part)
+
+    @property
+    def _name_hints(self) -> "UnknownNameHints":
+        if self._unknown_name_hints is None:
+            from btcore.xml.plan.hints import UnknownNameHints  # only errors need it
+
+            self._unknown_name_hints = UnknownNameHints(self._definitions, self._registry, self._collector)
+        return self._unknown_name_hints
 
     def _add_tag_rule(self, tag: str) -> _TagRule:
         dialect, manifest = self._dialect, self._manifest(tag)
@@ -234,7 +268,7 @@ class TreePlanner:
         hint = Hint("remove it", (Remove(is_safe=True),))
         for child in element.iterchildren("Root"):
             message = "the obsolete <Root> is ignored"
-            self._collector.report(self._document, CAPITALISED_ROOT, message, child, hint=hint)
+            self._report(CAPITALISED_ROOT, message, child, hint=hint)
 
     def _check_other_tag(self, tag: str, element: Element, children: list[Element]) -> None:
         if tag == "BehaviorTree":
@@ -244,19 +278,19 @@ class TreePlanner:
         elif tag in EXPLICIT_TAGS:
             self._check_explicit(tag, element, children)
         else:
-            hint = self._unknown_node_hint(tag)
-            self._collector.report(self._document, UNKNOWN_NODE, f"unknown node <{tag}>", element, hint=hint)
+            hint = self._name_hints.for_node(tag)
+            self._report(UNKNOWN_NODE, f"unknown node <{tag}>", element, hint=hint)
 
     def _check_explicit(self, tag: str, element: Element, children: list[Element]) -> None:
         id = element.get("ID") or ""
         if not id:
             message, hint = f"the ID of the node is missing in <{tag}>", Hint(f'write <{tag} ID="…"/>')
-            self._collector.report(self._document, MISSING_ID, message, element, hint=hint)
+            self._report(MISSING_ID, message, element, hint=hint)
             return
         manifest = self._manifest(id)
         if manifest is None:
-            hint = self._unknown_node_hint(id)
-            self._collector.report(self._document, UNKNOWN_NODE, f"unknown node '{id}'", element, "ID", hint)
+            hint = self._name_hints.for_node(id)
+            self._report(UNKNOWN_NODE, f"unknown node '{id}'", element, attribute="ID", hint=hint)
             return
         node_type = manifest.type if self._dialect.type_from_id else EXPLICIT_TAGS[tag]
         self._check_child_count(id, node_type, element, children)
@@ -269,7 +303,7 @@ class TreePlanner:
         if node_type is NodeType.DECORATOR:
             if count != 1:
                 message, hint = f"<{id}> has {has}; a decorator has exactly 1", _one_child_hint(count)
-                self._collector.report(self._document, WRONG_CHILD_COUNT, message, element, hint=hint)
+                self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
         elif node_type is NodeType.CONTROL:
             manifest = self._manifest(id)
             least = 1 if manifest is None else max(manifest.spec.child_count_at_load[0], 1)
@@ -285,13 +319,13 @@ class TreePlanner:
                     # More children may be needed at the first tick than to load the tree.
                     needed = least if is_mock(manifest.cls) else max(least, manifest.spec.child_count[0])
                 hint = _more_children_hint(needed - count, roles)
-                self._collector.report(self._document, WRONG_CHILD_COUNT, message, element, hint=hint)
+                self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
             elif id == "ReactiveSequence":  # as BehaviorTree.CPP's parser, which knows this name only
                 self._check_asynchronous(children)
         elif count and node_type in _LEAVES:
             message = f"<{id}> has {has}; {_LEAVES[node_type]} has none"
             hint = Hint("remove it" if count == 1 else "remove them", (RemoveChildren(),))
-            self._collector.report(self._document, WRONG_CHILD_COUNT, message, element, hint=hint)
+            self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
 
     def _check_asynchronous(self, children: list[Element]) -> None:
         # W106 covers other asynchronous children, whose results must be inferred.
@@ -299,7 +333,7 @@ class TreePlanner:
         if len(found) > 1 and self._dialect.format == 4:
             message = "second AsyncSequence in a ReactiveSequence, which can have only one"
             hint = "only one child can be RUNNING at a time"
-            self._collector.report(self._document, SEVERAL_ASYNC_SEQUENCES, message, found[1], hint=hint)
+            self._report(SEVERAL_ASYNC_SEQUENCES, message, found[1], hint=Hint(hint))
 
     def _check_tree(self, element: Element, children: list[Element]) -> None:
         id = element.get("ID") or ""
@@ -309,53 +343,46 @@ class TreePlanner:
             if not FORBIDDEN.isdisjoint(id):
                 message = f"invalid tree ID '{id}': {forbidden_in(id)!r} is not allowed"
                 hint = Hint("use letters, digits, '_' and '-'")
-                self._collector.report(self._document, INVALID_NAME, message, element, "ID", hint)
+                self._report(INVALID_NAME, message, element, attribute="ID", hint=hint)
             elif id in RESERVED_IDS:
                 message = f"invalid tree ID '{id}': the name is reserved"
-                self._collector.report(self._document, INVALID_NAME, message, element, "ID")
+                self._report(INVALID_NAME, message, element, attribute="ID")
         count = len(children)
         if count != 1:
             message, hint = f"{label} has {count_text(count)}; a tree has exactly 1", _one_child_hint(count)
-            self._collector.report(self._document, WRONG_CHILD_COUNT, message, element, hint=hint)
+            self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
 
     def _check_call(self, tag: str, element: Element, children: list[Element]) -> None:
         id = element.get("ID") or ""
         if element.get("ID") is None or (not id and self._dialect.format == 4):
             message = f"the ID of the tree is missing in <{tag}>"
-            others = (tree_id for tree_id in self._definitions.by_id if tree_id != self._own_id)
+            others = (tree_id for tree_id in self._definitions.by_id if tree_id != self._definition.id)
             fixes = [SetAttributes({"ID": other}) for other in islice(others, MAX_SUGGESTED_TREES)]
             hint = Hint(f'write <{tag} ID="…"/>', tuple(fixes))
-            self._collector.report(self._document, MISSING_ID, message, element, hint=hint)
+            self._report(MISSING_ID, message, element, hint=hint)
         elif self._dialect.checks_names:
             self._check_not_a_node(id, element)
         if children and tag in self._dialect.tags_with_ignored_children:
             message = f'the children of <{tag} ID="{id}"> are ignored'
             hint = Hint("move them into the <BehaviorTree> that it calls, or remove them")
-            self._collector.report(self._document, UNREACHABLE_CHILD, message, children[0], hint=hint)
+            self._report(UNREACHABLE_CHILD, message, children[0], hint=hint)
         elif children:
             message = f'<{tag} ID="{id}"> has {count_text(len(children))}; a call of a tree has none'
             text = "move them into the <BehaviorTree> that it calls, or remove them"
             hint = Hint(text, (RemoveChildren(),))
-            self._collector.report(self._document, WRONG_CHILD_COUNT, message, element, hint=hint)
-
-    def _unknown_node_hint(self, id: str) -> Hint:
-        if self._unknown_node_hints is None:
-            from btcore.xml.plan.hints import UnknownNodeHints  # only errors need it
-
-            self._unknown_node_hints = UnknownNodeHints(self._definitions, self._registry, self._collector)
-        return self._unknown_node_hints.hint(id)
+            self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
 
     def _check_not_a_node(self, id: str, element: Element) -> None:
         known = self._manifest(id)
         if known is not None and not known.is_overridable:
             message, hint = f"invalid tree ID '{id}': a node has this name", "rename the tree"
-            self._collector.report(self._document, TREE_NAMED_AS_NODE, message, element, "ID", hint)
+            self._report(TREE_NAMED_AS_NODE, message, element, attribute="ID", hint=Hint(hint))
 
     # --- the second pass: add names, attributes, conditions, ports and calls of trees
 
     def complete(self, definition: TreeDefinition, nodes: list[NodePlan]) -> TreePlan:
         """Complete *nodes*, the result of `outline`; return the plan of the tree."""
-        self._document = definition.document
+        self._definition = definition
         tree = TreePlan(definition, nodes[0] if nodes else None)
         if nodes:
             self._complete_nodes(nodes, tree)
@@ -437,20 +464,15 @@ class TreePlanner:
                     )
                     fixes = (RenameAttribute("name"), Remove())
                     hint = Hint('to name the node, write name="…"', fixes)
-                    self._collector.report(self._document, UNEXPECTED_ID, message, node.element, key, hint)
+                    self._report(UNEXPECTED_ID, message, node.element, attribute=key, hint=hint)
             elif key in dialect.comment_attributes or (
                 dialect.allows_non_port_attributes and not is_port_name(key)
             ):
                 kept[key] = text
             else:
-                from btcore.xml.plan.hints import port_hint  # only errors need it
-
                 message = f"<{node.id}> has no port '{key}'"
-                may_search = self._collector.take_comparisons(manifest.ports)
-                hint = port_hint(manifest, key) if may_search else Hint()
-                self._collector.report(
-                    self._document, UNKNOWN_PORT, message, node.element, key, hint, part="name"
-                )
+                hint = self._name_hints.for_port(manifest, key)
+                self._report(UNKNOWN_PORT, message, node.element, attribute=key, hint=hint, part="name")
         if conditions:
             node.conditions = {
                 key: conditions[key]
@@ -463,7 +485,7 @@ class TreePlanner:
     def _check_name(self, node: NodePlan, text: str) -> None:
         if self._dialect.checks_names and not _CONTROL_CHARACTERS.isdisjoint(text):
             message = f"control character in the name {text!r}"
-            self._collector.report(self._document, CONTROL_CHARACTER_IN_NAME, message, node.element, "name")
+            self._report(CONTROL_CHARACTER_IN_NAME, message, node.element, attribute="name")
 
     def _create_binding(self, node: NodePlan, port: Port, text: str, by_text: dict[str, Binding]) -> Binding:
         """Return the binding of *port* to *text*, and cache it in *by_text* unless it is an error."""
@@ -494,8 +516,6 @@ class TreePlanner:
                 error = str(conversion_error)
         if not error:
             return True
-        from btcore.xml.plan.hints import value_hint  # only errors need it
-
         hint = value_hint(port_type)
         if binding.key is not None:
             key = "{=}" if "=" in text else text.strip()
@@ -505,7 +525,7 @@ class TreePlanner:
             fix = SetValue(f"{{{text}}}")
             hint = Hint(f"to use the blackboard entry, write {{{text}}}", (*hint.fixes, fix))
         message = f"the port '{port.name}' of <{node.id}> has the type {port_type.name}: {error}"
-        self._collector.report(self._document, INCONVERTIBLE_TEXT, message, node.element, port.name, hint)
+        self._report(INCONVERTIBLE_TEXT, message, node.element, attribute=port.name, hint=hint)
         return False
 
     # --- SubTree elements
@@ -529,12 +549,10 @@ class TreePlanner:
             return True
         if element.get("ID") is not None and definitions.are_complete:
             trees = definitions.by_id
-            hint = tree_hint(id, trees) if self._collector.take_comparisons(trees) else Hint()
+            hint = tree_hint(id, trees) if self._collector.take_comparisons(trees) else NO_HINT
             if id:
                 hint = Hint(hint.text, (*hint.fixes, CreateTree(id)))
-            self._collector.report(
-                self._document, UNKNOWN_TREE, f"unknown subtree '{id}'", element, "ID", hint
-            )
+            self._report(UNKNOWN_TREE, f"unknown subtree '{id}'", element, attribute="ID", hint=hint)
         return False
 
     def _select_call_attributes(self, node: NodePlan, call: SubtreeCall) -> None:
@@ -553,10 +571,8 @@ class TreePlanner:
     def _check_connections(self, call: SubtreeCall, model: Mapping[str, str | None]) -> None:
         element = call.element
         for key in call.invalid_flags:
-            from btcore.xml.plan.hints import value_hint  # only errors need it
-
             message = f"{key} must be 'true' or 'false', not '{element.get(key)}'"
-            self._collector.report(self._document, NOT_A_BOOLEAN, message, element, key, value_hint(BOOL))
+            self._report(NOT_A_BOOLEAN, message, element, attribute=key, hint=value_hint(BOOL))
         if call.format == 3 or call.autoremap:
             return
         for port, default in model.items():
@@ -567,4 +583,4 @@ class TreePlanner:
             message = f"<SubTree> lacks the port '{port}', which the model of '{call.tree_id}' requires"
             fix = SetAttributes({port: f"{{{port}}}"})
             hint = Hint(f'write {port}="…", or declare a default in <TreeNodesModel>', (fix,))
-            self._collector.report(self._document, MISSING_SUBTREE_PORT, message, element, "", hint)
+            self._report(MISSING_SUBTREE_PORT, message, element, hint=hint)

@@ -21,7 +21,7 @@ from btcore.diagnostic_codes import (
     DiagnosticCode,
     Kind,
 )
-from btcore.diagnostics import Diagnostic, Hint
+from btcore.diagnostics import NO_HINT, Diagnostic, Hint
 from btcore.errors import PortError, TreeError, UnknownNodeError, XmlSyntaxError
 from btcore.fixes import SetValue
 from btcore.input_files import read_error, read_file, real_path
@@ -108,8 +108,9 @@ class Document:
         code: DiagnosticCode,
         message: str,
         element: Element,
+        *,
         attribute: str = "",
-        hint: str | Hint = "",
+        hint: Hint = NO_HINT,
         part: ElementPart = "value",
         within: int = 0,
     ) -> Diagnostic:
@@ -117,7 +118,7 @@ class Document:
 
         Args:
             attribute: Name of the attribute; "" means the element itself.
-            hint: How to fix the problem, or "".
+            hint: How to fix the problem.
             part: Whether the diagnostic points to the attribute's name or to its value.
             within: Number of a character in the value, from 1; 0 means the whole value.
         """
@@ -189,18 +190,21 @@ class DiagnosticCollector:
         code: DiagnosticCode,
         message: str,
         element: Element,
+        *,
         attribute: str = "",
-        hint: str | Hint = "",
+        hint: Hint = NO_HINT,
         part: ElementPart = "value",
         within: int = 0,
-        width: int = 0,
+        width: int = 1,
     ) -> None:
         """Add a diagnostic about an element of *document*; see `Document.diagnostic`.
 
         Args:
-            width: The number of characters to mark from *within* on; 0 means 1.
+            width: The number of characters to mark from *within* on.
         """
-        diagnostic = document.diagnostic(code, message, element, attribute, hint, part, within)
+        diagnostic = document.diagnostic(
+            code, message, element, attribute=attribute, hint=hint, part=part, within=within
+        )
         self.add(diagnostic._replace(width=width) if width > diagnostic.width else diagnostic)
 
     def add(self, diagnostic: Diagnostic) -> None:
@@ -409,4 +413,4 @@ def _syntax_error(
 ) -> XmlSyntaxError:
     from btcore.xml.read.positions import span_at
 
-    return XmlSyntaxError([span_at(text, offset, width).diagnostic(code, message, file, hint)])
+    return XmlSyntaxError([span_at(text, offset, width).diagnostic(code, message, file, Hint(hint))])

@@ -23,16 +23,25 @@ class SourceSpan(NamedTuple):
     width: int
     source: str
 
-    def diagnostic(self, code: DiagnosticCode, message: str, file: str, hint: str | Hint = "") -> Diagnostic:
+    def diagnostic(self, code: DiagnosticCode, message: str, file: str, hint: Hint) -> Diagnostic:
         """Return a diagnostic about this range of *file*.
 
         Args:
             file: Name of the file in messages, or "".
-            hint: How to fix the problem, or "".
+            hint: How to fix the problem.
         """
-        text, fixes, key = Hint.of(hint)
-        place = (self.line, self.column)
-        return Diagnostic(code, message, file, *place, text, self.source, self.width, fixes, key)
+        return Diagnostic(
+            code,
+            message,
+            file,
+            self.line,
+            self.column,
+            hint.text,
+            self.source,
+            self.width,
+            hint.fixes,
+            hint.outer_key,
+        )
 
 
 class LineIndex:

@@ -108,7 +108,7 @@ class _Reader:
                 message = f"includes are nested more than {MAX_INCLUDE_DEPTH} deep"
             elif len(self.seen) >= MAX_INCLUDED_FILES:
                 message = f"the document includes more than {MAX_INCLUDED_FILES:,} files"
-                self.collector.report(document, INCLUDE_FAILED, message, element, "path")
+                self.collector.report(document, INCLUDE_FAILED, message, element, attribute="path")
                 break
             elif resolved in files:
                 cycle = files[files.index(resolved) :]
@@ -123,7 +123,9 @@ class _Reader:
                 else:
                     self.add(included, files)
             if message:
-                self.collector.report(document, INCLUDE_FAILED, message, element, "path", hint)
+                self.collector.report(
+                    document, INCLUDE_FAILED, message, element, attribute="path", hint=Hint(hint)
+                )
         self.documents.append(document)
 
     def _add_errors(self, error: XmlSyntaxError, document: Document, element: Element) -> None:
@@ -140,14 +142,16 @@ class _Reader:
                 if isinstance(fix, SetValue)
             ]
             hint = Hint(cause.hint, tuple(fixes))
-            self.collector.report(document, INCLUDE_FAILED, message, element, "path", hint=hint)
+            self.collector.report(document, INCLUDE_FAILED, message, element, attribute="path", hint=hint)
 
     def _find(self, document: Document, element: Element) -> Path | None:
         """Return the path of the file that *element* includes, or None after an error."""
         written = element.get("path")
         if not written:
             hint = 'write <include path="other.xml"/>'
-            self.collector.report(document, INCLUDE_FAILED, "missing path in <include>", element, hint=hint)
+            self.collector.report(
+                document, INCLUDE_FAILED, "missing path in <include>", element, hint=Hint(hint)
+            )
             return None
         path = Path(written)
         package = element.get("ros_pkg")
@@ -155,7 +159,7 @@ class _Reader:
             return path if path.is_absolute() else document.folder / path
         if path.is_absolute():
             message = f"ros_pkg '{package}' is ignored because the path is absolute"
-            self.collector.report(document, IGNORED_PACKAGE, message, element, "ros_pkg")
+            self.collector.report(document, IGNORED_PACKAGE, message, element, attribute="ros_pkg")
             return path
         folder = self._packages(package) if self._packages is not None else None
         if folder is None:
@@ -165,6 +169,8 @@ class _Reader:
                 if self._packages is None
                 else "the package resolver does not know it"
             )
-            self.collector.report(document, INCLUDE_FAILED, message, element, "ros_pkg", hint=hint)
+            self.collector.report(
+                document, INCLUDE_FAILED, message, element, attribute="ros_pkg", hint=Hint(hint)
+            )
             return None
         return Path(folder) / path

@@ -88,10 +88,10 @@ CLASSES: dict[str, type[TreeNode]] = {
 def nodes(hides: bool) -> Registry:
     """Return a registry with CLASSES; if *hides*, each has a port for each name that may be hidden."""
     registry = Registry.standard()
-    for ID, cls in CLASSES.items():
+    for id, cls in CLASSES.items():
         ports = dict.fromkeys(sorted(_MAY_BE_HIDDEN), In[str]) if hides else {}
         values = dict.fromkeys(ports, "value of a port")
-        registry.add(type(ID, (cls,), {"__annotations__": ports, "__module__": __name__, **values}), ID=ID)
+        registry.add(type(id, (cls,), {"__annotations__": ports, "__module__": __name__, **values}), ID=id)
     return registry
 
 

@@ -13,8 +13,8 @@ def sequence(*of: str) -> str:
     return children("Sequence", *of)
 
 
-def tree(ID: str, body: str = "<AlwaysSuccess/>") -> str:
-    return f'  <BehaviorTree ID="{ID}">\n    {body}\n  </BehaviorTree>\n'
+def tree(id: str, body: str = "<AlwaysSuccess/>") -> str:
+    return f'  <BehaviorTree ID="{id}">\n    {body}\n  </BehaviorTree>\n'
 
 
 def dedented(text: str) -> str:

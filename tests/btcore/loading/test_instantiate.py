@@ -31,8 +31,8 @@ def root_of(*parts: str, main: str = "M") -> str:
     return f'<root BTCPP_format="4" main_tree_to_execute="{main}">{"".join(parts)}</root>'
 
 
-def sub(body: str, ID: str = "Sub") -> str:
-    return f'<BehaviorTree ID="{ID}">{body}</BehaviorTree>'
+def sub(body: str, id: str = "Sub") -> str:
+    return f'<BehaviorTree ID="{id}">{body}</BehaviorTree>'
 
 
 # --- numbers, names and paths

@@ -20,8 +20,8 @@ from btcore import (
 def document(*trees: str, format: int = 4, include: str = "") -> str:
     """Return a document of *trees*, each `ID=element`."""
     named = "".join(
-        f'<BehaviorTree ID="{ID}">{element}</BehaviorTree>'
-        for ID, _, element in (tree.partition("=") for tree in trees)
+        f'<BehaviorTree ID="{id}">{element}</BehaviorTree>'
+        for id, _, element in (tree.partition("=") for tree in trees)
     )
     return f'<root BTCPP_format="{format}">{include}{named}</root>'
 

@@ -135,9 +135,9 @@ def test_id_of_a_built_in_node_of_any_format_is_refused() -> None:
     assert "'SequenceStar' is registered twice" in refused(Registry.standard().add, Wave, ID="SequenceStar")
 
 
-@pytest.mark.parametrize("ID", ["two words", "a/b", "a:b", "<x>", "a.b", "tab\t", "del\x7f", "Root", "root"])
-def test_id_that_groot_cannot_show_is_refused(ID: str) -> None:
-    assert f"'{ID}'" in refused(Registry.standard().add, bow, ID=ID)
+@pytest.mark.parametrize("id", ["two words", "a/b", "a:b", "<x>", "a.b", "tab\t", "del\x7f", "Root", "root"])
+def test_id_that_groot_cannot_show_is_refused(id: str) -> None:
+    assert f"'{id}'" in refused(Registry.standard().add, bow, ID=id)
 
 
 @pytest.mark.parametrize(
@@ -452,8 +452,8 @@ def test_every_part_of_btcore_registers_the_same_installed_libraries(
     others = [load_libraries(()).nodes, worker.Libraries([], (), (), trusted=False).nodes]
     for other in others:
         assert other.libraries == program.libraries
-        assert {ID: manifest.distribution for ID, manifest in other.manifests.items()} == {
-            ID: manifest.distribution for ID, manifest in program.manifests.items()
+        assert {id: manifest.distribution for id, manifest in other.manifests.items()} == {
+            id: manifest.distribution for id, manifest in program.manifests.items()
         }
     assert ("polite-robot" in program.libraries) is (limit is None)
     packages = {"btcore"} if limit == "" else {"btcore", "btcore_robot"}

@@ -9,7 +9,7 @@ import pytest
 
 import btcore
 from btcore import FAILURE, RUNNING, SUCCESS, Registry, Run, RunSettings, Status, provider
-from btcore.loading.load import plan_tree
+from btcore.loading.load import plan_inputs
 from btcore.runs.run import TreelessProgram
 from btcore.xml.read.document import parse_file
 
@@ -21,10 +21,10 @@ WriteTree = Callable[[str, str], Path]
 def write_tree(tmp_path: Path) -> WriteTree:
     """Return a function that writes a tree with the given ID and content, and returns the file."""
 
-    def write(ID: str, content: str) -> Path:
-        file = tmp_path / f"{ID}.xml"
+    def write(id: str, content: str) -> Path:
+        file = tmp_path / f"{id}.xml"
         file.write_text(
-            f'<root BTCPP_format="4"><BehaviorTree ID="{ID}">{content}</BehaviorTree></root>',
+            f'<root BTCPP_format="4"><BehaviorTree ID="{id}">{content}</BehaviorTree></root>',
             encoding="utf-8",
         )
         return file
@@ -209,7 +209,7 @@ def test_the_first_tree_can_be_replaced_while_the_others_continue(write_tree: Wr
 
 
 def test_the_plans_of_one_tree_make_a_tree_for_each_robot(write_tree: WriteTree, nodes: Registry) -> None:
-    plans = plan_tree(parse_file, [write_tree("Main", '<Call word="it" times="2"/>')], {"nodes": nodes})
+    plans = plan_inputs(parse_file, [write_tree("Main", '<Call word="it" times="2"/>')], {"nodes": nodes})
     with Run([plans, plans], providers=[radio], settings=[FAST]) as run:
         run.tick_to_end()
         assert run.find(Radio) == ["it 1", "it 1", "it 2", "it 2"]

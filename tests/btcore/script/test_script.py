@@ -166,14 +166,14 @@ class TestPrecedence:
             ("!!3", 1.0),
             ("-~1", 2.0),
             ("(2+3)*4", 20.0),
-            ("'a'..1+2", "error"),
         ],
     )
-    def test_operator_precedence(self, text: str, value: float | str) -> None:
-        if value == "error":
-            error_of(text)
-        else:
-            assert run(text) == value
+    def test_operator_precedence(self, text: str, value: float) -> None:
+        assert run(text) == value
+
+    def test_joining_and_adding_have_the_same_precedence(self) -> None:
+        assert run("1 + 2 .. 'a'") == "3.000000a"
+        assert "'+' does not support the text 'a1'" in error_of("'a' .. 1 + 2").message
 
     def test_assignment_extends_to_the_end_of_the_statement(self, board: Blackboard) -> None:
         assert run("a:=b:=1+2", board) == 3.0
@@ -202,6 +202,7 @@ class TestEvaluation:
         assert run("'a' + 'b'") == "ab"
         assert run("'a' .. 1 .. 1.5") == "a11.500000"
         assert run("1 .. 2") is None
+        error_of("'a' + 1")
 
     @pytest.mark.parametrize("script", ["s += s", "s := s .. s", "s := s + s"])
     def test_text_that_a_loop_doubles_has_a_maximum_length(self, script: str, board: Blackboard) -> None:
@@ -211,7 +212,6 @@ class TestEvaluation:
         message = error_of(script, board).message
         assert "would have 1,310,720 characters; a script can join at most 1,000,000" in message
         assert len(board.get("s")) == 655_360
-        error_of("'a' + 1")
 
     def test_bit_operators_require_integers_or_integral_reals(self, board: Blackboard) -> None:
         assert run("6 & 3.0") == 2.0

@@ -1,4 +1,7 @@
-"""Substitution rules and TestNode, in code and from JSON, as in BehaviorTree.CPP."""
+"""Substitution rules and TestNode, in code and from JSON, as in BehaviorTree.CPP.
+
+A number at the end of a test's name, such as `issue_934`, is that of an issue of BehaviorTree.CPP.
+"""
 
 import json
 from pathlib import Path
@@ -93,8 +96,8 @@ def test_rule_matches_an_id_a_name_or_a_path_with_wildcards(filter: str, replace
     registry = Registry.standard()
     registry.add(charged, drive)
     registry.substitute(filter, TestNodeConfig())
-    for ID in {"Charged", "Drive"} - {filter}:
-        registry.substitute(ID, "AlwaysSuccess")
+    for id in {"Charged", "Drive"} - {filter}:
+        registry.substitute(id, "AlwaysSuccess")
     assert [node.path for node in load(registry).find(TestNode)] == replaced
 
 

@@ -46,6 +46,6 @@ def nodes() -> Registry:
     """Return a registry of leaves for trees with errors."""
     made = Registry.standard()
     made.add(turn, lift, Broken)
-    for ID, thing in {"Drive": drive, "Say": hello}.items():
-        made.add(thing, ID=ID)
+    for id, thing in {"Drive": drive, "Say": hello}.items():
+        made.add(thing, ID=id)
     return made

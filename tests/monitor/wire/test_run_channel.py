@@ -29,26 +29,26 @@ from btcore_monitor.wire.run_channel import (
 )
 from btcore_scene import Box, MovingScene, Scan, StaticScene
 
-ID = "13d1ef3eabd249e29d185f4ad8d7fd3a"
+TREE_ID = "13d1ef3eabd249e29d185f4ad8d7fd3a"
 TICKS = TransitionsMessage(
-    *(ID, 3, 1_000, 2_000, 7, 300, 1, True, 41),
+    *(TREE_ID, 3, 1_000, 2_000, 7, 300, 1, True, 41),
     [TransitionRow(900, 1900, 7, 1, 0, 1), TransitionRow(950, 1950, 7, 2, 1, 2)],
 )
 MESSAGES = [
-    TreeMessage(ID, 5, 6, b"<root/>", 1, 9, {1: 0, 2: 4}),
+    TreeMessage(TREE_ID, 5, 6, b"<root/>", 1, 9, {1: 0, 2: 4}),
     StaticSceneMessage(
-        ID,
+        TREE_ID,
         StaticScene(parts=(Box(name="wall", size=(1.0, 2.0, 3.0), position=(0.0, 1.0, 1.5)),), frame="map"),
     ),
     TICKS,
     MovingSceneMessage(
-        ID, 4, 1_000, 2_000, MovingScene(stamp=1_000, scan=Scan(stamp=1, ranges=b"\x00\x00\x80\x3f"))
+        TREE_ID, 4, 1_000, 2_000, MovingScene(stamp=1_000, scan=Scan(stamp=1, ranges=b"\x00\x00\x80\x3f"))
     ),
-    BlackboardMessage(ID, 5, 1, 2, {"": {"x": 42, "goal": None}}),
-    ExceptionMessage(ID, 6, 1, 2, "Patrol/Move", "node 'Patrol/Move' raised"),
-    EndMessage(ID, 7, 1, 2, 3, 0),
-    HeartbeatMessage(ID, 7),
-    PieceMessage(ID, 3, 3, 7, [encode(TICKS)]),
+    BlackboardMessage(TREE_ID, 5, 1, 2, {"": {"x": 42, "goal": None}}),
+    ExceptionMessage(TREE_ID, 6, 1, 2, "Patrol/Move", "node 'Patrol/Move' raised"),
+    EndMessage(TREE_ID, 7, 1, 2, 3, 0),
+    HeartbeatMessage(TREE_ID, 7),
+    PieceMessage(TREE_ID, 3, 3, 7, [encode(TICKS)]),
 ]
 
 
@@ -73,9 +73,11 @@ def test_a_newer_version_is_refused_with_a_suggestion() -> None:
 
 
 def test_unknown_fields_and_kinds_of_messages_are_ignored() -> None:
-    whole = msgpack.unpackb(encode(HeartbeatMessage(ID, 7)))
-    assert decode(msgpack.packb(whole | {"mood": "fine"})) == HeartbeatMessage(ID, 7)
-    assert decode(msgpack.packb({"v": 1, "kind": "smell", "tree_id": ID, "seq": 8})) == UnknownMessage(ID, 8)
+    whole = msgpack.unpackb(encode(HeartbeatMessage(TREE_ID, 7)))
+    assert decode(msgpack.packb(whole | {"mood": "fine"})) == HeartbeatMessage(TREE_ID, 7)
+    assert decode(msgpack.packb({"v": 1, "kind": "smell", "tree_id": TREE_ID, "seq": 8})) == UnknownMessage(
+        TREE_ID, 8
+    )
 
 
 @pytest.mark.parametrize("message", MESSAGES, ids=lambda message: message.kind)
@@ -142,7 +144,7 @@ def test_any_value_in_any_field_raises_nothing_but_a_protocol_error(message: Any
 
 def ticks(seq: int, size: int) -> TransitionsMessage:
     rows = [TransitionRow(10**15 + seq, 10**18 + seq, seq, 1, 1 - row % 2, row % 2) for row in range(size)]
-    return TransitionsMessage(ID, seq, 10**15 + seq, 10**18 + seq, seq, 0, 1, True, 1, rows)
+    return TransitionsMessage(TREE_ID, seq, 10**15 + seq, 10**18 + seq, seq, 0, 1, True, 1, rows)
 
 
 def test_a_history_keeps_a_million_transitions_and_the_statuses_before_them() -> None:
@@ -162,7 +164,7 @@ def test_big_scenes_do_not_displace_transitions() -> None:
     history = History({}, 0, 0)
     scene_bytes = MAX_BUFFER_BYTES["moving"] // 40 * 4
     for seq in range(1, 41):
-        moving = MovingSceneMessage(ID, seq, 0, 0, MovingScene(scan=Scan(ranges=b"\x00" * scene_bytes)))
+        moving = MovingSceneMessage(TREE_ID, seq, 0, 0, MovingScene(scan=Scan(ranges=b"\x00" * scene_bytes)))
         history.add("ticks" if seq % 2 else "moving", encode(ticks(seq, 1) if seq % 2 else moving))
     kept = history_numbers(history)
     assert [seq for seq in kept if seq % 2] == list(range(1, 41, 2))
@@ -174,7 +176,7 @@ def history_numbers(history: History) -> list[int]:
     numbers: list[int] = []
     first = 1
     while first <= history.latest_seq:
-        piece = history.create_piece(ID, first)
+        piece = history.create_piece(TREE_ID, first)
         assert piece.first == first
         numbers += [decode(data).seq for data in piece.messages]
         first = piece.last + 1

@@ -40,7 +40,7 @@ from btcore_scene import (
     float32,
 )
 
-ID = "13d1ef3eabd249e29d185f4ad8d7fd3a"
+TREE_ID = "13d1ef3eabd249e29d185f4ad8d7fd3a"
 ROWS = np.array([[1.0, 2.0, 0.5]], dtype="<f4").tobytes()
 COSTS = Grid(
     name="global_costmap",
@@ -95,12 +95,12 @@ GRID, PICTURE, SURFACE = asdict(COSTS), asdict(CAMERA), asdict(MESH)
 
 
 def moving(**changed: object) -> MovingSceneMessage:
-    return MovingSceneMessage(ID, 1, 2, 3, replace(MOVING, **changed))
+    return MovingSceneMessage(TREE_ID, 1, 2, 3, replace(MOVING, **changed))
 
 
 def test_a_scene_is_unchanged_after_decoding_and_its_cells_are_compressed() -> None:
     assert decode(encode(moving())) == moving()
-    assert decode(encode(StaticSceneMessage(ID, STATIC))) == StaticSceneMessage(ID, STATIC)
+    assert decode(encode(StaticSceneMessage(TREE_ID, STATIC))) == StaticSceneMessage(TREE_ID, STATIC)
     sent = msgpack.unpackb(encode(moving()))["data"]["grids"][0]
     assert sent["coding"] == "zlib"
     assert len(sent["cells"]) < 50
@@ -112,7 +112,7 @@ def test_a_grid_of_a_single_cell_is_unchanged_after_decoding() -> None:
 
 
 def test_a_scene_is_encoded_as_a_plain_map_without_unset_fields() -> None:
-    data = msgpack.unpackb(encode(StaticSceneMessage(ID, replace(STATIC, grids=(), meshes=()))))["data"]
+    data = msgpack.unpackb(encode(StaticSceneMessage(TREE_ID, replace(STATIC, grids=(), meshes=()))))["data"]
     assert data == {
         "frame": "map",
         "parts": [
@@ -187,7 +187,7 @@ def test_unknown_fields_are_passed_on() -> None:
     ],
 )  # fmt: skip
 def test_invalid_data_is_reported(key: str, entries: Any, expected_message: str) -> None:
-    static = StaticSceneMessage(ID, STATIC)
+    static = StaticSceneMessage(TREE_ID, STATIC)
     whole = msgpack.unpackb(encode(static if key in ("parts", "meshes") else moving()))
     whole["data"][key] = entries
     with pytest.raises(ProtocolError, match=expected_message):
@@ -214,7 +214,9 @@ VALUES = st.recursive(
 @given(data=st.data())
 @settings(max_examples=3 * settings().max_examples)
 def test_any_value_in_a_scene_raises_nothing_but_a_protocol_error(data: Any) -> None:
-    whole = msgpack.unpackb(encode(data.draw(st.sampled_from([moving(), StaticSceneMessage(ID, STATIC)]))))
+    whole = msgpack.unpackb(
+        encode(data.draw(st.sampled_from([moving(), StaticSceneMessage(TREE_ID, STATIC)])))
+    )
     scene = whole["data"]
     key = data.draw(st.sampled_from(sorted(scene)))
     entry = scene[key][0] if isinstance(scene[key], list) else scene[key]
@@ -232,7 +234,7 @@ def test_pictures_are_sent_as_jpeg_and_look_the_same() -> None:
     rgb[:, 32:] = (10, 60, 220)
     picture = replace(CAMERA, size=(64, 48), data=rgb.tobytes())
     scene = MovingScene(pictures=[to_jpeg(picture)], battery=3.0)
-    sent = decode(encode(MovingSceneMessage(ID, 1, 2, 3, scene))).data
+    sent = decode(encode(MovingSceneMessage(TREE_ID, 1, 2, 3, scene))).data
     assert sent.battery == 3.0
     assert sent.pictures[0].format == "jpeg"
     assert len(sent.pictures[0].data) < rgb.size / 5

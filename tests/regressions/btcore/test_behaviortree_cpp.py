@@ -286,8 +286,8 @@ def test_cpp_672_nesting_within_the_limit_loads_and_ticks() -> None:
 )
 def test_cpp_672_trees_that_contain_themselves_are_refused(trees: dict[str, str], circle: str) -> None:
     text = "".join(
-        f'<BehaviorTree ID="{ID}"><Inverter><SubTree ID="{called}"/></Inverter></BehaviorTree>'
-        for ID, called in trees.items()
+        f'<BehaviorTree ID="{id}"><Inverter><SubTree ID="{called}"/></Inverter></BehaviorTree>'
+        for id, called in trees.items()
     )
     with pytest.raises(TreeError, match=f"call each other recursively: {circle}"):
         btcore.loads(f'<root BTCPP_format="4" main_tree_to_execute="Main">{text}</root>')

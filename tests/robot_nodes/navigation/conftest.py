@@ -260,7 +260,7 @@ class NavigationRig:
         self.costmap.update(now, self.robot.odometry().pose)
 
 
-def path_through(*points: tuple[float, float], yaw: float = 0.0, frame: str = "map") -> NavPath:
+def polyline_path(*points: tuple[float, float], yaw: float = 0.0, frame: str = "map") -> NavPath:
     """Return a path along straight lines between *points*, a pose every 5 cm, with final heading *yaw*."""
     places = [np.array(points[:1])]
     for (x0, y0), (x1, y1) in pairwise(points):

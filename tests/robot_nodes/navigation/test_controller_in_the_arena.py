@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from btcore_navigation.controller import FollowPathGoal
-from tests.robot_nodes.navigation.conftest import NavigationRig, path_through
+from tests.robot_nodes.navigation.conftest import NavigationRig, polyline_path
 
 pytest.importorskip("pybullet")
 
@@ -56,7 +56,7 @@ def test_an_s_shaped_path_between_boxes_is_followed_without_contact(arena: Calla
     rig = arena()
     beside = []
     handle = rig.follow_path.send_goal(
-        FollowPathGoal(path_through(START, (-1.5, -4.8), (-1.5, -1.5), (1.5, -1.5), (1.5, 1.6)))
+        FollowPathGoal(polyline_path(START, (-1.5, -4.8), (-1.5, -1.5), (1.5, -1.5), (1.5, 1.6)))
     )
 
     def done():
@@ -74,7 +74,7 @@ def test_a_box_on_a_path_with_a_corner_is_passed(
     arena: Callable[..., Any], seed: int, slip: float, slip_sigma: float
 ) -> None:
     rig = arena(slip=slip, slip_sigma=slip_sigma, seed=seed)
-    handle = rig.follow_path.send_goal(FollowPathGoal(path_through(START, (-3.15, -4.4), (-3.15, -1.5))))
+    handle = rig.follow_path.send_goal(FollowPathGoal(polyline_path(START, (-3.15, -4.4), (-3.15, -1.5))))
     rig.run(40.0, lambda: handle.done)
     assert handle.status == GoalStatus.SUCCEEDED
     assert touched_nothing(rig.robot)
@@ -93,7 +93,7 @@ def test_an_obstacle_on_a_straight_path_is_passed(
 ) -> None:
     yaw = math.atan2(end[1] - begin[1], end[0] - begin[0])
     rig = arena(at=(*begin, yaw), slip=0.0, slip_sigma=0.0)
-    handle = rig.follow_path.send_goal(FollowPathGoal(path_through(begin, end, yaw=yaw)))
+    handle = rig.follow_path.send_goal(FollowPathGoal(polyline_path(begin, end, yaw=yaw)))
     rig.run(40.0, lambda: handle.done)
     assert handle.status == GoalStatus.SUCCEEDED
     assert touched_nothing(rig.robot)
@@ -101,7 +101,7 @@ def test_an_obstacle_on_a_straight_path_is_passed(
 
 def test_the_arenas_wall_is_not_touched(arena: Callable[..., Any]) -> None:
     rig = arena()
-    handle = rig.follow_path.send_goal(FollowPathGoal(path_through(START, (-4.8, -8.0))))
+    handle = rig.follow_path.send_goal(FollowPathGoal(polyline_path(START, (-4.8, -8.0))))
     rig.run(40.0, lambda: handle.done)
     assert handle.status == GoalStatus.ABORTED
     assert touched_nothing(rig.robot)

@@ -20,7 +20,7 @@ from btcore_navigation.stack import Navigation
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.parameter_files import ParameterError, aliases_of
 from btcore_robot.robot import BaseInfo, Pose2D
-from tests.robot_nodes.navigation.conftest import path_through, rig_on_floor
+from tests.robot_nodes.navigation.conftest import polyline_path, rig_on_floor
 
 
 @pytest.fixture
@@ -329,7 +329,7 @@ def test_every_field_is_read_by_the_navigation() -> None:
     navigation.servers.back_up.send_goal(BackUpGoal(0.3, 0.2))
     run(2.0)
     navigation.servers.follow_path.send_goal(
-        FollowPathGoal(path_through((0.0, 0.0), (1.0, 0.0), frame="nowhere"))
+        FollowPathGoal(polyline_path((0.0, 0.0), (1.0, 0.0), frame="nowhere"))
     )
     run(0.2)
     assert {section: names for section, names in unread.items() if names} == {}

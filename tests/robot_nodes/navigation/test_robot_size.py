@@ -15,7 +15,7 @@ from btcore_navigation.parameters import NavigationParameters
 from btcore_navigation.stack import Navigation
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import Pose2D
-from tests.robot_nodes.navigation.conftest import path_through, rig_on_floor
+from tests.robot_nodes.navigation.conftest import polyline_path, rig_on_floor
 
 TURTLEBOT, TIAGO, WIDE = 0.18, 0.27, 0.45
 """The radii (m) of a robot like TurtleBot 4, of Tiago, and of a wide robot."""
@@ -71,7 +71,7 @@ def test_a_robot_passes_only_a_gap_that_is_wide_enough_for_it(
         assert handle.result.code == Nav2ErrorCode.NO_VALID_PATH
         # The controller refuses the gap, too, even if it is commanded to drive through.
         handle = navigation.servers.follow_path.send_goal(
-            FollowPathGoal(path_through((0.0, 0.0), (3.0, 0.0)))
+            FollowPathGoal(polyline_path((0.0, 0.0), (3.0, 0.0)))
         )
         run(60.0)
         assert handle.status is GoalStatus.ABORTED

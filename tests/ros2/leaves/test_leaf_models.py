@@ -51,12 +51,12 @@ class LeafRig:
         sleeps: Whether the other side processes nothing.
     """
 
-    def __init__(self, ID: str, watch: type[Watch]) -> None:
+    def __init__(self, id: str, watch: type[Watch]) -> None:
         self.session, self.other = RosSession("leaf"), RosSession("other")
         self.session.clock = SimulatedSchedule()
         self.sleeps = False
         self.session.after_drain(lambda: None if self.sleeps else self.other.drain())
-        self._id = ID
+        self._id = id
         self._watch = watch
         self.tree: btcore.Tree
 
@@ -378,20 +378,20 @@ SCHEDULES = {
 }
 
 
-@pytest.mark.parametrize("ID", sorted(ID for ID in SHIPPED if resources_of(SHIPPED[ID]) & ROS))
-def test_leaf_follows_its_model(ID: str, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("id", sorted(id for id in SHIPPED if resources_of(SHIPPED[id]) & ROS))
+def test_leaf_follows_its_model(id: str, monkeypatch: pytest.MonkeyPatch) -> None:
     watch = watch_of(random.Random(1), 1.0, 0.0)
     watch.resource = ROS
     # A server works on a goal or a request after the tick that sends it; a published message is done.
     for owner, name in ((ActionClient, "send_goal_async"), (Client, "call_async")):
         monkeypatch.setattr(owner, name, getattr(owner, name))  # restored after the test
         records(owner, name, watch.used, lambda *_, name=name: name)
-    rig = LeafRig(ID, watch)
+    rig = LeafRig(id, watch)
     try:
-        SCHEDULES[ID](rig)
+        SCHEDULES[id](rig)
     finally:
         rig.close()
     assert sorted(set(watch.faults)) == []
-    model = model_of(SHIPPED[ID])
+    model = model_of(SHIPPED[id])
     allowed = {*model.results, *([RUNNING, IDLE] if model.lasts else [])}  # IDLE: it was halted
-    assert watch.seen == {(ID, status.name) for status in allowed}
+    assert watch.seen == {(id, status.name) for status in allowed}

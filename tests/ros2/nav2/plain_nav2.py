@@ -1,9 +1,10 @@
 """A process with plain rclpy servers under Nav2's names, without btcore.
 
 It publishes on the topic `received`, as JSON, what it receives. The names of some servers have a prefix and
-behave accordingly: `abort/`, `reject/`, `hang/` (works until the goal is cancelled), `stubborn/` (refuses to
-cancel), and `late/` (accepts after 3 s). With `--without-navigator` the servers of bt_navigator are
-missing. The process prints "ready" and ends when its standard input ends.
+behave accordingly: `abort/`, `reject/`, `hang/` (works for 20 s unless the goal is cancelled), `stubborn/`
+(works for 20 s and refuses to cancel), and `late/` (answers after 3 s, and then works as `hang/`). With
+`--without-navigator` the servers of bt_navigator are missing. The process prints "ready" and ends when its
+standard input ends.
 """
 
 import json
@@ -58,6 +59,9 @@ SERVICES = {
     "reinitialize_global_localization": Empty,
     "late/clear": srv.ClearEntireCostmap,
 }
+ANSWER_DELAY_S = 3.0  # of `late/`
+WORK_S = 0.1
+LONG_WORK_S = 20.0  # of `hang/`, `stubborn/` and `late/`
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
@@ -132,7 +136,7 @@ class PlainNav2(Node):
         """Answer a goal."""
         self.report(name, goal)
         if name.startswith("late/"):
-            time.sleep(3.0)
+            time.sleep(ANSWER_DELAY_S)
         return GoalResponse.REJECT if name.startswith("reject/") else GoalResponse.ACCEPT
 
     def cancel(self, name: str) -> CancelResponse:
@@ -141,8 +145,9 @@ class PlainNav2(Node):
         return CancelResponse.REJECT if name.startswith("stubborn/") else CancelResponse.ACCEPT
 
     def execute(self, name: str, kind: Any, goal: Any) -> Any:
-        """Work on a goal for 0.1 s, or until it is cancelled."""
-        end = time.monotonic() + (20.0 if name.startswith(("hang/", "stubborn/", "late/")) else 0.1)
+        """Work on a goal until its time has passed, or until it is cancelled."""
+        is_long = name.startswith(("hang/", "stubborn/", "late/"))
+        end = time.monotonic() + (LONG_WORK_S if is_long else WORK_S)
         result = kind.Result()
         while time.monotonic() < end:
             if goal.is_cancel_requested:
@@ -182,7 +187,7 @@ class PlainNav2(Node):
         """Answer a request: the second pose of a path is invalid, and costs are 0, 1, 254, 3 …"""
         self.report(name, request)
         if name.startswith("late/"):
-            time.sleep(3.0)
+            time.sleep(ANSWER_DELAY_S)
         if name == "is_path_valid":
             response.is_valid = len(request.path.poses) < 3
             response.invalid_pose_indices = [] if response.is_valid else [1]

@@ -15,5 +15,5 @@ def test_leaves_that_only_a_model_declares_share_no_resource(tmp_path: Path) -> 
     (tmp_path / "models.xml").write_text(MODELS)
     nodes = Registry.standard()
     add_models(nodes, tmp_path / "models.xml")
-    for ID in ("Move", "Ready"):
-        assert model_of(nodes.manifests_of(4)[ID]).uses == frozenset()
+    for id in ("Move", "Ready"):
+        assert model_of(nodes.manifests_of(4)[id]).uses == frozenset()

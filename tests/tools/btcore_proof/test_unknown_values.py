@@ -37,7 +37,7 @@ class Right(ConditionLeaf):
 
 def answers(body: str, *questions: str, jobs: int = 1) -> dict[str, Answer]:
     """Return the answers about the tree *body*, by question."""
-    declared = {ID: {"results": ["SUCCESS"]} for ID in ("Measure", "Count", "Listen")}
+    declared = {id: {"results": ["SUCCESS"]} for id in ("Measure", "Count", "Listen")}
     leaves = (Measure, Count, Listen, Left, Right)
     return answers_of(prover_of(body, *questions, leaves=leaves, declared=declared), jobs)
 

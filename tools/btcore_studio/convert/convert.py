@@ -59,7 +59,7 @@ def convert(document: Document, registry: Registry) -> Conversion:
     format = parse_format(root.get("BTCPP_format"))
     if format is None:
         message = f"unknown BTCPP_format '{root.get('BTCPP_format')}'"
-        raise TreeError([document.diagnostic(UNKNOWN_FORMAT, message, root, "BTCPP_format")])
+        raise TreeError([document.diagnostic(UNKNOWN_FORMAT, message, root, attribute="BTCPP_format")])
     if format == 4:
         return Conversion(document.text, (), [], _errors(document, registry))
     changes = ConversionChanges(document, registry)

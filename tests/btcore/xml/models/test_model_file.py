@@ -285,7 +285,7 @@ def test_class_declares_its_metadata_and_a_program_adds_some() -> None:
     nodes.add(Drive, Inspect, Annotate)
     nodes.manifests["Drive"].metadata["icon"] = "wheel"
     nodes.manifests["Inspect"].metadata["icon"] = "eye"
-    metadata = {ID: manifest.metadata for ID, manifest in nodes.copy().manifests.items()}
+    metadata = {id: manifest.metadata for id, manifest in nodes.copy().manifests.items()}
     assert metadata == {
         "Annotate": {},
         "Drive": {"author": "Ada", "icon": "wheel"},

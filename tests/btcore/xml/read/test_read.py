@@ -12,8 +12,8 @@ from btcore.xml.read.document import parse_file
 def write(path: Path, *trees: str, include: str = "", main: str = "") -> Path:
     """Write a document of *trees*, each `ID=element`, into the file *path*."""
     named = "".join(
-        f'<BehaviorTree ID="{ID}">{element}</BehaviorTree>'
-        for ID, _, element in (tree.partition("=") for tree in trees)
+        f'<BehaviorTree ID="{id}">{element}</BehaviorTree>'
+        for id, _, element in (tree.partition("=") for tree in trees)
     )
     attribute = f' main_tree_to_execute="{main}"' if main else ""
     path.parent.mkdir(parents=True, exist_ok=True)

@@ -13,7 +13,7 @@ from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_navigation.planner import Planner, PlannerServer
 from btcore_navigation.servers import OBSTACLE_MEMORY_S
 from btcore_robot.robot import Pose2D, Twist2D
-from tests.robot_nodes.navigation.conftest import path_through, rig_on_floor
+from tests.robot_nodes.navigation.conftest import polyline_path, rig_on_floor
 from tests.robot_nodes.navigation.nodes.conftest import NodeRig
 
 AHEAD = Pose2D(2.0, 0.0, 0.0)
@@ -41,7 +41,7 @@ def test_compute_path_runs_until_the_planner_has_answered(rig: NodeRig) -> None:
 
 
 def test_compute_path_clears_the_path_and_sets_the_error_when_it_fails(rig: NodeRig) -> None:
-    tree = rig.tree(PLAN % "", goal=Pose2D(4.99, 0.0, 0.0), path=path_through((0, 0), (1, 0)))
+    tree = rig.tree(PLAN % "", goal=Pose2D(4.99, 0.0, 0.0), path=polyline_path((0, 0), (1, 0)))
     assert rig.run(tree, 1.0) is Status.FAILURE
     assert len(tree.blackboard["path"]) == 0
     assert tree.blackboard["code"] == Nav2ErrorCode.GOAL_OCCUPIED
@@ -49,7 +49,7 @@ def test_compute_path_clears_the_path_and_sets_the_error_when_it_fails(rig: Node
 
 
 def test_compute_path_clears_the_path_on_a_halt(rig: NodeRig) -> None:
-    tree = rig.tree(PLAN % "", goal=AHEAD, path=path_through((0, 0), (1, 0)))
+    tree = rig.tree(PLAN % "", goal=AHEAD, path=polyline_path((0, 0), (1, 0)))
     tree.tick_exactly_once()
     tree.halt()
     assert len(tree.blackboard["path"]) == 0
@@ -151,17 +151,17 @@ FOLLOW = '<FollowPath path="{path}" error_code_id="{code}" tracking_feedback="{h
 
 
 def test_follow_path_drives_to_the_end(rig: NodeRig) -> None:
-    tree = rig.tree(FOLLOW % "", path=path_through((0, 0), (1, 0)))
+    tree = rig.tree(FOLLOW % "", path=polyline_path((0, 0), (1, 0)))
     assert rig.run(tree, 20.0) is Status.SUCCESS
     assert rig.robot.pose.x == pytest.approx(1.0, abs=0.26)
     assert tree.blackboard["code"] == 0
 
 
 def test_follow_path_switches_to_another_path_at_once(rig: NodeRig) -> None:
-    tree = rig.tree(FOLLOW % "", path=path_through((0, 0), (4, 0)))
+    tree = rig.tree(FOLLOW % "", path=polyline_path((0, 0), (4, 0)))
     rig.run(tree, 3.0)
     first = rig.servers.follow_path.current
-    tree.blackboard["path"] = path_through((0, 0), (4, 0), (4, 1))
+    tree.blackboard["path"] = polyline_path((0, 0), (4, 0), (4, 1))
     slowest = 1.0
     for _ in range(100):
         tree.tick_exactly_once()
@@ -176,7 +176,7 @@ def test_follow_path_keeps_goal_while_path_is_truncated(rig: NodeRig) -> None:
     tree = rig.tree(
         '<PipelineSequence><TruncatePath input_path="{path}" output_path="{cut}"/>'
         '<FollowPath path="{cut}"/></PipelineSequence>',
-        path=path_through((0, 0), (4, 0)),
+        path=polyline_path((0, 0), (4, 0)),
     )
     rig.letters(tree, 5)
     first, cut = rig.servers.follow_path.current, tree.blackboard["cut"]
@@ -186,9 +186,9 @@ def test_follow_path_keeps_goal_while_path_is_truncated(rig: NodeRig) -> None:
 
 
 def test_follow_path_keeps_old_path_if_new_path_is_empty(rig: NodeRig) -> None:
-    tree = rig.tree(FOLLOW % "", path=path_through((0, 0), (4, 0)))
+    tree = rig.tree(FOLLOW % "", path=polyline_path((0, 0), (4, 0)))
     rig.run(tree, 1.0)
-    tree.blackboard["path"] = path_through((0, 0), (4, 0)).__class__(path_through((0, 0)).poses[:0], 0)
+    tree.blackboard["path"] = polyline_path((0, 0), (4, 0)).__class__(polyline_path((0, 0)).poses[:0], 0)
     rig.run(tree, 1.0)
     assert rig.servers.follow_path.current.status is GoalStatus.EXECUTING
     assert rig.robot.speed == pytest.approx(0.3, abs=0.01)
@@ -196,7 +196,7 @@ def test_follow_path_keeps_old_path_if_new_path_is_empty(rig: NodeRig) -> None:
 
 def test_follow_path_sends_goal_again_for_another_plug_in(rig: NodeRig) -> None:
     tree = rig.tree(
-        FOLLOW % 'goal_checker_id="{checker}"', path=path_through((0, 0), (4, 0)), checker="goal_checker"
+        FOLLOW % 'goal_checker_id="{checker}"', path=polyline_path((0, 0), (4, 0)), checker="goal_checker"
     )
     rig.run(tree, 0.5)
     tree.blackboard["checker"] = "general_goal_checker"
@@ -205,7 +205,7 @@ def test_follow_path_sends_goal_again_for_another_plug_in(rig: NodeRig) -> None:
 
 
 def test_follow_path_writes_feedback_and_resets_it_at_end(rig: NodeRig) -> None:
-    tree = rig.tree(FOLLOW % "", path=path_through((0, 0.1), (1, 0.1)))
+    tree = rig.tree(FOLLOW % "", path=polyline_path((0, 0.1), (1, 0.1)))
     rig.run(tree, 0.5)
     assert tree.blackboard["how"].position_error == pytest.approx(-0.1, abs=0.02)
     assert tree.blackboard["how"].distance_to_goal == pytest.approx(1.0, abs=0.1)
@@ -220,7 +220,7 @@ def test_follow_path_fails_without_a_path(rig: NodeRig) -> None:
 
 
 def test_a_halt_cancels_the_goal_and_stops_the_robot(rig: NodeRig) -> None:
-    tree = rig.tree(FOLLOW % "", path=path_through((0, 0), (4, 0)))
+    tree = rig.tree(FOLLOW % "", path=polyline_path((0, 0), (4, 0)))
     rig.run(tree, 2.0)
     tree.halt()
     rig.wait(1.0)
@@ -229,7 +229,7 @@ def test_a_halt_cancels_the_goal_and_stops_the_robot(rig: NodeRig) -> None:
 
 
 def test_goal_that_another_client_cancelled_is_success(rig: NodeRig) -> None:
-    tree = rig.tree(FOLLOW % "", path=path_through((0, 0), (4, 0)))
+    tree = rig.tree(FOLLOW % "", path=polyline_path((0, 0), (4, 0)))
     rig.run(tree, 1.0)
     rig.servers.follow_path.current.cancel()
     assert rig.run(tree, 1.0) is Status.SUCCESS
@@ -322,7 +322,7 @@ def test_a_cancel_node_cancels_the_goal_of_its_server(rig: NodeRig, node: str, s
         "drive_on_heading": '<DriveOnHeading dist_to_travel="1"/>',
         "wait": '<Wait wait_duration="9"/>',
     }[server]
-    tree = rig.tree(work, path=path_through((0, 0), (3, 0)))
+    tree = rig.tree(work, path=polyline_path((0, 0), (3, 0)))
     assert rig.run(tree, 0.5) is Status.RUNNING
     assert rig.letters(rig.tree(f"<{node}/>"), 1) == "S"
     assert rig.run(tree, 0.5) is Status.SUCCESS

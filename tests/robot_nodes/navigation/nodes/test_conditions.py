@@ -5,7 +5,7 @@ import pytest
 from btcore import NodeExecutionError, Tree
 from btcore_navigation.controller import FollowPathFeedback
 from btcore_robot.robot import BatteryState, Odometry, Pose2D, Twist2D
-from tests.robot_nodes.navigation.conftest import path_through
+from tests.robot_nodes.navigation.conftest import polyline_path
 from tests.robot_nodes.navigation.nodes.conftest import NodeRig
 
 HERE, THERE = Pose2D(1.0, 0.0, 0.0), Pose2D(2.0, 0.0, 0.0)
@@ -114,14 +114,14 @@ def test_time_expired_starts_again_after_a_halt(rig: NodeRig) -> None:
 
 
 def test_path_expiring_timer_counts_from_a_new_path(rig: NodeRig) -> None:
-    tree = rig.tree('<PathExpiringTimer seconds="0.5" path="{path}"/>', path=path_through((0, 0), (1, 0)))
+    tree = rig.tree('<PathExpiringTimer seconds="0.5" path="{path}"/>', path=polyline_path((0, 0), (1, 0)))
     assert rig.letters(tree, 4, every=0.1) == "FFFF"
-    tree.blackboard["path"] = path_through((0, 0), (2, 0))
+    tree.blackboard["path"] = polyline_path((0, 0), (2, 0))
     assert rig.letters(tree, 7, every=0.1) == "FFFFFSF"
 
 
 def test_path_expiring_timer_continues_across_halts(rig: NodeRig) -> None:
-    tree = rig.tree('<PathExpiringTimer seconds="0.5" path="{path}"/>', path=path_through((0, 0), (1, 0)))
+    tree = rig.tree('<PathExpiringTimer seconds="0.5" path="{path}"/>', path=polyline_path((0, 0), (1, 0)))
     rig.letters(tree, 1, every=0.6)
     tree.halt()
     assert rig.letters(tree, 1) == "S"
@@ -151,7 +151,7 @@ def test_initial_pose_received_reads_its_port_or_the_entry_of_that_name(rig: Nod
 
 
 def test_is_goal_nearby_compares_remaining_length_of_path(rig: NodeRig) -> None:
-    tree = rig.tree('<IsGoalNearby path="{path}"/>', path=path_through((0, 0), (2, 0), (2, 0.5)))
+    tree = rig.tree('<IsGoalNearby path="{path}"/>', path=polyline_path((0, 0), (2, 0), (2, 0.5)))
     rig.move(1.4)
     assert rig.letters(tree, 1) == "F"
     rig.move(1.6)
@@ -160,13 +160,13 @@ def test_is_goal_nearby_compares_remaining_length_of_path(rig: NodeRig) -> None:
 
 def test_is_goal_nearby_fails_without_a_path_or_a_pose(rig: NodeRig) -> None:
     assert rig.letters(rig.tree('<IsGoalNearby path="{path}"/>'), 1) == "F"
-    assert rig.letters(rig.tree('<IsGoalNearby path="{path}"/>', path=path_through((0, 0))), 1) == "S"
+    assert rig.letters(rig.tree('<IsGoalNearby path="{path}"/>', path=polyline_path((0, 0))), 1) == "S"
     rig.localiser.confident = False
-    assert rig.letters(rig.tree('<IsGoalNearby path="{path}"/>', path=path_through((0, 0))), 1) == "F"
+    assert rig.letters(rig.tree('<IsGoalNearby path="{path}"/>', path=polyline_path((0, 0))), 1) == "F"
 
 
 def test_is_goal_nearby_can_limit_search_at_start_of_loop(rig: NodeRig) -> None:
-    loop = path_through((0, 0), (3, 0), (3, 2), (0, 2), (0, 0.02))
+    loop = polyline_path((0, 0), (3, 0), (3, 2), (0, 2), (0, 0.02))
     all_of_it = rig.tree('<IsGoalNearby path="{path}"/>', path=loop)
     ahead = rig.tree('<IsGoalNearby path="{path}" max_robot_pose_search_dist="1.0"/>', path=loop)
     rig.move(0.0, 0.1)

@@ -15,7 +15,7 @@ from btcore_navigation.navigator import (
 )
 from btcore_navigation.path import NavPath
 from btcore_robot.robot import Phase, Pose2D
-from tests.robot_nodes.navigation.conftest import path_through
+from tests.robot_nodes.navigation.conftest import polyline_path
 from tests.robot_nodes.navigation.nodes.conftest import NodeRig, act
 
 HERE, THERE = Pose2D(1.0, 0.0, 0.0), Pose2D(2.0, 0.0, 0.0)
@@ -230,11 +230,11 @@ NEAR_END = '<PathLongerOnApproach path="{path}">{}</PathLongerOnApproach>'
 
 def detour(length: float) -> NavPath:
     """Return a path of *length* (m) to the end of the straight path of 1 m."""
-    return path_through((0, 0), (0.5, (length**2 - 1) ** 0.5 / 2), (1, 0))
+    return polyline_path((0, 0), (0.5, (length**2 - 1) ** 0.5 / 2), (1, 0))
 
 
 def test_path_longer_on_approach_ticks_its_child_for_a_much_longer_path(rig: NodeRig) -> None:
-    tree = rig.tree(NEAR_END.replace("{}", act("a", "RS")), path=path_through((0, 0), (1, 0)))
+    tree = rig.tree(NEAR_END.replace("{}", act("a", "RS")), path=polyline_path((0, 0), (1, 0)))
     assert rig.letters(tree, 2) == "SS"
     tree.blackboard["path"] = detour(3.0)
     assert rig.letters(tree, 3) == "RSS"
@@ -242,23 +242,23 @@ def test_path_longer_on_approach_ticks_its_child_for_a_much_longer_path(rig: Nod
 
 
 def test_path_longer_on_approach_succeeds_for_less_than_twice_the_length(rig: NodeRig) -> None:
-    tree = rig.tree(NEAR_END.replace("{}", act("a", "F")), path=path_through((0, 0), (1, 0)))
+    tree = rig.tree(NEAR_END.replace("{}", act("a", "F")), path=polyline_path((0, 0), (1, 0)))
     rig.letters(tree, 1)
     tree.blackboard["path"] = detour(1.9)
     assert rig.letters(tree, 1) == "S"
 
 
 def test_path_longer_on_approach_applies_only_to_the_last_three_metres(rig: NodeRig) -> None:
-    tree = rig.tree(NEAR_END.replace("{}", act("a", "F")), path=path_through((-3, 0), (1, 0)))
+    tree = rig.tree(NEAR_END.replace("{}", act("a", "F")), path=polyline_path((-3, 0), (1, 0)))
     rig.letters(tree, 1)
-    tree.blackboard["path"] = path_through((-3, 0), (-3, 4), (1, 4), (1, 0))
+    tree.blackboard["path"] = polyline_path((-3, 0), (-3, 4), (1, 4), (1, 0))
     assert rig.letters(tree, 1) == "S"
 
 
 def test_path_longer_on_approach_does_not_compare_paths_to_different_goals(rig: NodeRig) -> None:
-    tree = rig.tree(NEAR_END.replace("{}", act("a", "F")), path=path_through((0, 0), (1, 0)))
+    tree = rig.tree(NEAR_END.replace("{}", act("a", "F")), path=polyline_path((0, 0), (1, 0)))
     rig.letters(tree, 1)
-    tree.blackboard["path"] = path_through((0, 0), (4, 0))
+    tree.blackboard["path"] = polyline_path((0, 0), (4, 0))
     assert rig.letters(tree, 1) == "S"
 
 
@@ -268,11 +268,11 @@ def test_path_longer_on_approach_accepts_first_path(rig: NodeRig) -> None:
 
 
 def test_path_longer_on_approach_halts_its_child_when_the_path_is_short_again(rig: NodeRig) -> None:
-    tree = rig.tree(NEAR_END.replace("{}", act("a", "R")), path=path_through((0, 0), (1, 0)))
+    tree = rig.tree(NEAR_END.replace("{}", act("a", "R")), path=polyline_path((0, 0), (1, 0)))
     rig.letters(tree, 1)
     tree.blackboard["path"] = detour(3.0)
     rig.letters(tree, 2)
-    tree.blackboard["path"] = path_through((0, 0), (1, 0))
+    tree.blackboard["path"] = polyline_path((0, 0), (1, 0))
     assert rig.letters(tree, 1) == "S"
     assert rig.journal.take()[-1] == "a:halted"
 

@@ -8,7 +8,7 @@ import pytest
 from btcore import Status, Tree
 from btcore_navigation.navigate_goal import WaypointState, WaypointStatus
 from btcore_robot.robot import Pose2D
-from tests.robot_nodes.navigation.conftest import path_through, rig_on_floor
+from tests.robot_nodes.navigation.conftest import polyline_path, rig_on_floor
 from tests.robot_nodes.navigation.nodes.conftest import NodeRig
 
 BOX = (1.8, -0.2, 2.2, 0.2)  # m, on the line y = 0
@@ -32,7 +32,7 @@ def boxed() -> NodeRig:
 
 def test_truncate_path_ends_1_m_before_goal_and_faces_it(rig: NodeRig) -> None:
     tree = rig.tree(
-        '<TruncatePath input_path="{path}" output_path="{cut}"/>', path=path_through((0, 0), (0, 3), yaw=2)
+        '<TruncatePath input_path="{path}" output_path="{cut}"/>', path=polyline_path((0, 0), (0, 3), yaw=2)
     )
     assert rig.letters(tree, 1) == "S"
     cut = tree.blackboard["cut"]
@@ -43,7 +43,7 @@ def test_truncate_path_ends_1_m_before_goal_and_faces_it(rig: NodeRig) -> None:
 
 
 def test_truncate_path_measures_straight_distance_to_goal(rig: NodeRig) -> None:
-    there_and_back = path_through((0, 0), (3, 0), (3, 0.3), (2.2, 0.3))
+    there_and_back = polyline_path((0, 0), (3, 0), (3, 0.3), (2.2, 0.3))
     tree = rig.tree(
         '<TruncatePath distance="0.5" input_path="{path}" output_path="{cut}"/>', path=there_and_back
     )
@@ -54,7 +54,7 @@ def test_truncate_path_measures_straight_distance_to_goal(rig: NodeRig) -> None:
 
 def test_truncate_path_keeps_two_poses_of_a_short_path(rig: NodeRig) -> None:
     tree = rig.tree(
-        '<TruncatePath input_path="{path}" output_path="{cut}"/>', path=path_through((0, 0), (0.5, 0))
+        '<TruncatePath input_path="{path}" output_path="{cut}"/>', path=polyline_path((0, 0), (0.5, 0))
     )
     assert rig.letters(tree, 1) == "S"
     assert len(tree.blackboard["cut"]) == 2
@@ -75,7 +75,7 @@ def span(tree: Tree) -> tuple[float, float]:
 
 
 def test_truncate_path_local_keeps_8_m_ahead_and_4_back(rig: NodeRig) -> None:
-    tree = rig.tree(LOCAL % "", path=path_through((-10, 0), (20, 0)))
+    tree = rig.tree(LOCAL % "", path=polyline_path((-10, 0), (20, 0)))
     assert rig.letters(tree, 1) == "S"
     assert span(tree) == (-4.0, 8.0)
 
@@ -90,20 +90,20 @@ def test_truncate_path_local_keeps_8_m_ahead_and_4_back(rig: NodeRig) -> None:
 def test_truncate_path_local_keeps_the_given_distances(
     rig: NodeRig, ports: str, kept: tuple[float, float]
 ) -> None:
-    tree = rig.tree(LOCAL % ports, path=path_through((-10, 0), (20, 0)))
+    tree = rig.tree(LOCAL % ports, path=polyline_path((-10, 0), (20, 0)))
     rig.letters(tree, 1)
     assert span(tree) == kept
 
 
 def test_truncate_path_local_uses_a_given_pose(rig: NodeRig) -> None:
-    tree = rig.tree(LOCAL % 'pose="3;0;0" distance_backward="0"', path=path_through((-10, 0), (20, 0)))
+    tree = rig.tree(LOCAL % 'pose="3;0;0" distance_backward="0"', path=polyline_path((-10, 0), (20, 0)))
     rig.localiser.confident = False
     assert rig.letters(tree, 1) == "S"
     assert span(tree) == (3.0, 11.0)
 
 
 def test_truncate_path_local_fails_when_pose_is_unknown(rig: NodeRig) -> None:
-    tree = rig.tree(LOCAL % "", path=path_through((-10, 0), (20, 0)))
+    tree = rig.tree(LOCAL % "", path=polyline_path((-10, 0), (20, 0)))
     rig.localiser.confident = False
     assert rig.letters(tree, 1) == "F"
 
@@ -115,7 +115,7 @@ def test_truncate_path_local_accepts_an_empty_path(rig: NodeRig) -> None:
 
 
 def test_truncate_path_local_separates_legs_by_heading(rig: NodeRig) -> None:
-    there_and_back = path_through((-3, 0), (3, 0), (3, 0.04), (-3, 0.04))
+    there_and_back = polyline_path((-3, 0), (3, 0), (3, 0.04), (-3, 0.04))
     ports = 'distance_forward="1" distance_backward="0" angular_distance_weight="%s"'
     rig.move(0.0, 0.0, math.pi)
     plain = rig.tree(LOCAL % (ports % 0), path=there_and_back)
@@ -127,7 +127,7 @@ def test_truncate_path_local_separates_legs_by_heading(rig: NodeRig) -> None:
 
 
 def test_truncate_path_local_searches_only_given_distance(rig: NodeRig) -> None:
-    loop = path_through((0, 0), (3, 0), (3, 2), (0, 2), (0, 0.02))
+    loop = polyline_path((0, 0), (3, 0), (3, 2), (0, 2), (0, 0.02))
     ports = 'distance_forward="0.5" distance_backward="0" max_robot_pose_search_dist="1"'
     tree = rig.tree(LOCAL % ports, path=loop)
     rig.move(0.0, 0.1)
@@ -140,7 +140,7 @@ def test_validate_path_uses_the_obstacles_of_the_global_costmap(
     boxed: NodeRig, y: float, letter: str
 ) -> None:
     tree = boxed.tree(
-        '<ValidatePath path="{path}" collision_poses="{bad}"/>', path=path_through((0, y), (4, y))
+        '<ValidatePath path="{path}" collision_poses="{bad}"/>', path=polyline_path((0, y), (4, y))
     )
     assert boxed.letters(tree, 1) == letter
     assert bool(tree.blackboard["bad"]) is (letter == "F")
@@ -148,8 +148,8 @@ def test_validate_path_uses_the_obstacles_of_the_global_costmap(
 
 def test_validate_path_reports_first_collision_or_all(boxed: NodeRig) -> None:
     text = '<ValidatePath path="{path}" collision_poses="{bad}" stop_at_first_collision="%s"/>'
-    first_only = boxed.tree(text % "true", path=path_through((0, 0), (4, 0)))
-    all_poses = boxed.tree(text % "false", path=path_through((0, 0), (4, 0)))
+    first_only = boxed.tree(text % "true", path=polyline_path((0, 0), (4, 0)))
+    all_poses = boxed.tree(text % "false", path=polyline_path((0, 0), (4, 0)))
     boxed.letters(first_only, 1)
     boxed.letters(all_poses, 1)
     assert first_only.blackboard["bad"] == all_poses.blackboard["bad"][:1]
@@ -158,7 +158,7 @@ def test_validate_path_reports_first_collision_or_all(boxed: NodeRig) -> None:
 
 
 def test_validate_path_checks_only_ahead_of_the_robot(boxed: NodeRig) -> None:
-    tree = boxed.tree('<ValidatePath path="{path}"/>', path=path_through((0, 0), (4, 0)))
+    tree = boxed.tree('<ValidatePath path="{path}"/>', path=polyline_path((0, 0), (4, 0)))
     boxed.robot.boxes.clear()
     boxed.move(3.0)
     assert boxed.letters(tree, 1) == "S"
@@ -166,21 +166,21 @@ def test_validate_path_checks_only_ahead_of_the_robot(boxed: NodeRig) -> None:
 
 def test_validate_path_checks_only_the_given_distance(boxed: NodeRig) -> None:
     tree = boxed.tree(
-        '<ValidatePath path="{path}" max_lookahead_distance="1"/>', path=path_through((0, 0), (4, 0))
+        '<ValidatePath path="{path}" max_lookahead_distance="1"/>', path=polyline_path((0, 0), (4, 0))
     )
     assert boxed.letters(tree, 1) == "S"
 
 
 def test_validate_path_takes_unknown_cells_as_free(rig: NodeRig) -> None:
     text = '<ValidatePath path="{path}" consider_unknown_as_obstacle="%s"/>'
-    unknown = path_through((4.2, 4.2), (4.3, 4.2))
+    unknown = polyline_path((4.2, 4.2), (4.3, 4.2))
     assert rig.letters(rig.tree(text % "false", path=unknown), 1) == "S"
     assert rig.letters(rig.tree(text % "true", path=unknown), 1) == "F"
 
 
 def test_validate_path_compares_costs_with_maximum_cost(boxed: NodeRig) -> None:
     text = '<ValidatePath path="{path}" max_cost="%s"/>'
-    beside = path_through((0, 0.6), (4, 0.6))
+    beside = polyline_path((0, 0.6), (4, 0.6))
     assert boxed.letters(boxed.tree(text % 254, path=beside), 1) == "S"
     assert boxed.letters(boxed.tree(text % 50, path=beside), 1) == "F"
 
@@ -191,14 +191,14 @@ def test_validate_path_fails_without_a_path(rig: NodeRig) -> None:
 
 @pytest.mark.parametrize(("y", "letter"), [(0.0, "F"), (1.0, "S")])
 def test_is_path_valid_is_validate_path_as_a_condition(boxed: NodeRig, y: float, letter: str) -> None:
-    tree = boxed.tree('<Condition ID="IsPathValid" path="{path}"/>', path=path_through((0, y), (4, y)))
+    tree = boxed.tree('<Condition ID="IsPathValid" path="{path}"/>', path=polyline_path((0, y), (4, y)))
     assert boxed.letters(tree, 1) == letter
 
 
 def test_smooth_path_cuts_a_detour(rig: NodeRig) -> None:
     tree = rig.tree(
         '<SmoothPath unsmoothed_path="{path}" smoothed_path="{out}" was_completed="{done}"/>',
-        path=path_through((0, 0), (1, 1), (2, 0)),
+        path=polyline_path((0, 0), (1, 1), (2, 0)),
     )
     assert rig.run(tree, 1.0) is Status.SUCCESS
     assert tree.blackboard["done"] is True
@@ -219,7 +219,7 @@ def test_smooth_path_through_obstacles_and_with_an_unknown_smoother(
     rig: NodeRig, ports: str, points: list[tuple[float, float]], code: int
 ) -> None:
     text = '<SmoothPath unsmoothed_path="{path}" was_completed="{done}" error_code_id="{code}" '
-    tree = rig.tree(f"{text}{ports}/>", path=path_through(*points))
+    tree = rig.tree(f"{text}{ports}/>", path=polyline_path(*points))
     assert rig.run(tree, 1.0) is (Status.FAILURE if code else Status.SUCCESS)
     assert tree.blackboard["code"] == code
     assert code or tree.blackboard["done"] is False
@@ -304,7 +304,7 @@ def test_check_pose_occupancy_finds_occupied_pose(
 def test_get_pose_from_path_counts_from_either_end(rig: NodeRig, index: int, x: float) -> None:
     tree = rig.tree(
         f'<GetPoseFromPath path="{{path}}" index="{index}" pose="{{pose}}"/>',
-        path=path_through((0, 0), (1, 0)),
+        path=polyline_path((0, 0), (1, 0)),
     )
     assert rig.letters(tree, 1) == "S"
     assert tree.blackboard["pose"].x == pytest.approx(x)
@@ -314,7 +314,7 @@ def test_get_pose_from_path_counts_from_either_end(rig: NodeRig, index: int, x: 
 def test_get_pose_from_path_fails_if_the_path_has_no_such_pose(rig: NodeRig, index: int) -> None:
     tree = rig.tree(
         f'<GetPoseFromPath path="{{path}}" index="{index}" pose="{{pose}}"/>',
-        path=path_through((0, 0), (1, 0)),
+        path=polyline_path((0, 0), (1, 0)),
     )
     assert rig.letters(tree, 1) == "F"
     assert rig.letters(rig.tree('<GetPoseFromPath path="{path}" pose="{pose}"/>'), 1) == "F"
@@ -332,14 +332,14 @@ def test_get_current_pose_fails_when_the_pose_is_unknown(rig: NodeRig) -> None:
 
 def test_concatenate_paths_needs_a_path_that_is_not_empty(rig: NodeRig) -> None:
     text = '<ConcatenatePaths input_path1="{a}" input_path2="{b}" output_path="{both}"/>'
-    tree = rig.tree(text, a=path_through((0, 0), (1, 0)), b=path_through((1, 0), (1, 1)))
+    tree = rig.tree(text, a=polyline_path((0, 0), (1, 0)), b=polyline_path((1, 0), (1, 1)))
     assert rig.letters(tree, 1) == "S"
     first, second, both = (tree.blackboard[key] for key in ("a", "b", "both"))
     # As in Nav2, the pose at which the paths meet stays in both parts.
     assert np.array_equal(both.poses, np.concatenate([first.poses, second.poses]))
     assert (both.stamp, both.frame) == (first.stamp, first.frame)
     assert both.length() == pytest.approx(2.0)
-    alone = rig.tree(text, b=path_through((1, 0), (1, 1)))
+    alone = rig.tree(text, b=polyline_path((1, 0), (1, 1)))
     assert rig.letters(alone, 1) == "S"
     assert np.array_equal(alone.blackboard["both"].poses, alone.blackboard["b"].poses)
     assert rig.letters(rig.tree(text), 1) == "F"
