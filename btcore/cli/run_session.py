@@ -135,9 +135,9 @@ class RunSession:
                 with suppress(NodeExecutionError):  # it is printed after the summary
                     run.tick_to_end(self._until, on_tick=progress.on_tick, reload=reload, on_end=on_end)
             if count := run.missed_ticks:
-                skipped = f"{terminal.counted(count, 'tick')} {'was' if count == 1 else 'were'} skipped"
+                missed = f"{terminal.counted(count, 'tick')} {'was' if count == 1 else 'were'} missed"
                 terminal.print_warning(
-                    f"{skipped}, because the previous tick took longer than {1000 / settings.rate:g} ms; use "
+                    f"{missed}, because the previous tick took longer than {1000 / settings.rate:g} ms; use "
                     "a lower --rate"
                 )
 
