@@ -1,5 +1,6 @@
 """The nodes of a command: built-in, installed, loaded by `--plugin`, and declared by `--model`."""
 
+import copy
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import islice
@@ -52,54 +53,50 @@ class PaletteOptions(LibraryOptions):
 
 
 class NodeLibraries:
-    """The available nodes.
+    """The built-in nodes, the installed libraries and the plugins; see `load_libraries`.
 
     Args:
-        nodes: The registry of the available nodes.
-        unavailable: The libraries that are installed but cannot be imported.
-        plugins: The libraries of the user, which are loaded after the installed libraries.
+        plugins: The libraries of the user, which override installed libraries.
+        btcore_packages: Whether to load the libraries of btcore's own packages at once, and not when
+            `ensure_loaded_for` needs them.
 
     Attributes:
+        nodes: The registry of the available nodes.
+        unavailable: The libraries that are installed but cannot be imported.
         has_models: Whether nodes were declared by models, and need no code.
-        has_own_packages: Whether the libraries of btcore's own packages are among the nodes.
     """
 
-    def __init__(
-        self,
-        nodes: Registry,
-        unavailable: Sequence[UnavailableEntryPoint] = (),
-        plugins: Sequence[Plugin] = (),
-    ) -> None:
-        self.nodes = nodes
-        self.unavailable = unavailable
-        self.plugins = plugins
+    def __init__(self, plugins: Sequence[Plugin], btcore_packages: bool) -> None:
         self.has_models = False
-        self.has_own_packages = True
+        self._plugins = plugins
         self._warnings: set[str] = set()
+        self._load(btcore_packages)
 
-    def load(self, own_packages: bool = True) -> None:
-        """Fill `nodes` with the built-in nodes, the installed libraries and the plugins.
-
-        Args:
-            own_packages: Whether to load the libraries of btcore's own packages, too.
-        """
-        self.nodes, self.has_own_packages = Registry.standard(), own_packages
-        self.unavailable = self.nodes.add_installed(own=own_packages)
+    def _load(self, btcore_packages: bool) -> None:
+        self._has_btcore_packages = btcore_packages
+        self.nodes = Registry.standard()
+        self.unavailable: Sequence[UnavailableEntryPoint] = self.nodes.add_installed(own=btcore_packages)
         for unavailable in self.unavailable:
             if unavailable.missing_module is None:
                 self._warn(str(unavailable.error))
-        for plugin in self.plugins:
+        for plugin in self._plugins:
             if plugin.has_nodes or not _has_providers(plugin):
                 self.nodes.add_plugin(plugin)
         for installed, added in self.nodes.overridden_nodes:
             self._warn(
                 f"<{added.id}> of {added.distribution} overrides <{added.id}> of {installed.distribution}"
             )
-        for library_type, own_type in self.nodes.types.overridden:
+        for installed_type, added_type in self.nodes.types.overridden:
             self._warn(
-                f"the type {own_type.name} of {library_of(own_type.python_type)} overrides the type "
-                f"{own_type.name} of {library_of(library_type.python_type)}"
+                f"the type {added_type.name} of {library_of(added_type.python_type)} overrides the type "
+                f"{added_type.name} of {library_of(installed_type.python_type)}"
             )
+
+    def copy(self) -> "NodeLibraries":
+        """Return the same libraries with a copy of `nodes`."""
+        copied = copy.copy(self)
+        copied.nodes = self.nodes.copy()
+        return copied
 
     def _warn(self, message: str) -> None:
         """Print a warning, unless it was printed when the libraries were loaded before."""
@@ -120,22 +117,32 @@ class NodeLibraries:
                 add_models(self.nodes, model, confined)
             self.has_models = True
 
-    def read(self, document: Document) -> tuple[Sources, Registry]:
-        """Read the includes of *document*, and load further libraries if it uses a node that is unknown.
+    def ensure_loaded_for(self, documents: Iterable[Document]) -> bool:
+        """Load the libraries of btcore's own packages if a node is unknown without them.
 
-        Loading replaces `nodes`: nodes and rules for a single tree are added to the returned registry.
+        This replaces `nodes`: nodes and rules for a single tree are added to a copy.
+
+        Returns:
+            Whether libraries were loaded, which may have registered trees.
+        """
+        if self._has_btcore_packages or all(
+            self.nodes.get(id, 4) is not None or self.nodes.get(id, 3) is not None
+            for id in _find_node_ids(documents)
+        ):
+            return False
+        self._load(btcore_packages=True)
+        return True
+
+    def read(self, document: Document) -> tuple[Sources, Registry]:
+        """Read the includes of *document*, and ensure that the libraries of its nodes are loaded.
 
         Returns:
             The documents, and the nodes for their trees. With models the nodes include those that explicit
             tags, such as `<Action ID="Move"/>`, declare. Without models unknown nodes remain errors.
         """
         sources = read(document, self.nodes.documents)
-        if not self.has_own_packages and any(
-            self.nodes.get(id, 4) is None and self.nodes.get(id, 3) is None
-            for id in _find_node_ids(sources.documents)
-        ):
-            self.load()
-            sources = read(document, self.nodes.documents)  # a library may have registered trees
+        if self.ensure_loaded_for(sources.documents):
+            sources = read(document, self.nodes.documents)
         if not self.has_models:
             return sources, self.nodes
         from btcore.xml.models.model_file import add_explicit_nodes
@@ -163,7 +170,7 @@ def load_libraries(
     plugins: Sequence[str],
     models: Sequence[Path] = (),
     confined: bool = False,
-    own_packages: bool = True,
+    btcore_packages: bool = True,
     imported: Mapping[str, Plugin] | None = None,
 ) -> NodeLibraries:
     """Load all installed node libraries, *plugins* and *models*.
@@ -174,7 +181,7 @@ def load_libraries(
     Args:
         plugins: Modules and Python files with nodes.
         confined: Whether a model that includes a file from outside of its folder is invalid.
-        own_packages: Whether to load the libraries of btcore's own packages at once, and not when
+        btcore_packages: Whether to load the libraries of btcore's own packages at once, and not when
             `NodeLibraries.read` needs them. They are loaded at once nevertheless if a plugin has imported one
             of these packages, because the plugin may use their types, and with *models*, which declare only
             what is unknown.
@@ -188,10 +195,9 @@ def load_libraries(
             raise click.UsageError(f"--plugin {plugin} is given more than once.")
         seen.add(module_or_file)
         loaded.append((imported or {}).get(plugin) or import_plugin(plugin))
-    libraries = NodeLibraries(Registry(), plugins=loaded)
     # Providers import these packages, too, but not their nodes.
     has_imported = bool(loaded) and not entry_points.own_packages(NODES_GROUP).isdisjoint(sys.modules)
-    libraries.load(own_packages or bool(models) or has_imported)
+    libraries = NodeLibraries(loaded, btcore_packages or bool(models) or has_imported)
     libraries.add_models(models, confined)
     return libraries
 

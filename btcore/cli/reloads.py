@@ -4,7 +4,7 @@ from btcore.cli import terminal
 from btcore.cli.command_run import CommandRun
 from btcore.cli.progress import Progress
 from btcore.cli.run_report import print_leaf_error
-from btcore.cli.tree_source import TreeSource
+from btcore.cli.tree_source import TreeReader
 from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.loading.hot_reload import FileWatcher, rebuild_tree
 from btcore.runs.providers import fits
@@ -15,7 +15,7 @@ class Reloads:
     """Replaces the tree of a run when its file is saved, and prints what happens.
 
     Args:
-        tree_source: The file of the tree.
+        tree_reader: Reads the plans of the tree from its file.
         file_watcher: Detects saves of the file, and of files that it includes.
         progress: The status line of the run.
 
@@ -24,11 +24,11 @@ class Reloads:
     """
 
     def __init__(
-        self, run: CommandRun, tree_source: TreeSource, file_watcher: FileWatcher, progress: Progress
+        self, run: CommandRun, tree_reader: TreeReader, file_watcher: FileWatcher, progress: Progress
     ) -> None:
         self.printed_error: NodeExecutionError | None = None
         self._run = run
-        self._tree_source = tree_source
+        self._tree_reader = tree_reader
         self._file_watcher = file_watcher
         self._progress = progress
         self._count = 0
@@ -38,7 +38,7 @@ class Reloads:
         if error is not None:
             self._print_leaf_error(error)
         status = None if error is not None else self._run.status
-        self._progress.show_waiting(status, self._tree_source.path.name)
+        self._progress.show_waiting(status, self._tree_reader.path.name)
 
     def reload(self) -> bool:
         """Replace the tree by that in its file, if the file was saved and has no errors; return whether."""
@@ -46,7 +46,7 @@ class Reloads:
             return False
         run, tree = self._run, self._run.tree
         try:
-            plans = self._tree_source.read_plans()
+            plans = self._tree_reader.read_plans()
             try:
                 new_tree = rebuild_tree(tree, plans, run.resources)
             except BtcoreError as error:
@@ -61,7 +61,7 @@ class Reloads:
                 terminal.print_btcore_error(error)
                 action = "continues" if tree.status is Status.RUNNING else "is kept"
                 terminal.print_warning(
-                    f"{self._tree_source.path.name} has errors: the previous tree {action}"
+                    f"{self._tree_reader.path.name} has errors: the previous tree {action}"
                 )
             return False
         try:
@@ -73,7 +73,7 @@ class Reloads:
         run.report["reloads"] = self._count
         with self._progress.suspend():
             terminal.print_diagnostics(plans.diagnostics.warnings)
-            terminal.print_labelled("reloaded", str(self._tree_source.path))
+            terminal.print_labelled("reloaded", str(self._tree_reader.path))
         self._progress.set_tree(new_tree)
         run.replace_tree(new_tree)
         return True

@@ -14,7 +14,7 @@ from btcore.cli.progress import Progress, log_to_console
 from btcore.cli.provider_command import command_providers
 from btcore.cli.run_report import RunSummary, print_leaf_error
 from btcore.cli.tree_changes import TreeChanges
-from btcore.cli.tree_source import STDIN, TreeOptions, TreeSource, find_source
+from btcore.cli.tree_source import STDIN, TreeOptions, TreeReader, find_source
 from btcore.errors import NodeExecutionError
 from btcore.options import option
 from btcore.runs.run import Run
@@ -89,7 +89,7 @@ class RunSession:
 
     Args:
         run: The run.
-        tree_source: The file of the tree.
+        tree_reader: Reads the plans of the tree from its file.
         plans: The plans of the first tree.
         until: The result that ends the run.
         file_watcher: Detects saves of the tree's file, and of files that it includes; None without `--watch`.
@@ -101,15 +101,15 @@ class RunSession:
     def __init__(
         self,
         run: CommandRun,
-        tree_source: TreeSource,
+        tree_reader: TreeReader,
         plans: Plans,
         until: Until,
         file_watcher: "FileWatcher | None",
     ) -> None:
         self.run = run
         self.plans = plans
-        self.summary = RunSummary(tree_source.name, run)
-        self._tree_source = tree_source
+        self.summary = RunSummary(tree_reader.name, run)
+        self._tree_reader = tree_reader
         self._until: Until = until
         self._file_watcher = file_watcher
         self._reloads: Reloads | None = None
@@ -130,14 +130,14 @@ class RunSession:
                 if self._file_watcher is not None:
                     from btcore.cli.reloads import Reloads  # most runs do not need it
 
-                    self._reloads = Reloads(run, self._tree_source, self._file_watcher, progress)
+                    self._reloads = Reloads(run, self._tree_reader, self._file_watcher, progress)
                     reload, on_end = self._reloads.reload, self._reloads.show_end
                 with suppress(NodeExecutionError):  # it is printed after the summary
                     run.tick_to_end(self._until, on_tick=progress.on_tick, reload=reload, on_end=on_end)
             if count := run.missed_ticks:
-                skipped = f"{terminal.counted(count, 'tick')} {'was' if count == 1 else 'were'} skipped"
+                missed = f"{terminal.counted(count, 'tick')} {'was' if count == 1 else 'were'} missed"
                 terminal.print_warning(
-                    f"{skipped}, because the previous tick took longer than {1000 / settings.rate:g} ms; use "
+                    f"{missed}, because the previous tick took longer than {1000 / settings.rate:g} ms; use "
                     "a lower --rate"
                 )
 
@@ -181,8 +181,8 @@ def create_session(
 
         file_watcher = FileWatcher(path, options.confined)
     libraries = _load_libraries(ctx, options, installed)
-    tree_source = TreeSource(path, options, libraries, changes.with_rules)
-    plans = tree_source.read_plans()
+    tree_reader = TreeReader(path, options, libraries, changes.with_rules)
+    plans = tree_reader.read_plans()
     changes.check(plans)
 
     def prepare(run: Run) -> None:
@@ -192,7 +192,7 @@ def create_session(
 
     resources, tick_limit = changes.resources, options.tick_limit
     command_run = CommandRun(ctx, plans, settings, prepare, resources=resources, tick_limit=tick_limit)
-    return RunSession(command_run, tree_source, plans, options.until, file_watcher)
+    return RunSession(command_run, tree_reader, plans, options.until, file_watcher)
 
 
 def _load_libraries(
@@ -203,10 +203,9 @@ def _load_libraries(
             options.plugins,
             options.models,
             options.confined,
-            own_packages=bool(options.substitute),  # a rule may name a node of any library
+            btcore_packages=bool(options.substitute),  # a rule may name a node of any library
             imported=command_providers(ctx).plugins,
         )
-    loaded = installed()
-    libraries = NodeLibraries(loaded.nodes.copy(), loaded.unavailable)
+    libraries = installed().copy()
     libraries.add_models(options.models, options.confined)
     return libraries

@@ -110,8 +110,8 @@ def parse_source(path: Path, confined: bool) -> Document:
     return parse_bytes(data, "<stdin>", confined=confined)
 
 
-class TreeSource:
-    """The file of a tree, and how to make its plans.
+class TreeReader:
+    """Reads and checks the file of the tree that a command was given.
 
     Attributes:
         path: The XML file, or `STDIN`.
@@ -130,7 +130,7 @@ class TreeSource:
         self.path = path
         self.options = options
         self.libraries = libraries or load_libraries(
-            options.plugins, options.models, options.confined, own_packages=False
+            options.plugins, options.models, options.confined, btcore_packages=False
         )
         self.adapt_registry = adapt_registry
 

@@ -8,7 +8,7 @@ import click
 from rich.text import Text
 
 from btcore.cli import files, terminal
-from btcore.cli.tree_source import TreeOptions, TreeSource, complete_tree, find_source
+from btcore.cli.tree_source import TreeOptions, TreeReader, complete_tree, find_source
 from btcore.field_options import pass_options
 from btcore.tree.drawing import Fragment, draw_branches, is_ascii_only, node_label
 from btcore_drawing.data_flow import DataflowAccess, DataflowRow, trace_dataflow
@@ -49,7 +49,7 @@ def show(
         option = "--data" if list_keys else "--json"
         raise click.UsageError(f"{picture_option} and {option} cannot be used together.")
     path = find_source(source)
-    plans = TreeSource(path, options).read_plans()
+    plans = TreeReader(path, options).read_plans()
     main, format = plans.main_tree, plans.dialect.format
     assert main is not None, "a document without a main tree has errors"
     if list_keys:

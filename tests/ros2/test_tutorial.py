@@ -31,7 +31,7 @@ SHORTER = {
 }
 """Texts of the page, and those that replace them in this test."""
 
-SLOW = re.compile(r"^(warning: \d+ ticks? \w+ skipped|.*RTPS_TRANSPORT_SHM).*\n", re.MULTILINE)
+SLOW = re.compile(r"^(warning: \d+ ticks? \w+ missed|.*RTPS_TRANSPORT_SHM).*\n", re.MULTILINE)
 """What a slow machine prints in addition: of the tree, and of Fast DDS, whose files others lock."""
 
 

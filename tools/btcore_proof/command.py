@@ -16,7 +16,7 @@ from btcore.cli.node_libraries import load_libraries
 from btcore.cli.tree_source import (
     STDIN,
     TreeOptions,
-    TreeSource,
+    TreeReader,
     complete_tree,
     find_source,
     given_option,
@@ -159,7 +159,7 @@ def prove(
     declared = (
         Declarations() if path == STDIN and declarations is None else declarations_of(path, declarations)
     )
-    plans = TreeSource(
+    plans = TreeReader(
         path, options, libraries, lambda nodes: with_model_leaves(nodes, declared.leaves)
     ).read_plans()
     questions = [*(f"never {text}" for text in never), *asked]
