@@ -23,7 +23,7 @@ _ENGINE: Final = "btcore"
 class Resources(list[object]):
     """The objects for the leaves of a tree. A provider with a parameter of this type gets those of the run.
 
-    A leaf gets the object that was chosen for the type of its parameter, else the first that fits.
+    A leaf gets the object that was assigned to the type of its parameter, else the first that fits.
 
     Attributes:
         remedy: What to do if an object is missing, for messages.
@@ -32,8 +32,8 @@ class Resources(list[object]):
     remedy = "pass it in resources=[…]"
 
     @cached_property
-    def _chosen(self) -> dict[Any, object]:
-        """The objects that were chosen, by the type."""
+    def _assigned(self) -> dict[Any, object]:
+        """The assigned objects, by their types."""
         return {}
 
     @cached_property
@@ -45,17 +45,17 @@ class Resources(list[object]):
         """Return a copy, to which another tree adds its own instances of `TreeResource`."""
         copied = Resources(self)
         copied.remedy = self.remedy
-        copied._chosen.update(self._chosen)
+        copied._assigned.update(self._assigned)
         return copied
 
-    def choose(self, resource_type: Any, resource: object) -> None:
-        """Choose the object that leaves get for a type.
+    def assign(self, resource_type: Any, resource: object) -> None:
+        """Assign the object that leaves get for a type.
 
         Args:
             resource_type: The type.
             resource: The object.
         """
-        self._chosen[resource_type] = resource
+        self._assigned[resource_type] = resource
 
     def find(self, parameter: Parameter, id: str) -> object:
         """Return the resource for a parameter, else the default of the parameter, or UNSET.
@@ -71,7 +71,7 @@ class Resources(list[object]):
         """
         if parameter not in self._found:
             resource_type = parameter.resource_type
-            resource = self._chosen.get(resource_type, UNSET)
+            resource = self._assigned.get(resource_type, UNSET)
             if resource is UNSET:
                 resource = self.first_of(resource_type, f"'{parameter.name}' of <{id}>")
             if resource is UNSET and is_tree_resource(resource_type):

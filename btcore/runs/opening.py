@@ -168,7 +168,7 @@ class RunProviders:
         for type in self._requested_types:
             assigned = self._find_assigned(full_name(type))
             if assigned is not None:
-                self.resources.choose(type, assigned)
+                self.resources.assign(type, assigned)
 
     def open_after_tree(self, tree: Tree, stack: contextlib.ExitStack) -> None:
         """Open the providers that need *tree*, whose leaves do not get their objects."""
