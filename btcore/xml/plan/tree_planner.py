@@ -178,7 +178,7 @@ class TreePlanner:
             The plans in pre-order, beginning with the root; [] if there is no root.
         """
         self._definition = definition
-        ignoring_tags = self._dialect.tags_with_ignored_children
+        rules, ignoring_tags = self._tag_rules, self._dialect.tags_with_ignored_children
         nodes: list[NodePlan] = []
         # Ignored nodes are checked, as in BehaviorTree.CPP, but not planned.
         ignored: set[NodePlan] = set()
@@ -193,23 +193,24 @@ class TreePlanner:
                 self._report(TREE_TOO_LARGE, message, definition.element, attribute="ID", hint=hint)
                 return []
             element, depth = node.element, node.depth + 1
-            children = [NodePlan(child, depth) for child in self._check_element(element, depth)]
+            rule = rules.get(element.tag) or self._add_tag_rule(element.tag)
+            if rule.may_be_empty and not element.children:  # most elements are leaves
+                continue
+            children = [NodePlan(child, depth) for child in self._check_element(element, rule, depth)]
             pending += reversed(children)
             if element.tag in ignoring_tags or node in ignored:
                 ignored.update(children)
-            else:
-                # A tree has one root: further roots are an error, and ignored.
-                node.children = children if node.depth else children[:1]
-                ignored.update(children[len(node.children) :])
+            elif node.depth:
+                node.children = children
+            else:  # a tree has one root: further roots are an error, and ignored
+                node.children = children[:1]
+                ignored.update(children[1:])
         return nodes[1:]
 
-    def _check_element(self, element: Element, child_depth: int) -> list[Element]:
+    def _check_element(self, element: Element, rule: _TagRule, child_depth: int) -> list[Element]:
         """Check the tag, the number of the children and their depth. Return the children to check next."""
         tag = element.tag
         children = element.children
-        rule = self._tag_rules.get(tag) or self._add_tag_rule(tag)
-        if not children and rule.may_be_empty:
-            return children
         if children:
             children = element_children(element)
             if len(children) != len(element.children):
