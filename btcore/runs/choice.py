@@ -287,7 +287,7 @@ class _Attempt:
         return choice._replace(order=order)
 
     def _add_clock(self) -> None:
-        """Use a provider of the clock alone, unless the run has a clock or no robot.
+        """Use a provider of the clock alone, unless the run has a clock or nothing but the core's providers.
 
         The provider may need only what is used anyway, such as a ROS session: a run with ROS leaves waits on
         the clock of the session.

@@ -131,9 +131,9 @@ class TickLoop:
 
     def _tick_trees(self) -> LoopEnd:
         """Tick until all trees have ended, or the loop ends, and return the reason."""
-        reason = self._wait_for_end_of_pause()
-        if reason is not None:
-            return reason
+        end = self._wait_for_end_of_pause()
+        if end is not None:
+            return end
         self._due_ns = self.clock.now()
         ticked = self._unfinished
         while True:
@@ -143,9 +143,9 @@ class TickLoop:
             if not self._unfinished:
                 return "done"
             if self.is_paused:
-                reason = self._wait_for_end_of_pause()
-                if reason is not None:
-                    return reason
+                end = self._wait_for_end_of_pause()
+                if end is not None:
+                    return end
                 self._due_ns = self.clock.now()  # the ticks of the pause have not been missed
             now = self.clock.now()
             # An additional tick before the due time leaves it unchanged.

@@ -99,7 +99,8 @@ class UnknownNameHints:
         if not self._manifests:
             text = "the registry is empty: start with Registry.standard(), which has the built-in nodes"
             return Hint(text, _declaration(name))
-        provided = self._libraries[0].get(name, self._format)
+        nodes, _ = self._libraries
+        provided = nodes.get(name, self._format)
         if provided is None:
             return None
         text = (
@@ -114,8 +115,8 @@ class UnknownNameHints:
             return Hint(suggestion(f"<{near}>"), (Rename(near), *_declaration(name)))
         searched = f"searched: {', '.join(self._distributions())}"
         load = "load a plugin that provides it (--plugin, or nodes.add_plugin)"
-        unsearched = unsearched_libraries(self._libraries[1])
-        return Hint("; ".join([searched, load, *unsearched]), _declaration(name))
+        _, unavailable = self._libraries
+        return Hint("; ".join([searched, load, *unsearched_libraries(unavailable)]), _declaration(name))
 
     @cached_property
     def _libraries(self) -> tuple[Registry, list[UnavailableEntryPoint]]:
