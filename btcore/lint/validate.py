@@ -10,7 +10,7 @@ from btcore.diagnostic_codes import (
     LOOSE_TEXT,
     UNDETERMINED_MAIN_TREE,
 )
-from btcore.diagnostics import Diagnostic, Hint
+from btcore.diagnostics import Diagnostic
 from btcore.engine.node_config import MAX_NODES
 from btcore.lint.children import check_child_count, check_reachable_children
 from btcore.lint.dry_run import DryRun
@@ -142,7 +142,7 @@ def _check_loose_text(document: Document, collector: DiagnosticCollector) -> Non
             message = f"the text {shown!r} between the elements of a tree is ignored"
             hint = "pass values to a node in its attributes; write comments as <!-- … -->"
             place = lines.span(start + len(between) - len(between.lstrip()), len(text))
-            collector.add(place.diagnostic(LOOSE_TEXT, message, document.file, Hint(hint)))
+            collector.add(place.diagnostic(LOOSE_TEXT, message, document.file, hint))
 
 
 def _is_of_trees(parent: ScannedElement | None) -> bool:

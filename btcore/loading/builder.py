@@ -23,7 +23,7 @@ from btcore.diagnostic_codes import (
     WRONG_CHILD_COUNT,
     DiagnosticCode,
 )
-from btcore.diagnostics import NO_HINT, Diagnostic, Hint
+from btcore.diagnostics import Diagnostic
 from btcore.errors import ConversionError, PortError, TreeError, UnknownNodeError, XmlSyntaxError
 from btcore.loading.instantiate import instantiate
 from btcore.loading.load import PausedGarbageCollection
@@ -307,13 +307,13 @@ class _BuiltDocument(Document):
         element: Element,
         *,
         attribute: str = "",
-        hint: Hint = NO_HINT,
+        hint: str = "",
         part: ElementPart = "value",
         within: int = 0,
     ) -> Diagnostic:
         """Return a diagnostic at the place in the code, with the generated XML in the hint."""
         draft = self._drafts[self.source_map.index(element)]
         if draft is None:
-            return Diagnostic(code, message, self.file, hint=hint.text)
+            return Diagnostic(code, message, self.file, hint=hint)
         shown = f"the generated XML is {super().diagnostic(code, message, element).source.strip()}"
-        return Diagnostic(code, message, *draft.where, hint=f"{hint.text}; {shown}" if hint.text else shown)
+        return Diagnostic(code, message, *draft.where, hint=f"{hint}; {shown}" if hint else shown)

@@ -19,7 +19,7 @@ from btcore.diagnostic_codes import (
     NODE_NOT_CREATED,
     SCRIPT_SYNTAX,
 )
-from btcore.diagnostics import NO_HINT, Hint
+from btcore.diagnostics import Hint
 from btcore.engine.context import TreeContext
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
@@ -278,7 +278,7 @@ class NodeCreator:
             message,
             node_plan.element,
             attribute=port.name,
-            hint=Hint(hint),
+            hint=hint,
         )
 
     def create_node(
@@ -318,9 +318,7 @@ class NodeCreator:
             hint = ""
             if isinstance(error, TypeError) and str(error).startswith("object.__init__()"):
                 hint = "call super().__init__() without arguments: a node has its name and config already"
-            self.collector.report(
-                draft.document, LEAF_INIT_RAISED, message, node_plan.element, hint=Hint(hint)
-            )
+            self.collector.report(draft.document, LEAF_INIT_RAISED, message, node_plan.element, hint=hint)
         return None
 
     def _report_rejection(self, node_plan: NodePlan, draft: SubtreeDraft, error: BtcoreError) -> None:
@@ -337,9 +335,9 @@ class NodeCreator:
             for port in missing
             if port.role in LOAD_TIME_ROLES
         }
-        hint = NO_HINT
+        hint = ""
         if values:
-            hint = Hint("write " + " ".join(f'{name}="…"' for name in values), (SetAttributes(values),))
+            hint = Hint("write " + " ".join(f'{name}="…"' for name in values), SetAttributes(values))
         self.collector.report(draft.document, code, str(error), node_plan.element, hint=hint)
 
     def _substitute(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> Manifest | None:
@@ -374,7 +372,7 @@ class NodeCreator:
                 message,
                 node_plan.element,
                 attribute="name",
-                hint=Hint(hint),
+                hint=hint,
             )
         self._paths.add(config.path)
 

@@ -12,7 +12,7 @@ from typing import Final
 
 from btcore.blackboard.ports import Direction, Port, remapped_key
 from btcore.diagnostic_codes import INVALID_NAME, MISSING_ID, UNREADABLE_FILE
-from btcore.diagnostics import Diagnostic, Hint
+from btcore.diagnostics import Diagnostic
 from btcore.errors import RegistrationError, TreeError
 from btcore.names import SCRIPT_ATTRIBUTES, is_port_name, port_name_error
 from btcore.registry.mock_nodes import make_mock_class
@@ -133,7 +133,7 @@ def add_document_models(nodes: Registry, document: Document, override: bool = Fa
         id = model.get("ID")
         if id is None:
             message = f"missing ID in the model <{model.tag}>"
-            collector.report(document, MISSING_ID, message, model, hint=Hint(f'write <{model.tag} ID="…">'))
+            collector.report(document, MISSING_ID, message, model, hint=f'write <{model.tag} ID="…">')
             continue
         known = nodes.get(id, 3) or nodes.get(id, 4)
         if known is not None and not (override and known.is_overridable):

@@ -139,7 +139,7 @@ def _compare_with_format_4(plans: Plans, every_tree: bool) -> Plans:
         return plans
     count = "1 error" if avoided == 1 else f"{avoided} errors"
     message = f"missing BTCPP_format: the document is read as format 3; format 4 avoids {count}"
-    hint = Hint('write <root BTCPP_format="4">', (SetFormat(4),))
+    hint = Hint('write <root BTCPP_format="4">', SetFormat(4))
     document = sources.main_document
     cause = document.diagnostic(UNKNOWN_FORMAT, message, document.root, hint=hint)
     return plans._replace(diagnostics=plans.diagnostics._replace(errors=(cause, *errors)))
@@ -258,7 +258,7 @@ def _measure_from(
         message = f"with all its subtrees the tree is more than {MAX_DEPTH:,} levels deep"
     if message:
         document, element = root.definition.document, root.definition.element
-        collector.report(document, TREE_TOO_LARGE, message, element, attribute="ID", hint=Hint(hint))
+        collector.report(document, TREE_TOO_LARGE, message, element, attribute="ID", hint=hint)
         del sizes[root.id]
 
 
@@ -274,7 +274,7 @@ def _add_cycle(
     message = f"the trees call each other recursively: {' → '.join([*cycle, call.tree_id])}"
     document = tree.definition.document
     hint = "a tree can't contain itself"
-    collector.report(document, RECURSIVE_TREES, message, call.element, attribute="ID", hint=Hint(hint))
+    collector.report(document, RECURSIVE_TREES, message, call.element, attribute="ID", hint=hint)
 
 
 def _check_scripts(tree: TreePlan, enums: dict[str, int], collector: DiagnosticCollector) -> None:

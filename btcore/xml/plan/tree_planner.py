@@ -29,7 +29,7 @@ from btcore.diagnostic_codes import (
     WRONG_CHILD_COUNT,
     DiagnosticCode,
 )
-from btcore.diagnostics import NO_HINT, Hint
+from btcore.diagnostics import Hint
 from btcore.engine.node_config import MAX_NODES
 from btcore.errors import ConversionError
 from btcore.fixes import (
@@ -83,12 +83,12 @@ def count_text(count: int) -> str:
 
 
 def _one_child_hint(count: int) -> Hint:
-    return Hint("put them into a <Sequence>", wrapping_fixes(1)) if count else _more_children_hint(1)
+    return Hint("put them into a <Sequence>", *wrapping_fixes(1)) if count else _more_children_hint(1)
 
 
 def _more_children_hint(count: int, roles: str = "") -> Hint:
     text = "add a child" if count == 1 else f"add {count} children"
-    return Hint(f"{text}: {roles}" if roles else text, (AddChildren(count),))
+    return Hint(f"{text}: {roles}" if roles else text, AddChildren(count))
 
 
 def wrapping_fixes(most: int) -> tuple[Fix, ...]:
@@ -107,10 +107,10 @@ def literals_of(value_type: ValueType) -> list[str]:
     return ["true", "false"] if value_type is BOOL else []
 
 
-def value_hint(value_type: ValueType) -> Hint:
-    """Return the hint, without a text, for a literal that is not of the type *value_type*."""
+def value_fixes(value_type: ValueType) -> tuple[Fix, ...]:
+    """Return the fixes of a literal that is not of the type *value_type*."""
     literals = literals_of(value_type)
-    return Hint("", (SetValue(*literals),) if literals else ())
+    return (SetValue(*literals),) if literals else ()
 
 
 class _TagRule(NamedTuple):
@@ -189,7 +189,7 @@ class TreePlanner:
                 nodes.append(node)
             if len(nodes) > MAX_NODES + 1:  # the first is the <BehaviorTree>
                 message = f"the tree has more than {MAX_NODES:,} nodes"
-                hint = Hint("nodes are numbered with 16 bits")
+                hint = "nodes are numbered with 16 bits"
                 self._report(TREE_TOO_LARGE, message, definition.element, attribute="ID", hint=hint)
                 return []
             element, depth = node.element, node.depth + 1
@@ -221,7 +221,7 @@ class TreePlanner:
             self._check_child_count(tag, rule.counted_as, element, children)
         limit = self._definition.document.max_depth
         if children and child_depth > limit:
-            hint = Hint("split the tree into subtrees")
+            hint = "split the tree into subtrees"
             self._report(TOO_DEEP, f"elements are nested more than {limit:,} deep", element, hint=hint)
             return []
         return [] if tag in self._dialect.tags_with_unchecked_children else children
@@ -233,7 +233,7 @@ class TreePlanner:
         element: Element,
         *,
         attribute: str = "",
-        hint: Hint = NO_HINT,
+        hint: str = "",
         part: ElementPart = "value",
     ) -> None:
         document = self._definition.document
@@ -266,7 +266,7 @@ class TreePlanner:
         return self._registry.get(id, self._dialect.format)
 
     def _report_obsolete_roots(self, element: Element) -> None:
-        hint = Hint("remove it", (Remove(is_safe=True),))
+        hint = Hint("remove it", Remove(is_safe=True))
         for child in element.iterchildren("Root"):
             message = "the obsolete <Root> is ignored"
             self._report(CAPITALISED_ROOT, message, child, hint=hint)
@@ -285,7 +285,7 @@ class TreePlanner:
     def _check_explicit(self, tag: str, element: Element, children: list[Element]) -> None:
         id = element.get("ID") or ""
         if not id:
-            message, hint = f"the ID of the node is missing in <{tag}>", Hint(f'write <{tag} ID="…"/>')
+            message, hint = f"the ID of the node is missing in <{tag}>", f'write <{tag} ID="…"/>'
             self._report(MISSING_ID, message, element, hint=hint)
             return
         manifest = self._manifest(id)
@@ -325,7 +325,7 @@ class TreePlanner:
                 self._check_asynchronous(children)
         elif count and node_type in _LEAVES:
             message = f"<{id}> has {has}; {_LEAVES[node_type]} has none"
-            hint = Hint("remove it" if count == 1 else "remove them", (RemoveChildren(),))
+            hint = Hint("remove it" if count == 1 else "remove them", RemoveChildren())
             self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
 
     def _check_asynchronous(self, children: list[Element]) -> None:
@@ -334,7 +334,7 @@ class TreePlanner:
         if len(found) > 1 and self._dialect.format == 4:
             message = "second AsyncSequence in a ReactiveSequence, which can have only one"
             hint = "only one child can be RUNNING at a time"
-            self._report(SEVERAL_ASYNC_SEQUENCES, message, found[1], hint=Hint(hint))
+            self._report(SEVERAL_ASYNC_SEQUENCES, message, found[1], hint=hint)
 
     def _check_tree(self, element: Element, children: list[Element]) -> None:
         id = element.get("ID") or ""
@@ -343,7 +343,7 @@ class TreePlanner:
             self._check_not_a_node(id, element)
             if not FORBIDDEN.isdisjoint(id):
                 message = f"invalid tree ID '{id}': {forbidden_in(id)!r} is not allowed"
-                hint = Hint("use letters, digits, '_' and '-'")
+                hint = "use letters, digits, '_' and '-'"
                 self._report(INVALID_NAME, message, element, attribute="ID", hint=hint)
             elif id in RESERVED_IDS:
                 message = f"invalid tree ID '{id}': the name is reserved"
@@ -359,25 +359,24 @@ class TreePlanner:
             message = f"the ID of the tree is missing in <{tag}>"
             others = (tree_id for tree_id in self._definitions.by_id if tree_id != self._definition.id)
             fixes = [SetAttributes({"ID": other}) for other in islice(others, MAX_SUGGESTED_TREES)]
-            hint = Hint(f'write <{tag} ID="…"/>', tuple(fixes))
+            hint: str = Hint(f'write <{tag} ID="…"/>', *fixes)
             self._report(MISSING_ID, message, element, hint=hint)
         elif self._dialect.checks_names:
             self._check_not_a_node(id, element)
         if children and tag in self._dialect.tags_with_ignored_children:
             message = f'the children of <{tag} ID="{id}"> are ignored'
-            hint = Hint("move them into the <BehaviorTree> that it calls, or remove them")
+            hint = "move them into the <BehaviorTree> that it calls, or remove them"
             self._report(UNREACHABLE_CHILD, message, children[0], hint=hint)
         elif children:
             message = f'<{tag} ID="{id}"> has {count_text(len(children))}; a call of a tree has none'
-            text = "move them into the <BehaviorTree> that it calls, or remove them"
-            hint = Hint(text, (RemoveChildren(),))
+            hint = Hint("move them into the <BehaviorTree> that it calls, or remove them", RemoveChildren())
             self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
 
     def _check_not_a_node(self, id: str, element: Element) -> None:
         known = self._manifest(id)
         if known is not None and not known.is_overridable:
             message, hint = f"invalid tree ID '{id}': a node has this name", "rename the tree"
-            self._report(TREE_NAMED_AS_NODE, message, element, attribute="ID", hint=Hint(hint))
+            self._report(TREE_NAMED_AS_NODE, message, element, attribute="ID", hint=hint)
 
     # --- the second pass: add names, attributes, conditions, ports and calls of trees
 
@@ -464,7 +463,7 @@ class TreePlanner:
                         f'unexpected ID in <{node.id}>: only explicit tags such as <Action ID="…"> have one'
                     )
                     fixes = (RenameAttribute("name"), Remove())
-                    hint = Hint('to name the node, write name="…"', fixes)
+                    hint: str = Hint('to name the node, write name="…"', *fixes)
                     self._report(UNEXPECTED_ID, message, node.element, attribute=key, hint=hint)
             elif key in dialect.comment_attributes or (
                 dialect.allows_non_port_attributes and not is_port_name(key)
@@ -517,14 +516,14 @@ class TreePlanner:
                 error = str(conversion_error)
         if not error:
             return True
-        hint = value_hint(port_type)
+        hint = Hint("", *value_fixes(port_type))
         if binding.key is not None:
             key = "{=}" if "=" in text else text.strip()
             fix = SetValue(key, is_safe=True)
-            hint = Hint(f"write {key}" + (" without surrounding spaces" if key != "{=}" else ""), (fix,))
+            hint = Hint(f"write {key}" + (" without surrounding spaces" if key != "{=}" else ""), fix)
         elif is_port_name(text):
             fix = SetValue(f"{{{text}}}")
-            hint = Hint(f"to use the blackboard entry, write {{{text}}}", (*hint.fixes, fix))
+            hint = Hint(f"to use the blackboard entry, write {{{text}}}", *hint.fixes, fix)
         message = f"the port '{port.name}' of <{node.id}> has the type {port_type.name}: {error}"
         self._report(INCONVERTIBLE_TEXT, message, node.element, attribute=port.name, hint=hint)
         return False
@@ -550,9 +549,9 @@ class TreePlanner:
             return True
         if element.get("ID") is not None and definitions.are_complete:
             trees = definitions.by_id
-            hint = tree_hint(id, trees) if self._collector.take_comparisons(trees) else NO_HINT
+            hint = tree_hint(id, trees) if self._collector.take_comparisons(trees) else Hint()
             if id:
-                hint = Hint(hint.text, (*hint.fixes, CreateTree(id)))
+                hint = Hint(hint, *hint.fixes, CreateTree(id))
             self._report(UNKNOWN_TREE, f"unknown subtree '{id}'", element, attribute="ID", hint=hint)
         return False
 
@@ -573,7 +572,7 @@ class TreePlanner:
         element = call.element
         for key in call.invalid_flags:
             message = f"{key} must be 'true' or 'false', not '{element.get(key)}'"
-            self._report(NOT_A_BOOLEAN, message, element, attribute=key, hint=value_hint(BOOL))
+            self._report(NOT_A_BOOLEAN, message, element, attribute=key, hint=Hint("", *value_fixes(BOOL)))
         if call.format == 3 or call.autoremap:
             return
         for port, default in model.items():
@@ -583,5 +582,5 @@ class TreePlanner:
                 break
             message = f"<SubTree> lacks the port '{port}', which the model of '{call.tree_id}' requires"
             fix = SetAttributes({port: f"{{{port}}}"})
-            hint = Hint(f'write {port}="…", or declare a default in <TreeNodesModel>', (fix,))
+            hint = Hint(f'write {port}="…", or declare a default in <TreeNodesModel>', fix)
             self._report(MISSING_SUBTREE_PORT, message, element, hint=hint)

@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from btcore.diagnostic_codes import DiagnosticCode, Kind
-from btcore.diagnostics import NO_HINT, Diagnostic, Hint
+from btcore.diagnostics import Diagnostic
 from btcore.errors import PortError, TreeError, UnknownNodeError, XmlSyntaxError
 from btcore.input_files import real_path
 from btcore.xml.read.element import Element, ElementPart
@@ -94,7 +94,7 @@ class Document:
         element: Element,
         *,
         attribute: str = "",
-        hint: Hint = NO_HINT,
+        hint: str = "",
         part: ElementPart = "value",
         within: int = 0,
     ) -> Diagnostic:
@@ -176,7 +176,7 @@ class DiagnosticCollector:
         element: Element,
         *,
         attribute: str = "",
-        hint: Hint = NO_HINT,
+        hint: str = "",
         part: ElementPart = "value",
         within: int = 0,
         width: int = 1,

@@ -5,7 +5,7 @@ from bisect import bisect_right
 from typing import Final, NamedTuple
 
 from btcore.diagnostic_codes import DiagnosticCode
-from btcore.diagnostics import Diagnostic, Hint
+from btcore.diagnostics import Diagnostic
 from btcore.xml.read.element import Element, ElementPart
 from btcore.xml.read.scan import ScannedAttribute, ScannedElement, scan, value_offsets
 from btcore.xml.read.tinyxml2_compat import decode
@@ -23,25 +23,14 @@ class SourceSpan(NamedTuple):
     width: int
     source: str
 
-    def diagnostic(self, code: DiagnosticCode, message: str, file: str, hint: Hint) -> Diagnostic:
+    def diagnostic(self, code: DiagnosticCode, message: str, file: str, hint: str) -> Diagnostic:
         """Return a diagnostic about this range of *file*.
 
         Args:
             file: Name of the file in messages, or "".
             hint: How to fix the problem.
         """
-        return Diagnostic(
-            code,
-            message,
-            file,
-            self.line,
-            self.column,
-            hint.text,
-            self.source,
-            self.width,
-            hint.fixes,
-            hint.outer_key,
-        )
+        return Diagnostic(code, message, file, self.line, self.column, hint, self.source, self.width)
 
 
 class LineIndex:

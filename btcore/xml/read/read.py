@@ -162,8 +162,8 @@ def _unreadable(path: Path, error: OSError) -> Diagnostic:
     else:
         message = f"can't be read: {read_error(error)}"
     # An include of the file names one of these files instead.
-    fixes = tuple(SetValue(name) for name in files)
-    return Diagnostic(UNREADABLE_FILE, message, os.fspath(path), hint=hint, fixes=fixes)
+    fixes = [SetValue(name) for name in files]
+    return Diagnostic(UNREADABLE_FILE, message, os.fspath(path), hint=Hint(hint, *fixes))
 
 
 def _decoded(data: bytes, file: str) -> str:
@@ -199,7 +199,7 @@ def _syntax_error(
 ) -> XmlSyntaxError:
     from btcore.xml.read.positions import span_at
 
-    return XmlSyntaxError([span_at(text, offset, width).diagnostic(code, message, file, Hint(hint))])
+    return XmlSyntaxError([span_at(text, offset, width).diagnostic(code, message, file, hint)])
 
 
 # --- the documents of a tree
@@ -303,9 +303,7 @@ class _Reader:
                 else:
                     self.add(included, files)
             if message:
-                self.collector.report(
-                    document, INCLUDE_FAILED, message, element, attribute="path", hint=Hint(hint)
-                )
+                self.collector.report(document, INCLUDE_FAILED, message, element, attribute="path", hint=hint)
         self.documents.append(document)
 
     def _add_errors(self, error: XmlSyntaxError, document: Document, element: Element) -> None:
@@ -321,7 +319,7 @@ class _Reader:
                 for fix in cause.fixes
                 if isinstance(fix, SetValue)
             ]
-            hint = Hint(cause.hint, tuple(fixes))
+            hint = Hint(cause.hint, *fixes)
             self.collector.report(document, INCLUDE_FAILED, message, element, attribute="path", hint=hint)
 
     def _find(self, document: Document, element: Element) -> Path | None:
@@ -329,9 +327,7 @@ class _Reader:
         written = element.get("path")
         if not written:
             hint = 'write <include path="other.xml"/>'
-            self.collector.report(
-                document, INCLUDE_FAILED, "missing path in <include>", element, hint=Hint(hint)
-            )
+            self.collector.report(document, INCLUDE_FAILED, "missing path in <include>", element, hint=hint)
             return None
         path = Path(written)
         package = element.get("ros_pkg")
@@ -349,8 +345,6 @@ class _Reader:
                 if self._packages is None
                 else "the package resolver does not know it"
             )
-            self.collector.report(
-                document, INCLUDE_FAILED, message, element, attribute="ros_pkg", hint=Hint(hint)
-            )
+            self.collector.report(document, INCLUDE_FAILED, message, element, attribute="ros_pkg", hint=hint)
             return None
         return Path(folder) / path

@@ -43,7 +43,7 @@ class Finding(NamedTuple):
     width: int
     code: DiagnosticCode
     message: str
-    hint: Hint
+    hint: str
 
 
 def _rewrite(before: str, after: str) -> tuple[Fix, ...]:
@@ -56,7 +56,7 @@ class _SyntaxError(Exception):
 
     def __init__(self, offset: int, width: int, message: str, hint: str = "", *fixes: Fix) -> None:
         super().__init__(message)
-        self.finding = Finding(offset, width, NOT_XML, message, Hint(hint, fixes))
+        self.finding = Finding(offset, width, NOT_XML, message, Hint(hint, *fixes))
 
 
 def parse_as_tinyxml2(text: str, file: str) -> tuple[Element, list[Finding]]:
@@ -108,7 +108,7 @@ class _Parser:
         return self._root, self._warnings
 
     def _warn(self, offset: int, width: int, message: str, hint: str, *fixes: Fix) -> None:
-        whole = Hint(f"other XML tools reject it; {hint}", fixes)
+        whole = Hint(f"other XML tools reject it; {hint}", *fixes)
         self._add(Finding(offset, width, LENIENT_XML, message, whole))
 
     def _add(self, finding: Finding) -> None:
@@ -311,7 +311,7 @@ class _Parser:
             written = f"{text[attribute.start() : start]}{escaped}{text[end]}"
             hint = f"other XML tools reject it; write {written}"
             fix = Escape(is_safe=True)
-            self._add(Finding(bare.start(), 1, BARE_MARKUP, message, Hint(hint, (fix,))))
+            self._add(Finding(bare.start(), 1, BARE_MARKUP, message, Hint(hint, fix)))
         self._check_characters(start, end)
         return decode(attribute[group])
 
