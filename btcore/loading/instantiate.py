@@ -30,7 +30,7 @@ from btcore.registry.registry import Registry, library_of
 from btcore.registry.resources import Resources
 from btcore.tree.tree import Subtree, Tree
 from btcore.values import parse_constant, type_of
-from btcore.xml.plan.plan import Plans, report_script_error
+from btcore.xml.plan.plan import Plans, report_invalid_scripts
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.read.document import DiagnosticCollector
 
@@ -300,15 +300,10 @@ class NodeCreator:
         try:
             return manifest.make(config, self.context, draft.blackboard, self._resources, created)
         except ScriptError as error:
-            # The exception has the text of the script, not the attribute: of equal texts, the first counts.
-            texts = node_plan.element.attributes.items()
-            key = next((key for key, text in texts if text == error.text), None)
-            if key is not None:
-                report_script_error(draft.document, node_plan, key, error, self.collector)
-            else:
-                self.collector.report(
-                    draft.document, SCRIPT_SYNTAX, f"a script of <{node_plan.id}>: {error}", node_plan.element
-                )
+            if not report_invalid_scripts(node_plan, draft.document, self.enums, self.collector):
+                # The code of a leaf has compiled a script of its own.
+                message = f"a script of <{node_plan.id}>: {error}"
+                self.collector.report(draft.document, SCRIPT_SYNTAX, message, node_plan.element)
         except (NodeError, BlackboardError, ConversionError) as error:
             self._report_rejection(node_plan, draft, error)
         except BtcoreError:

@@ -163,7 +163,8 @@ def _plan_trees(definitions: Definitions, registry: Registry, every_tree: bool) 
     sizes = _measure(trees, main_tree, collector)
     if every_tree or collector.errors:
         for tree in trees.values():
-            _check_scripts(tree, registry.types.enums, collector)
+            for node in tree.nodes():
+                report_invalid_scripts(node, tree.definition.document, registry.types.enums, collector)
     return Plans(definitions, registry, trees, main_tree, sizes, collector.diagnostics)
 
 
@@ -277,26 +278,24 @@ def _add_cycle(
     collector.report(document, RECURSIVE_TREES, message, call.element, attribute="ID", hint=hint)
 
 
-def _check_scripts(tree: TreePlan, enums: dict[str, int], collector: DiagnosticCollector) -> None:
-    for node in tree.nodes():
-        for key, text, _ in node.iter_scripts():
-            if not text and key not in node.conditions:
-                continue  # BehaviorTree.CPP accepts an empty port of a Script, and checks it only in ticks
-            try:
-                compile_script(text, enums)
-            except ScriptError as error:
-                report_script_error(tree.definition.document, node, key, error, collector)
-
-
-def report_script_error(
-    document: Document, node: NodePlan, key: str, error: ScriptError, collector: DiagnosticCollector
-) -> None:
-    """Report an invalid script.
+def report_invalid_scripts(
+    node: NodePlan, document: Document, enums: Mapping[str, int], collector: DiagnosticCollector
+) -> bool:
+    """Report the invalid scripts of a node in *document*; return whether there are any.
 
     Args:
-        document: The document that contains the script.
-        node: The plan of the node that has the script.
-        key: The attribute that holds the script.
+        enums: The enum names that scripts may use, with their numbers.
     """
-    message = f"invalid script in '{key}' of <{node.id}>: {error.message}"
-    collector.report(document, SCRIPT_SYNTAX, message, node.element, attribute=key, within=error.column)
+    has_errors = False
+    for attribute, text, _ in node.iter_scripts():
+        if not text and attribute not in node.conditions:
+            continue  # BehaviorTree.CPP accepts an empty port of a Script, and checks it only in ticks
+        try:
+            compile_script(text, enums)
+        except ScriptError as error:
+            has_errors = True
+            message = f"invalid script in '{attribute}' of <{node.id}>: {error.message}"
+            collector.report(
+                document, SCRIPT_SYNTAX, message, node.element, attribute=attribute, within=error.column
+            )
+    return has_errors
