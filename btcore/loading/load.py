@@ -11,13 +11,13 @@ from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import Clock
 from btcore.diagnostic_codes import UNDETERMINED_MAIN_TREE
 from btcore.diagnostics import Diagnostic
-from btcore.errors import TreeError, XmlSyntaxError
+from btcore.errors import TreeError
 from btcore.loading.instantiate import instantiate
 from btcore.registry.registry import Registry
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans, plan_document
-from btcore.xml.read.document import Document
+from btcore.xml.read.document import Diagnostics, Document
 from btcore.xml.read.read import PackageResolver, parse_file, parse_text
 
 __all__ = ["LoadArguments"]  # for the API reference, which has the functions on the page of `btcore`
@@ -224,10 +224,9 @@ def plan_inputs(
     for path_or_text in inputs:
         try:
             documents.append(parse(path_or_text, confined=arguments.get("confined", False)))
-        except XmlSyntaxError as error:
+        except TreeError as error:
             errors += error.diagnostics
-    if errors:
-        raise XmlSyntaxError(errors)
+    Diagnostics(tuple(errors)).raise_errors()
     main, *others = documents
     return plan_document(
         main,

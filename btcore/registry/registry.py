@@ -289,7 +289,7 @@ class Registry:
                 trees from strangers. The folder of a text is the working directory.
 
         Raises:
-            XmlSyntaxError: A file can't be read, or a document is not valid XML. No tree is registered then.
+            TreeError: A file can't be read, or a document is not valid XML. No tree is registered then.
         """
         documents = [
             parse_text(source, confined=confined)

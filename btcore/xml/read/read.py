@@ -23,7 +23,7 @@ from btcore.diagnostic_codes import (
     DiagnosticCode,
 )
 from btcore.diagnostics import Diagnostic, Hint
-from btcore.errors import XmlSyntaxError
+from btcore.errors import TreeError, XmlSyntaxError
 from btcore.fixes import SetValue
 from btcore.input_files import read_error, read_file, real_path
 from btcore.suggestions import similar_file, suggestion
@@ -119,10 +119,10 @@ def parse_file(
     try:
         data = read_file(path) if text is None else encoded(text)
     except OSError as error:
-        raise XmlSyntaxError([_unreadable(Path(path), error)]) from None
+        raise TreeError([_unreadable(Path(path), error)]) from None
     if included_by is not None and _ROOT_TAG.search(data) is None:
         # Messages quote the text. A file that a stranger includes may contain anything, such as passwords.
-        raise XmlSyntaxError([Diagnostic(UNREADABLE_FILE, "not an XML document of trees", name)])
+        raise TreeError([Diagnostic(UNREADABLE_FILE, "not an XML document of trees", name)])
     document = parse_bytes(data, name, confined=confined)
     if unsaved:
         document.unsaved = unsaved
@@ -297,7 +297,7 @@ class _Reader:
             elif resolved not in self.seen:
                 try:
                     included = parse_file(path, included_by=document)
-                except XmlSyntaxError as error:
+                except TreeError as error:
                     self._add_errors(error, document, element)
                     self.seen.add(resolved)  # its errors are reported once
                 else:
@@ -306,7 +306,7 @@ class _Reader:
                 self.collector.report(document, INCLUDE_FAILED, message, element, attribute="path", hint=hint)
         self.documents.append(document)
 
-    def _add_errors(self, error: XmlSyntaxError, document: Document, element: Element) -> None:
+    def _add_errors(self, error: TreeError, document: Document, element: Element) -> None:
         """Add the errors of the file that *element* includes."""
         for cause in error.diagnostics:
             if cause.code != UNREADABLE_FILE:
