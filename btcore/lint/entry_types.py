@@ -165,8 +165,8 @@ def _untyped_entries(dry_run: DryRun, is_main: bool, given: Collection[str]) -> 
     untyped: list[Entry] = []
     for entry in dry_run.uses:
         if not entry.declared.strong and entry in homes:
-            subtree, key = homes[entry]
-            if subtree.blackboard is not dry_run.blackboard or (is_main and key not in given):
+            board, key = homes[entry]
+            if board is not dry_run.blackboard or (is_main and key not in given):
                 untyped.append(entry)
     return untyped
 

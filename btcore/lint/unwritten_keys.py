@@ -56,8 +56,7 @@ def check_keys(
     for entry, uses in dry_run.uses.items():
         if entry not in homes or entry.value is not None:
             continue
-        subtree, key = homes[entry]
-        board = subtree.blackboard
+        board, key = homes[entry]
         of_root = board is dry_run.blackboard
         # Braces in a key come from a <SubTree> of format 3, for which W205 is reported.
         if (of_root and (not is_main or key in given)) or (dry_run.format == 3 and key.startswith("{")):

@@ -63,7 +63,7 @@ def instantiate(
     return Tree(
         main.id,
         creator.format,
-        [Subtree(part.plan.id, part.path, part.blackboard, part.nodes) for part in creator.drafts],
+        [draft.subtree for draft in creator.drafts],
         creator.nodes,
         creator.context,
         plans.registry,
@@ -100,23 +100,24 @@ def _find_clock(resources: Sequence[object]) -> Clock:
 
 
 class SubtreeDraft:
-    """The nodes of one tree while they are created; `instantiate` makes a `btcore.Subtree` of it.
+    """A `btcore.Subtree` while its nodes are created, with what only their creation needs.
 
     Attributes:
+        subtree: The subtree, with the nodes so far.
+        plan: The plan of its tree.
+        document: The document of its tree.
         prefix: The beginning of the paths of its nodes.
         inputs: The inputs that nodes with equal texts share, by those of the plans.
     """
 
-    __slots__ = ("blackboard", "document", "inputs", "nodes", "path", "plan", "prefix")
+    __slots__ = ("document", "inputs", "plan", "prefix", "subtree")
 
     def __init__(self, plan: TreePlan, path: str, blackboard: Blackboard) -> None:
+        self.subtree = Subtree(plan.id, path, blackboard, [])
         self.plan = plan
-        self.path = path
-        self.blackboard = blackboard
-        self.nodes: list[TreeNode] = []
-        self.inputs: dict[Input, Input] = {}
         self.document = plan.definition.document
         self.prefix = f"{path}/" if path else ""
+        self.inputs: dict[Input, Input] = {}
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -192,12 +193,12 @@ class NodeCreator:
             leaf = self.create_node(node_plan, manifest, config, draft, ())
             if leaf is not None:
                 self.nodes.append(leaf)
-                draft.nodes.append(leaf)
+                draft.subtree.nodes.append(leaf)
             return leaf
         # Nodes are listed in pre-order, but a parent is created after its children: keep its place.
-        index, own_index = len(self.nodes), len(draft.nodes)
+        index, own_index = len(self.nodes), len(draft.subtree.nodes)
         self.nodes.append(_PLACEHOLDER)
-        draft.nodes.append(_PLACEHOLDER)
+        draft.subtree.nodes.append(_PLACEHOLDER)
         children: list[TreeNode | None]
         if self._rules and not takes_children(manifest):
             children = []  # a substitution rule has replaced the node by a leaf
@@ -208,14 +209,14 @@ class NodeCreator:
             children = [self._create_with_children(child, draft) for child in node_plan.children]
         node = self.create_node(node_plan, manifest, config, draft, children)
         if node is not None:
-            self.nodes[index] = draft.nodes[own_index] = node
+            self.nodes[index] = draft.subtree.nodes[own_index] = node
         return node
 
     def bind_ports(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> None:
         """Bind the ports, and declare the entries that the ports point to."""
         if not node_plan.bindings:
             return
-        blackboard = draft.blackboard
+        blackboard = draft.subtree.blackboard
         inputs: dict[str, Input] = {}
         outputs: dict[str, Output] = {}
         for binding in node_plan.bindings:
@@ -298,7 +299,7 @@ class NodeCreator:
         if manifest is None:
             return None
         try:
-            return manifest.make(config, self.context, draft.blackboard, self._resources, created)
+            return manifest.make(config, self.context, draft.subtree.blackboard, self._resources, created)
         except ScriptError as error:
             if not report_invalid_scripts(node_plan, draft.document, self.enums, self.collector):
                 # The code of a leaf has compiled a script of its own.
@@ -373,7 +374,7 @@ class NodeCreator:
 
     def create_scope(self, node_plan: NodePlan, call: SubtreeCall, draft: SubtreeDraft) -> Blackboard:
         """Return the blackboard of the called tree, connected with that of *draft*, which calls it."""
-        outer = draft.blackboard
+        outer = draft.subtree.blackboard
         if call.shares_blackboard:
             return outer
         inner = self._scope_class(outer)
