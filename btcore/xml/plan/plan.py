@@ -17,7 +17,7 @@ from btcore.registry.registry import Registry
 from btcore.script.program import compile_script
 from btcore.xml.define import Definitions, TreeDefinition, define
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
-from btcore.xml.plan.tree_planner import TreePlanner
+from btcore.xml.plan.tree_planner import PlanningContext, TreePlanner
 from btcore.xml.read.dialect import Dialect
 from btcore.xml.read.document import DiagnosticCollector, Diagnostics, Document
 from btcore.xml.read.read import PackageResolver, read
@@ -147,8 +147,10 @@ def _compare_with_format_4(plans: Plans, every_tree: bool) -> Plans:
 
 def _plan_trees(definitions: Definitions, registry: Registry, every_tree: bool) -> Plans:
     collector = DiagnosticCollector(definitions.diagnostics)
-    planner = TreePlanner(definitions, registry, collector)
-    outlines = {definition: planner.outline(definition) for definition in definitions.all}
+    context = PlanningContext(definitions, registry, collector)
+    planners = {definition: TreePlanner(definition, context) for definition in definitions.all}
+    for planner in planners.values():
+        planner.outline()
     trees: dict[str, TreePlan] = {}
     by_id, main = definitions.by_id, definitions.main_tree
     pending: list[TreeDefinition] = [*by_id.values()][::-1] if every_tree else []
@@ -157,7 +159,7 @@ def _plan_trees(definitions: Definitions, registry: Registry, every_tree: bool) 
     while pending:
         definition = pending.pop()
         if definition.id not in trees:
-            trees[definition.id] = tree = planner.complete(definition, outlines[definition])
+            trees[definition.id] = tree = planners[definition].complete()
             pending += [by_id[call.tree_id] for call in reversed(tree.calls) if call.tree_id in by_id]
     main_tree = None if main is None else trees[main.id]
     sizes = _measure(trees, main_tree, collector)

@@ -1,9 +1,7 @@
-"""Make the plans of trees in two passes: first their nodes, then the attributes and ports of the nodes.
-
-The caches only save time: without them the plans are the same.
-"""
+"""Make the plans of trees in two passes: first their nodes, then the attributes and ports of the nodes."""
 
 from collections.abc import Mapping
+from functools import partial
 from itertools import islice
 from operator import attrgetter
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -27,7 +25,6 @@ from btcore.diagnostic_codes import (
     UNKNOWN_TREE,
     UNREACHABLE_CHILD,
     WRONG_CHILD_COUNT,
-    DiagnosticCode,
 )
 from btcore.diagnostics import Hint
 from btcore.engine.node_config import MAX_NODES
@@ -60,7 +57,7 @@ from btcore.xml.define import Definitions, TreeDefinition, tree_hint
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.read.dialect import EXPLICIT_TAGS, Dialect
 from btcore.xml.read.document import DiagnosticCollector
-from btcore.xml.read.element import Element, ElementPart
+from btcore.xml.read.element import Element
 
 if TYPE_CHECKING:
     from btcore.xml.plan.hints import UnknownNameHints
@@ -149,36 +146,89 @@ class _BindingCache:
         ]
 
 
-class TreePlanner:
-    """Plans the trees of documents in two passes, and reports their errors.
+class PlanningContext:
+    """What the planners of a document's trees share. The caches only save time.
 
-    The first pass, `outline`, concerns all trees, because BehaviorTree.CPP rejects a document in which an
-    unused tree has a wrong structure. The second, `complete`, concerns the trees that are used.
+    Attributes:
+        tag_rules: The rules of the tags so far.
+        binding_caches: The caches of bindings so far, by ID.
+        kept_attributes: Names of attributes that a planner has kept, which depends only on the name.
     """
 
     def __init__(self, definitions: Definitions, registry: Registry, collector: DiagnosticCollector) -> None:
-        self._definitions = definitions
-        self._dialect: Dialect = definitions.dialect
+        self.definitions = definitions
+        self.dialect: Dialect = definitions.dialect
+        self.collector = collector
+        self.tag_rules: dict[str, _TagRule] = {}
+        self.binding_caches: dict[str, _BindingCache] = {}
+        self.kept_attributes: set[str] = set()
         self._registry = registry
-        self._collector = collector
-        self._tag_rules: dict[str, _TagRule] = {}
-        self._binding_caches: dict[str, _BindingCache] = {}
-        # Names of attributes that _select_attributes() kept. Its decision depends only on the name, so it is
-        # not called again for these names.
-        self._kept_attributes: set[str] = set()
-        self._unknown_name_hints: UnknownNameHints | None = None
-        self._definition: TreeDefinition  # of the tree that is being planned
+        self._name_hints: UnknownNameHints | None = None
+
+    @property
+    def name_hints(self) -> "UnknownNameHints":
+        """The hints for unknown names."""
+        if self._name_hints is None:
+            from btcore.xml.plan.hints import UnknownNameHints  # only errors need it
+
+            self._name_hints = UnknownNameHints(self.definitions, self._registry, self.collector)
+        return self._name_hints
+
+    def manifest(self, id: str) -> Manifest | None:
+        """Return the manifest of a node; None if it is unknown."""
+        return self._registry.get(id, self.dialect.format)
+
+    def add_tag_rule(self, tag: str) -> _TagRule:
+        """Create the rule of a tag, and return it."""
+        dialect, manifest = self.dialect, self.manifest(tag)
+        if manifest is None or tag in dialect.subtree_tags or tag in EXPLICIT_TAGS:
+            rule = _TagRule(is_node=False, counted_as=None, may_be_empty=False)
+        else:
+            needed, node_type = dialect.controls_requiring_children, manifest.type
+            is_counted = (
+                node_type is NodeType.DECORATOR
+                or (node_type is NodeType.CONTROL and (needed is None or tag in needed))
+                or (node_type in _LEAVES and dialect.checks_leaf_children)
+            )
+            rule = _TagRule(True, node_type if is_counted else None, not is_counted or node_type in _LEAVES)
+        self.tag_rules[tag] = rule
+        return rule
+
+    def add_binding_cache(self, id: str) -> _BindingCache | None:
+        """Create the cache for the bindings of a node, and return it; None if the node is unknown."""
+        manifest = self.manifest(id)
+        if manifest is None:
+            return None
+        self.binding_caches[id] = cache = _BindingCache(manifest, self.dialect.format)
+        return cache
+
+
+class TreePlanner:
+    """Plans one tree in two passes, and reports its errors.
+
+    The first pass, `outline`, concerns all trees, because BehaviorTree.CPP rejects a document in which an
+    unused tree has a wrong structure. The second, `complete`, concerns the trees that are used.
+
+    Attributes:
+        nodes: What the first pass hands to the second: the plans of the nodes in pre-order, beginning with
+            the root, with their elements and children only; [] if there is no root.
+    """
+
+    def __init__(self, definition: TreeDefinition, context: PlanningContext) -> None:
+        self.nodes: list[NodePlan] = []
+        self._definition = definition
+        self._context = context
+        self._definitions = context.definitions
+        self._dialect = context.dialect
+        self._collector = context.collector
+        self._report = partial(context.collector.report, definition.document)
 
     # --- the first pass: create node plans, and check the structure of the tree
 
-    def outline(self, definition: TreeDefinition) -> list[NodePlan]:
-        """Return a plan of each node of a tree, with the element and the children only.
-
-        Returns:
-            The plans in pre-order, beginning with the root; [] if there is no root.
-        """
-        self._definition = definition
-        rules, ignoring_tags = self._tag_rules, self._dialect.tags_with_ignored_children
+    def outline(self) -> None:
+        """Create the plans of the nodes, and check the structure of the tree."""
+        definition, rules = self._definition, self._context.tag_rules
+        ignoring_tags = self._dialect.tags_with_ignored_children
         nodes: list[NodePlan] = []
         # Ignored nodes are checked, as in BehaviorTree.CPP, but not planned.
         ignored: set[NodePlan] = set()
@@ -191,9 +241,9 @@ class TreePlanner:
                 message = f"the tree has more than {MAX_NODES:,} nodes"
                 hint = "nodes are numbered with 16 bits"
                 self._report(TREE_TOO_LARGE, message, definition.element, attribute="ID", hint=hint)
-                return []
+                return
             element, depth = node.element, node.depth + 1
-            rule = rules.get(element.tag) or self._add_tag_rule(element.tag)
+            rule = rules.get(element.tag) or self._context.add_tag_rule(element.tag)
             if rule.may_be_empty and not element.children:  # most elements are leaves
                 continue
             children = [NodePlan(child, depth) for child in self._check_element(element, rule, depth)]
@@ -205,7 +255,7 @@ class TreePlanner:
             else:  # a tree has one root: further roots are an error, and ignored
                 node.children = children[:1]
                 ignored.update(children[1:])
-        return nodes[1:]
+        self.nodes = nodes[1:]
 
     def _check_element(self, element: Element, rule: _TagRule, child_depth: int) -> list[Element]:
         """Check the tag, the number of the children and their depth. Return the children to check next."""
@@ -213,8 +263,9 @@ class TreePlanner:
         children = element.children
         if children:
             children = element_children(element)
-            if len(children) != len(element.children):
-                self._report_obsolete_roots(element)
+            for obsolete in element.iterchildren("Root") if len(children) != len(element.children) else ():
+                removal = Hint("remove it", Remove(is_safe=True))
+                self._report(CAPITALISED_ROOT, "the obsolete <Root> is ignored", obsolete, hint=removal)
         if not rule.is_node:
             self._check_other_tag(tag, element, children)
         elif rule.counted_as is not None:
@@ -226,51 +277,6 @@ class TreePlanner:
             return []
         return [] if tag in self._dialect.tags_with_unchecked_children else children
 
-    def _report(
-        self,
-        code: DiagnosticCode,
-        message: str,
-        element: Element,
-        *,
-        attribute: str = "",
-        hint: str = "",
-        part: ElementPart = "value",
-    ) -> None:
-        document = self._definition.document
-        self._collector.report(document, code, message, element, attribute=attribute, hint=hint, part=part)
-
-    @property
-    def _name_hints(self) -> "UnknownNameHints":
-        if self._unknown_name_hints is None:
-            from btcore.xml.plan.hints import UnknownNameHints  # only errors need it
-
-            self._unknown_name_hints = UnknownNameHints(self._definitions, self._registry, self._collector)
-        return self._unknown_name_hints
-
-    def _add_tag_rule(self, tag: str) -> _TagRule:
-        dialect, manifest = self._dialect, self._manifest(tag)
-        if manifest is None or tag in dialect.subtree_tags or tag in EXPLICIT_TAGS:
-            rule = _TagRule(is_node=False, counted_as=None, may_be_empty=False)
-        else:
-            needed, node_type = dialect.controls_requiring_children, manifest.type
-            is_counted = (
-                node_type is NodeType.DECORATOR
-                or (node_type is NodeType.CONTROL and (needed is None or tag in needed))
-                or (node_type in _LEAVES and dialect.checks_leaf_children)
-            )
-            rule = _TagRule(True, node_type if is_counted else None, not is_counted or node_type in _LEAVES)
-        self._tag_rules[tag] = rule
-        return rule
-
-    def _manifest(self, id: str) -> Manifest | None:
-        return self._registry.get(id, self._dialect.format)
-
-    def _report_obsolete_roots(self, element: Element) -> None:
-        hint = Hint("remove it", Remove(is_safe=True))
-        for child in element.iterchildren("Root"):
-            message = "the obsolete <Root> is ignored"
-            self._report(CAPITALISED_ROOT, message, child, hint=hint)
-
     def _check_other_tag(self, tag: str, element: Element, children: list[Element]) -> None:
         if tag == "BehaviorTree":
             self._check_tree(element, children)
@@ -279,7 +285,7 @@ class TreePlanner:
         elif tag in EXPLICIT_TAGS:
             self._check_explicit(tag, element, children)
         else:
-            hint = self._name_hints.for_node(tag)
+            hint = self._context.name_hints.for_node(tag)
             self._report(UNKNOWN_NODE, f"unknown node <{tag}>", element, hint=hint)
 
     def _check_explicit(self, tag: str, element: Element, children: list[Element]) -> None:
@@ -288,9 +294,9 @@ class TreePlanner:
             message, hint = f"the ID of the node is missing in <{tag}>", f'write <{tag} ID="…"/>'
             self._report(MISSING_ID, message, element, hint=hint)
             return
-        manifest = self._manifest(id)
+        manifest = self._context.manifest(id)
         if manifest is None:
-            hint = self._name_hints.for_node(id)
+            hint = self._context.name_hints.for_node(id)
             self._report(UNKNOWN_NODE, f"unknown node '{id}'", element, attribute="ID", hint=hint)
             return
         node_type = manifest.type if self._dialect.type_from_id else EXPLICIT_TAGS[tag]
@@ -306,7 +312,7 @@ class TreePlanner:
                 message, hint = f"<{id}> has {has}; a decorator has exactly 1", _one_child_hint(count)
                 self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
         elif node_type is NodeType.CONTROL:
-            manifest = self._manifest(id)
+            manifest = self._context.manifest(id)
             least = 1 if manifest is None else max(manifest.spec.child_count_at_load[0], 1)
             if count < least:
                 message = (
@@ -373,26 +379,23 @@ class TreePlanner:
             self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
 
     def _check_not_a_node(self, id: str, element: Element) -> None:
-        known = self._manifest(id)
+        known = self._context.manifest(id)
         if known is not None and not known.is_overridable:
             message, hint = f"invalid tree ID '{id}': a node has this name", "rename the tree"
             self._report(TREE_NAMED_AS_NODE, message, element, attribute="ID", hint=hint)
 
     # --- the second pass: add names, attributes, conditions, ports and calls of trees
 
-    def complete(self, definition: TreeDefinition, nodes: list[NodePlan]) -> TreePlan:
-        """Complete *nodes*, the result of `outline`; return the plan of the tree."""
-        self._definition = definition
-        tree = TreePlan(definition, nodes[0] if nodes else None)
-        if nodes:
-            self._complete_nodes(nodes, tree)
-        return tree
+    def complete(self) -> TreePlan:
+        """Complete the plans of the nodes, and return the plan of the tree.
 
-    def _complete_nodes(self, nodes: list[NodePlan], tree: TreePlan) -> None:
-        """Complete *nodes*, and remove the plans of unknown nodes and of calls of unknown trees: errors."""
+        The plans of unknown nodes and of calls of unknown trees, which are errors, are removed.
+        """
+        nodes = self.nodes
+        tree = TreePlan(self._definition, nodes[0] if nodes else None)
         tree.size = len(nodes)
-        tree.depth = max(map(_DEPTH_OF, nodes))
-        subtree_tags, caches = self._dialect.subtree_tags, self._binding_caches
+        tree.depth = max(map(_DEPTH_OF, nodes), default=0)
+        subtree_tags, caches = self._dialect.subtree_tags, self._context.binding_caches
         unknown: set[NodePlan] = set()
         for node in nodes:
             tag = node.element.tag
@@ -401,7 +404,7 @@ class TreePlanner:
                     unknown.add(node)
                 continue
             id = (node.element.get("ID") or "") if tag in EXPLICIT_TAGS else tag
-            cache = caches.get(id) or self._add_binding_cache(id)
+            cache = caches.get(id) or self._context.add_binding_cache(id)
             if cache is None:  # reported by the first pass
                 unknown.add(node)
                 continue
@@ -413,13 +416,7 @@ class TreePlanner:
                 tree.root = None
             for node in nodes:
                 node.children = [child for child in node.children if child not in unknown]
-
-    def _add_binding_cache(self, id: str) -> _BindingCache | None:
-        manifest = self._manifest(id)
-        if manifest is None:
-            return None
-        self._binding_caches[id] = cache = _BindingCache(manifest, self._dialect.format)
-        return cache
+        return tree
 
     def _plan_attributes(self, node: NodePlan, cache: _BindingCache) -> None:
         bindings: list[Binding] = []
@@ -436,7 +433,7 @@ class TreePlanner:
             else:
                 other_attributes[key] = text
         if other_attributes:
-            if not self._kept_attributes.issuperset(other_attributes):
+            if not self._context.kept_attributes.issuperset(other_attributes):
                 other_attributes = self._select_attributes(node, cache.manifest, other_attributes)
             node.attributes = other_attributes
         if cache.defaults and len(bindings) < len(cache.ports):
@@ -471,7 +468,7 @@ class TreePlanner:
                 kept[key] = text
             else:
                 message = f"<{node.id}> has no port '{key}'"
-                hint = self._name_hints.for_port(manifest, key)
+                hint = self._context.name_hints.for_port(manifest, key)
                 self._report(UNKNOWN_PORT, message, node.element, attribute=key, hint=hint, part="name")
         if conditions:
             node.conditions = {
@@ -479,7 +476,7 @@ class TreePlanner:
                 for key in (*PRECONDITION_ATTRIBUTES, *POSTCONDITION_ATTRIBUTES)
                 if key in conditions
             }
-        self._kept_attributes.update(kept)
+        self._context.kept_attributes.update(kept)
         return kept
 
     def _check_name(self, node: NodePlan, text: str) -> None:
@@ -535,7 +532,7 @@ class TreePlanner:
         element = node.element
         format, definitions = self._dialect.format, self._definitions
         node.id = tag
-        node.manifest = self._manifest(tag)
+        node.manifest = self._context.manifest(tag)
         id = element.get("ID") or ""
         model = definitions.subtree_models.get(id, {})
         node.subtree_call = call = SubtreeCall(element, format, model)
