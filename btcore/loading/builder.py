@@ -35,7 +35,7 @@ from btcore.values import to_text
 from btcore.xml.models.tree_nodes_model import quoted
 from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.document import Document
-from btcore.xml.read.element import Element, ElementPart
+from btcore.xml.read.element import Element
 from btcore.xml.read.read import parse_text
 
 _STEP: Final = "    "
@@ -301,15 +301,7 @@ class _BuiltDocument(Document):
         return draft.where[1] if draft is not None else 0
 
     def diagnostic(
-        self,
-        code: DiagnosticCode,
-        message: str,
-        element: Element,
-        *,
-        attribute: str = "",
-        hint: str = "",
-        part: ElementPart = "value",
-        within: int = 0,
+        self, code: DiagnosticCode, message: str, element: Element, *, hint: str = "", **place: object
     ) -> Diagnostic:
         """Return a diagnostic at the place in the code, with the generated XML in the hint."""
         draft = self._drafts[self.source_map.index(element)]

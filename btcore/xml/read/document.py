@@ -97,6 +97,7 @@ class Document:
         hint: str = "",
         part: ElementPart = "value",
         within: int = 0,
+        width: int = 1,
     ) -> Diagnostic:
         """Return a diagnostic about an element or one of its attributes.
 
@@ -105,8 +106,9 @@ class Document:
             hint: How to fix the problem.
             part: Whether the diagnostic points to the attribute's name or to its value.
             within: Number of a character in the value, from 1; 0 means the whole value.
+            width: The number of characters to mark from *within* on.
         """
-        place = self.source_map.span(element, attribute, part, within)
+        place = self.source_map.span(element, attribute, part, within, width)
         return place.diagnostic(code, message, self.file, hint)
 
     @property
@@ -181,15 +183,11 @@ class DiagnosticCollector:
         within: int = 0,
         width: int = 1,
     ) -> None:
-        """Add a diagnostic about an element of *document*; see `Document.diagnostic`.
-
-        Args:
-            width: The number of characters to mark from *within* on.
-        """
+        """Add a diagnostic about an element of *document*; see `Document.diagnostic`."""
         diagnostic = document.diagnostic(
-            code, message, element, attribute=attribute, hint=hint, part=part, within=within
+            code, message, element, attribute=attribute, hint=hint, part=part, within=within, width=width
         )
-        self.add(diagnostic._replace(width=width) if width > diagnostic.width else diagnostic)
+        self.add(diagnostic)
 
     def add(self, diagnostic: Diagnostic) -> None:
         """Add *diagnostic*, unless it was added before, or MAX_PER_CODE diagnostics with its code were.

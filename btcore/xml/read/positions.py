@@ -117,7 +117,12 @@ class SourceMap:
         return "".join(pieces)
 
     def span(
-        self, element: Element, attribute: str = "", part: ElementPart = "value", within: int = 0
+        self,
+        element: Element,
+        attribute: str = "",
+        part: ElementPart = "value",
+        within: int = 0,
+        width: int = 1,
     ) -> SourceSpan:
         """Return the position of an element or of one of its attributes.
 
@@ -125,6 +130,7 @@ class SourceMap:
             attribute: Name of the attribute; "" means the element itself.
             part: Whether to return the position of the attribute's name or value.
             within: Number of a character in the value, from 1; 0 means the whole value.
+            width: The number of characters from *within* on.
         """
         scanned = self.scanned(element)
         start, end = scanned.start, scanned.tag_end
@@ -137,7 +143,7 @@ class SourceMap:
             start, end = attribute_place.value_start, attribute_place.value_end
             if within:
                 start = self._character(attribute_place, within)
-                end = start + 1
+                end = start + width
             elif start == end:  # an empty value: show its quotes
                 start, end = start - 1, end + 1
         return self._line_index.span(start, end - start)
