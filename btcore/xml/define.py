@@ -174,9 +174,9 @@ def _find_main(
     root = document.root
     if requested is not None:
         if requested not in by_id and are_complete:
-            hint: str = tree_hint(requested, by_id)
-            if not by_id:
-                hint = f"--tree, or tree=… in Python, takes the ID of a <BehaviorTree>; {hint}"
+            similar = tree_hint(requested, by_id)
+            about = "" if similar.fixes else "--tree, or tree=… in Python, takes the ID of a <BehaviorTree>; "
+            hint = about + similar  # without the fix, which would change the marked root
             message = f"unknown main tree '{requested}'"
             collector.report(document, UNDETERMINED_MAIN_TREE, message, root, hint=hint)
         return by_id.get(requested)
