@@ -4,7 +4,7 @@ This is the third stage of loading.
 """
 
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from btcore.diagnostic_codes import RECURSIVE_TREES, SCRIPT_SYNTAX, TREE_TOO_LARGE, UNKNOWN_FORMAT
@@ -170,21 +170,18 @@ def _plan_trees(definitions: Definitions, registry: Registry, every_tree: bool) 
     return Plans(definitions, registry, trees, main_tree, sizes, collector.diagnostics)
 
 
-def reachable_trees(
-    trees: Mapping[str, TreePlan], tree: TreePlan, known: Collection[str] = ()
-) -> list[TreePlan]:
+def reachable_trees(trees: Mapping[str, TreePlan], tree: TreePlan) -> list[TreePlan]:
     """Return *tree* and all trees that it calls, directly or indirectly, each once.
 
     Args:
         trees: The plans by the IDs of the trees.
         tree: The tree to start with.
-        known: IDs of trees that are left out, with the trees that they call.
     """
     reached: dict[str, TreePlan] = {}
     pending = [tree.id]
     while pending:
         id = pending.pop()
-        if id not in reached and id not in known and id in trees:
+        if id not in reached and id in trees:
             reached[id] = trees[id]
             pending += [call.tree_id for call in reversed(trees[id].calls)]
     return list(reached.values())
@@ -207,73 +204,64 @@ def root_trees(trees: Mapping[str, TreePlan], main_tree: TreePlan | None) -> lis
 def _measure(
     trees: Mapping[str, TreePlan], main_tree: TreePlan | None, collector: DiagnosticCollector
 ) -> dict[str, TreeSize]:
+    """Return the sizes of the trees. Those of trees that are recursive or too large are missing: errors."""
     sizes: dict[str, TreeSize] = {}
-    checked: set[str] = set()
+    visited: set[str] = set()
     # Trees that call each other may have no root among them.
-    for tree in (*root_trees(trees, main_tree), *trees.values()):
-        if tree.id not in checked:
-            _measure_from(tree, trees, sizes, collector)
-            checked |= {called.id for called in reachable_trees(trees, tree, checked)}
+    for root in (*root_trees(trees, main_tree), *trees.values()):
+        if root.id not in visited:
+            _measure_from(root, trees, sizes, visited, collector)
+            size = sizes.get(root.id)
+            if size is not None and (size.nodes > MAX_NODES or size.depth > MAX_DEPTH):
+                _report_too_large(root, size, collector)
+                del sizes[root.id]
     return sizes
 
 
 def _measure_from(
-    root: TreePlan, trees: Mapping[str, TreePlan], sizes: dict[str, TreeSize], collector: DiagnosticCollector
+    root: TreePlan,
+    trees: Mapping[str, TreePlan],
+    sizes: dict[str, TreeSize],
+    visited: set[str],
+    collector: DiagnosticCollector,
 ) -> None:
-    """Add the sizes of *root* and of the trees that it calls, or an error if they are recursive or too large.
-
-    A tree that is not recursive is visited once, however many of the measured trees call it.
-    """
-    order: dict[str, TreePlan] = {}  # each tree comes before the trees that call it
-    is_recursive = False
-    path: list[str] = []
-    places: dict[str, int] = {}  # the index of each tree in the path
-    pending: list[tuple[str, bool]] = [(root.id, False)]
+    """Add the sizes of *root* and of the trees that it calls, unless they call each other."""
+    path: dict[str, None] = {}  # the trees from the root to the visited tree
+    pending: list[tuple[TreePlan, bool]] = [(root, False)]
     while pending:
-        id, leaving = pending.pop()
+        tree, leaving = pending.pop()
+        called = [trees[call.tree_id] for call in tree.calls if call.tree_id in trees]
         if leaving:
-            del places[path.pop()]
-            order[id] = trees[id]
-            continue
-        if id in order or id in sizes:
-            continue
-        places[id] = len(path)
-        path.append(id)
-        pending.append((id, True))
-        for call in trees[id].calls:
-            if call.tree_id in places:
-                is_recursive = True
-                _add_cycle(path, places[call.tree_id], trees[id], call, collector)
-            elif call.tree_id in trees and call.tree_id not in order:
-                pending.append((call.tree_id, False))
-    if is_recursive:
-        return
-    for id, tree in order.items():
-        below = [sizes[call.tree_id] for call in tree.calls if call.tree_id in sizes]  # without unknown trees
-        count = min(MAX_NODES + 1, tree.size + sum(size.nodes for size in below))
-        sizes[id] = TreeSize(count, tree.depth + max((size.depth for size in below), default=0))
-    size = sizes[root.id]
-    message, hint = "", ""
+            del path[tree.id]
+            below = [sizes[inner.id] for inner in called if inner.id in sizes]
+            if len(below) == len(called):  # else one of them is recursive
+                count = min(MAX_NODES + 1, tree.size + sum(size.nodes for size in below))
+                sizes[tree.id] = TreeSize(count, tree.depth + max((size.depth for size in below), default=0))
+        elif tree.id not in visited:
+            visited.add(tree.id)
+            path[tree.id] = None
+            pending.append((tree, True))
+            for call in tree.calls:
+                if call.tree_id in path:
+                    _report_cycle(list(path), tree, call, collector)
+            pending += [(inner, False) for inner in called if inner.id not in visited]
+
+
+def _report_too_large(tree: TreePlan, size: TreeSize, collector: DiagnosticCollector) -> None:
+    message, hint = f"with all its subtrees the tree is more than {MAX_DEPTH:,} levels deep", ""
     if size.nodes > MAX_NODES:
         message = f"with all its subtrees the tree has more than {MAX_NODES:,} nodes"
         hint = "nodes are numbered with 16 bits; look for trees that call other trees several times"
-    elif size.depth > MAX_DEPTH:
-        message = f"with all its subtrees the tree is more than {MAX_DEPTH:,} levels deep"
-    if message:
-        document, element = root.definition.document, root.definition.element
-        collector.report(document, TREE_TOO_LARGE, message, element, attribute="ID", hint=hint)
-        del sizes[root.id]
+    document, element = tree.definition.document, tree.definition.element
+    collector.report(document, TREE_TOO_LARGE, message, element, attribute="ID", hint=hint)
 
 
-def _add_cycle(
-    path: list[str], start: int, tree: TreePlan, call: SubtreeCall, collector: DiagnosticCollector
-) -> None:
-    """Add the error for *call* in the last tree of *path*: it calls the tree with the index *start*."""
-    if len(path) - start < _MAX_SHOWN_CYCLE:
-        cycle = path[start:]
-    else:
+def _report_cycle(path: list[str], tree: TreePlan, call: SubtreeCall, collector: DiagnosticCollector) -> None:
+    """Report *call* in *tree*, the last tree of *path*: it calls another tree of the path."""
+    cycle = path[path.index(call.tree_id) :]
+    if len(cycle) >= _MAX_SHOWN_CYCLE:
         half = _MAX_SHOWN_CYCLE // 2
-        cycle = [*path[start : start + half], "…", *path[1 - half :]]
+        cycle = [*cycle[:half], "…", *cycle[1 - half :]]
     message = f"the trees call each other recursively: {' → '.join([*cycle, call.tree_id])}"
     document = tree.definition.document
     hint = "a tree can't contain itself"
