@@ -4,6 +4,7 @@ This is the fourth and last stage of loading.
 """
 
 from collections.abc import Sequence
+from functools import partial
 
 from mypy_extensions import mypyc_attr
 
@@ -108,16 +109,20 @@ class SubtreeDraft:
         document: The document of its tree.
         prefix: The beginning of the paths of its nodes.
         inputs: The inputs that nodes with equal texts share, by those of the plans.
+        report: `DiagnosticCollector.report` for elements of the document.
     """
 
-    __slots__ = ("document", "inputs", "plan", "prefix", "subtree")
+    __slots__ = ("document", "inputs", "plan", "prefix", "report", "subtree")
 
-    def __init__(self, plan: TreePlan, path: str, blackboard: Blackboard) -> None:
+    def __init__(
+        self, plan: TreePlan, path: str, blackboard: Blackboard, collector: DiagnosticCollector
+    ) -> None:
         self.subtree = Subtree(plan.id, path, blackboard, [])
         self.plan = plan
         self.document = plan.definition.document
         self.prefix = f"{path}/" if path else ""
         self.inputs: dict[Input, Input] = {}
+        self.report = partial(collector.report, self.document)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -168,7 +173,7 @@ class NodeCreator:
         self._create_subtree(tree_plan, "", self.blackboard)
 
     def _create_subtree(self, tree_plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
-        draft = SubtreeDraft(tree_plan, path, blackboard)
+        draft = SubtreeDraft(tree_plan, path, blackboard, self.collector)
         self.drafts.append(draft)
         assert tree_plan.root is not None
         return self._create_with_children(tree_plan.root, draft)
@@ -255,32 +260,21 @@ class NodeCreator:
     def _report_type_conflict(
         self, node_plan: NodePlan, port: Port, draft: SubtreeDraft, entry: Entry | None, error: BtcoreError
     ) -> None:
-        if entry is None or entry.declared.same(port.type):
-            self.collector.report(
-                draft.document, CONFLICTING_ENTRY_TYPES, str(error), node_plan.element, attribute=port.name
-            )
-            return
-        own, declared = port.type.name, entry.declared.name
-        if own == declared:
-            own += f" of {library_of(port.type.python_type)}"
-            declared += f" of {library_of(entry.declared.python_type)}"
-        types = f"has the type {own}, but its entry has the type {declared}"
-        message = f"the port '{port.name}' of <{node_plan.id}> {types}"
-        first = self.declared_by(entry)
-        origin = f"declared by {first}" if first else "it was on the blackboard before the tree was built"
-        hint = f"{origin}; the type of an entry never changes"
-        if self.format == 4 and entry.declared.is_related(port.type):
-            hint = (
-                f"{origin}; an output needs exactly this type, so declare the port as {entry.declared.name}"
-            )
-        self.collector.report(
-            draft.document,
-            CONFLICTING_ENTRY_TYPES,
-            message,
-            node_plan.element,
-            attribute=port.name,
-            hint=hint,
-        )
+        message, hint = str(error), ""
+        if entry is not None and not entry.declared.same(port.type):
+            own, declared = port.type.name, entry.declared.name
+            if own == declared:
+                own += f" of {library_of(port.type.python_type)}"
+                declared += f" of {library_of(entry.declared.python_type)}"
+            types = f"has the type {own}, but its entry has the type {declared}"
+            message = f"the port '{port.name}' of <{node_plan.id}> {types}"
+            first = self.declared_by(entry)
+            origin = f"declared by {first}" if first else "it was on the blackboard before the tree was built"
+            hint = f"{origin}; the type of an entry never changes"
+            if self.format == 4 and entry.declared.is_related(port.type):
+                name = entry.declared.name
+                hint = f"{origin}; an output needs exactly this type, so declare the port as {name}"
+        draft.report(CONFLICTING_ENTRY_TYPES, message, node_plan.element, attribute=port.name, hint=hint)
 
     def create_node(
         self,
@@ -304,7 +298,7 @@ class NodeCreator:
             if not report_invalid_scripts(node_plan, draft.document, self.enums, self.collector):
                 # The code of a leaf has compiled a script of its own.
                 message = f"a script of <{node_plan.id}>: {error}"
-                self.collector.report(draft.document, SCRIPT_SYNTAX, message, node_plan.element)
+                draft.report(SCRIPT_SYNTAX, message, node_plan.element)
         except (NodeError, BlackboardError, ConversionError) as error:
             self._report_rejection(node_plan, draft, error)
         except BtcoreError:
@@ -314,12 +308,12 @@ class NodeCreator:
             hint = ""
             if isinstance(error, TypeError) and str(error).startswith("object.__init__()"):
                 hint = "call super().__init__() without arguments: a node has its name and config already"
-            self.collector.report(draft.document, LEAF_INIT_RAISED, message, node_plan.element, hint=hint)
+            draft.report(LEAF_INIT_RAISED, message, node_plan.element, hint=hint)
         return None
 
     def _report_rejection(self, node_plan: NodePlan, draft: SubtreeDraft, error: BtcoreError) -> None:
         if not isinstance(error, NodeError):
-            self.collector.report(draft.document, INCONVERTIBLE_TEXT, str(error), node_plan.element)
+            draft.report(INCONVERTIBLE_TEXT, str(error), node_plan.element)
             return
         set_names = {binding.name for binding in node_plan.bindings}
         ports = node_plan.manifest.ports.values() if node_plan.manifest is not None else ()
@@ -331,10 +325,9 @@ class NodeCreator:
             for port in missing
             if port.role in LOAD_TIME_ROLES
         }
-        hint = ""
-        if values:
-            hint = Hint("write " + " ".join(f'{name}="…"' for name in values), SetAttributes(values))
-        self.collector.report(draft.document, code, str(error), node_plan.element, hint=hint)
+        written = " ".join(f'{name}="…"' for name in values)
+        hint = Hint(f"write {written}", SetAttributes(values)) if values else ""
+        draft.report(code, str(error), node_plan.element, hint=hint)
 
     def _substitute(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> Manifest | None:
         """Return the manifest after the registry's substitution rules, or None after an error."""
@@ -345,7 +338,7 @@ class NodeCreator:
         try:
             return self._registry.apply_substitutions(config, node_plan.manifest, children)
         except NodeError as error:
-            self.collector.report(draft.document, NODE_NOT_CREATED, str(error), node_plan.element)
+            draft.report(NODE_NOT_CREATED, str(error), node_plan.element)
             return None
 
     # --- SubTree elements
@@ -362,14 +355,7 @@ class NodeCreator:
         if config.path in self._paths:
             message = f"two SubTree nodes have the path '{config.path}'"
             hint = "give them different names, or remove the names"
-            self.collector.report(
-                draft.document,
-                DUPLICATE_SUBTREE_PATH,
-                message,
-                node_plan.element,
-                attribute="name",
-                hint=hint,
-            )
+            draft.report(DUPLICATE_SUBTREE_PATH, message, node_plan.element, attribute="name", hint=hint)
         self._paths.add(config.path)
 
     def create_scope(self, node_plan: NodePlan, call: SubtreeCall, draft: SubtreeDraft) -> Blackboard:
@@ -387,9 +373,7 @@ class NodeCreator:
             try:
                 inner.set(key, value, None if isinstance(value, str) else type_of(value))
             except BlackboardError as error:
-                self.collector.report(
-                    draft.document, CONFLICTING_ENTRY_TYPES, str(error), node_plan.element, attribute=key
-                )
+                draft.report(CONFLICTING_ENTRY_TYPES, str(error), node_plan.element, attribute=key)
         inner.autoremap = call.autoremap
         return inner
 
