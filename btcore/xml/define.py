@@ -152,14 +152,12 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
 def _warn_duplicate(
     definition: TreeDefinition, earlier: TreeDefinition, replaces: bool, collector: DiagnosticCollector
 ) -> None:
+    id, document, element = definition
     place = earlier.document.source_map.span(earlier.element, "ID")
     where = f"{earlier.document.file or '<text>'}:{place.line}"
     effect = f"it replaces the tree at {where}" if replaces else f"it is ignored, the tree at {where} is used"
-    message = f"duplicate tree '{definition.id}': {effect}"
-    hint = "rename or remove one of the two trees"
-    collector.report(
-        definition.document, DUPLICATE_TREE_ID, message, definition.element, attribute="ID", hint=hint
-    )
+    message, hint = f"duplicate tree '{id}': {effect}", "rename or remove one of the two trees"
+    collector.report(document, DUPLICATE_TREE_ID, message, element, attribute="ID", hint=hint)
 
 
 def _find_main(
@@ -174,24 +172,18 @@ def _find_main(
     root = document.root
     if requested is not None:
         if requested not in by_id and are_complete:
-            similar = tree_hint(requested, by_id)
-            about = "" if similar.fixes else "--tree, or tree=… in Python, takes the ID of a <BehaviorTree>; "
-            hint = about + similar  # without the fix, which would change the marked root
-            message = f"unknown main tree '{requested}'"
-            collector.report(document, UNDETERMINED_MAIN_TREE, message, root, hint=hint)
+            message, hint = f"unknown main tree '{requested}'", tree_hint(requested, by_id)
+            about = "" if hint.fixes else "--tree, or tree=… in Python, takes the ID of a <BehaviorTree>; "
+            # Without the fix, which would change the marked root.
+            collector.report(document, UNDETERMINED_MAIN_TREE, message, root, hint=about + hint)
         return by_id.get(requested)
-    written = root.get("main_tree_to_execute")
+    attribute = "main_tree_to_execute"
+    written = root.get(attribute)
     if written is not None:
         if written not in by_id and are_complete:
-            message = f"unknown main tree '{written}' in main_tree_to_execute"
-            collector.report(
-                document,
-                UNDETERMINED_MAIN_TREE,
-                message,
-                root,
-                attribute="main_tree_to_execute",
-                hint=tree_hint(written, by_id),
-            )
+            message = f"unknown main tree '{written}' in {attribute}"
+            hint = tree_hint(written, by_id)
+            collector.report(document, UNDETERMINED_MAIN_TREE, message, root, attribute=attribute, hint=hint)
         return by_id.get(written)
     # Trees of the document itself take precedence over included trees.
     own = [definition for definition in definitions if definition.document is document]
@@ -201,13 +193,12 @@ def _find_main(
     if not are_complete:
         return None
     if not definitions:
-        message = "missing <BehaviorTree>: the document has no tree"
-        hint = EXAMPLE
+        message, remedy = "missing <BehaviorTree>: the document has no tree", EXAMPLE
     else:
         message = "ambiguous main tree: the document has several trees"
         names = join_names(sorted(by_id), "or")
-        hint = f'write main_tree_to_execute="…" in <root>, or select a tree when loading: {names}'
-    collector.report(document, UNDETERMINED_MAIN_TREE, message, root, hint=hint)
+        remedy = f'write {attribute}="…" in <root>, or select a tree when loading: {names}'
+    collector.report(document, UNDETERMINED_MAIN_TREE, message, root, hint=remedy)
     return None
 
 
