@@ -136,8 +136,11 @@ class Builder:
             main: The root of the main tree.
             id: ID of the main tree.
             **subtrees: The roots of the subtrees, by their IDs.
+
+        Raises:
+            XmlSyntaxError: The tree has more than 2,000 levels.
         """
-        return _Writer(main, id, subtrees, _STEP).text()
+        return _write(main, id, subtrees, _STEP)[0]
 
     def build(
         self,
@@ -166,7 +169,8 @@ class Builder:
         Raises:
             TreeError: The tree has errors; each has the file and line of the code that created the draft.
         """
-        document = _Writer(main, id, subtrees, "").document()
+        text, drafts = _write(main, id, subtrees, "")
+        document = _BuiltDocument(text, main.where[0], drafts)
         with PausedGarbageCollection():
             plans = plan_document(document, self._nodes, id)
             return instantiate(plans, resources, blackboard, clock)
@@ -230,55 +234,39 @@ def _caller() -> tuple[str, int]:
     return str(path.relative_to(here) if path.is_relative_to(here) else path), frame.f_lineno
 
 
-class _Writer:
-    """Writes drafts as a document, one element per line, and keeps the draft of each element.
+def _write(
+    main: NodeDraft, id: str, subtrees: Mapping[str, NodeDraft], step: str
+) -> tuple[str, list[NodeDraft | None]]:
+    """Return the XML of a document, and the draft of each element in document order; `<root>` has no draft.
 
-    Each level is indented by *step*.
+    Each element has a line of its own, which each level indents by *step*.
     """
-
-    def __init__(self, main: NodeDraft, id: str, subtrees: Mapping[str, NodeDraft], step: str) -> None:
-        # One item for each element in document order; <root> has no draft.
-        self._drafts: list[NodeDraft | None] = [None]
-        self._lines = [f'<root BTCPP_format="4" main_tree_to_execute={quoted(id)}>']
-        self._main = main
-        self._step = step
-        self._too_deep: NodeDraft | None = None
-        for name, draft in {id: main, **subtrees}.items():
-            self._drafts.append(draft)
-            self._lines.append(f"{step}<BehaviorTree ID={quoted(name)}>")
-            self._write(draft)
-            self._lines.append(f"{step}</BehaviorTree>")
-        self._lines.append("</root>")
-
-    def _write(self, top: NodeDraft) -> None:
-        # A str in `pending` is an end tag. A loop instead of recursion, because trees may be very deep.
-        pending: list[tuple[NodeDraft | str, int]] = [(top, 2)]
+    drafts: list[NodeDraft | None] = [None]
+    lines = [f'<root BTCPP_format="4" main_tree_to_execute={quoted(id)}>']
+    for name, root in {id: main, **subtrees}.items():
+        drafts.append(root)
+        lines.append(f"{step}<BehaviorTree ID={quoted(name)}>")
+        # A str is an end tag. A loop instead of recursion, because trees may be very deep.
+        pending: list[tuple[NodeDraft | str, int]] = [("</BehaviorTree>", 1), (root, 2)]
         while pending:
             draft, depth = pending.pop()
-            indent = self._step * depth
+            indent = step * depth
             if isinstance(draft, str):
-                self._lines.append(indent + draft)
+                lines.append(indent + draft)
                 continue
             if depth > MAX_BUILDER_DEPTH + 1:
-                self._too_deep = draft
-            self._drafts.append(draft)
+                message, hint = (
+                    f"nodes are nested more than {MAX_BUILDER_DEPTH:,} deep",
+                    "make parts of it subtrees",
+                )
+                raise XmlSyntaxError([Diagnostic(TOO_DEEP, message, *draft.where, hint=hint)])
+            drafts.append(draft)
             words = [draft.id, *(f"{key}={quoted(text)}" for key, text in draft.attributes.items())]
-            self._lines.append(f"{indent}<{' '.join(words)}{'>' if draft.children else '/>'}")
+            lines.append(f"{indent}<{' '.join(words)}{'>' if draft.children else '/>'}")
             if draft.children:
                 pending.append((f"</{draft.id}>", depth))
                 pending += [(child, depth + 1) for child in reversed(draft.children)]
-
-    def text(self) -> str:
-        """Return the XML text of the document."""
-        return "\n".join(self._lines) + "\n"
-
-    def document(self) -> Document:
-        """Return the document, whose diagnostics refer to the code that created the drafts."""
-        if self._too_deep is not None:
-            message, where = f"nodes are nested more than {MAX_BUILDER_DEPTH:,} deep", self._too_deep.where
-            raise XmlSyntaxError([Diagnostic(TOO_DEEP, message, *where, hint="make parts of it subtrees")])
-        text = self.text()
-        return _BuiltDocument(parse_text(text).root, text, self._main.where[0], self._drafts)
+    return "\n".join([*lines, "</root>"]) + "\n", drafts
 
 
 class _BuiltDocument(Document):
@@ -286,8 +274,8 @@ class _BuiltDocument(Document):
 
     max_depth = MAX_BUILDER_DEPTH
 
-    def __init__(self, root: Element, text: str, file: str, drafts: Sequence[NodeDraft | None]) -> None:
-        super().__init__(root, text, file)
+    def __init__(self, text: str, file: str, drafts: Sequence[NodeDraft | None]) -> None:
+        super().__init__(parse_text(text).root, text, file)
         self._drafts = drafts
 
     @property

@@ -140,7 +140,7 @@ def add_document_models(nodes: Registry, document: Document, override: bool = Fa
             continue
         ports = [_port(nodes, document, item) for item in model.iterchildren(*PORT_TAGS) if item.get("name")]
         described = next(model.iterchildren("description"), None)
-        about = " ".join(document.text_in(described).split()) if described is not None else ""
+        about = " ".join(document.source_map.text_in(described).split()) if described is not None else ""
         try:
             add_mock(nodes, id, EXPLICIT_TAGS[model.tag], ports, about, document, _metadata(model))
             added.append(id)
@@ -164,7 +164,7 @@ def _port(nodes: Registry, document: Document, element: Element) -> Port:
         PORT_TAGS[element.tag],
         _type(nodes, element.get("type") or ""),
         element.get("default") or None,
-        " ".join((element.get("description") or document.text_in(element)).split()),
+        " ".join((element.get("description") or document.source_map.text_in(element)).split()),
     )
     if default_value_error(port):
         # Only the C++ code can convert texts of this port: accept any text.

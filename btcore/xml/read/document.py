@@ -83,10 +83,6 @@ class Document:
         """Return the line (from 1) in which *element* begins."""
         return element.line if self.knows_lines else self.source_map.line(element)
 
-    def text_in(self, element: Element) -> str:
-        """Return the text in *element* up to its first child."""
-        return self.source_map.text_in(element)
-
     def diagnostic(
         self,
         code: DiagnosticCode,

@@ -71,13 +71,11 @@ def parse_text(text: str, file: str = "", *, confined: bool = False) -> Document
     zero = text.find("\0")
     if zero >= 0:
         raise _syntax_error(NOT_XML, "invalid XML: the text contains a NUL character", text, zero, file)
-    # Escaping is slow, so it is skipped if certainly no value contains a line break or a tab.
     escaped = text
     if not _has_one_line_tags(text):
-        from btcore.xml.read.tinyxml2_compat import escape_line_breaks, may_keep_line_breaks
+        from btcore.xml.read.tinyxml2_compat import escape_line_breaks
 
-        if may_keep_line_breaks(text):
-            escaped = escape_line_breaks(text)
+        escaped = escape_line_breaks(text)
     plain = parse_with_expat(encoded(escaped))
     if plain is not None:
         return Document(plain, text, file, knows_lines=escaped is text, confined=confined)
