@@ -26,7 +26,7 @@ from btcore.lint.possible_results import ResultAnalysis
 from btcore.lint.scripts import check_script_results
 from btcore.lint.subtree_calls import check_remappings, check_unused_trees
 from btcore.lint.unwritten_keys import check_keys
-from btcore.loading.load import PausedGarbageCollection
+from btcore.loading.load import paused_garbage_collection
 from btcore.registry.registry import Registry
 from btcore.xml.plan.key_uses import TreeKeys
 from btcore.xml.plan.plan import Plans, plan_document, root_trees
@@ -70,7 +70,7 @@ def validate_document(
         format: 3 or 4, overriding the document's `BTCPP_format`.
         given: Keys that the main tree's blackboard holds before the first tick.
     """
-    with PausedGarbageCollection():
+    with paused_garbage_collection():
         plans = plan_document(document, nodes, tree, format, every_tree=True)
         collector = _check_plans(plans, tree is not None, given)
     return [*sort_diagnostics(collector.errors), *sort_diagnostics(collector.warnings)]

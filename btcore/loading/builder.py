@@ -26,7 +26,7 @@ from btcore.diagnostic_codes import (
 from btcore.diagnostics import Diagnostic
 from btcore.errors import ConversionError, PortError, TreeError, UnknownNodeError, XmlSyntaxError
 from btcore.loading.instantiate import instantiate
-from btcore.loading.load import PausedGarbageCollection
+from btcore.loading.load import paused_garbage_collection
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.suggestions import nearest_name, suggestion
@@ -171,7 +171,7 @@ class Builder:
         """
         text, drafts = _write(main, id, subtrees, "")
         document = _BuiltDocument(text, main.where[0], drafts)
-        with PausedGarbageCollection():
+        with paused_garbage_collection():
             plans = plan_document(document, self._nodes, id)
             return instantiate(plans, resources, blackboard, clock)
 
@@ -255,10 +255,8 @@ def _write(
                 lines.append(indent + draft)
                 continue
             if depth > MAX_BUILDER_DEPTH + 1:
-                message, hint = (
-                    f"nodes are nested more than {MAX_BUILDER_DEPTH:,} deep",
-                    "make parts of it subtrees",
-                )
+                message = f"nodes are nested more than {MAX_BUILDER_DEPTH:,} deep"
+                hint = "make parts of it subtrees"
                 raise XmlSyntaxError([Diagnostic(TOO_DEEP, message, *draft.where, hint=hint)])
             drafts.append(draft)
             words = [draft.id, *(f"{key}={quoted(text)}" for key, text in draft.attributes.items())]
