@@ -113,7 +113,11 @@ class UnknownNameHints:
         near = nearest_name(name, [*self._manifests, *EXPLICIT_TAGS])
         if near is not None:
             return Hint(suggestion(f"<{near}>"), Rename(near), *_declaration(name))
-        searched = f"searched: {', '.join(self._distributions())}"
+        names = {
+            "your program" if manifest.distribution == "__main__" else manifest.distribution
+            for manifest in self._manifests.values()
+        }
+        searched = f"searched: {', '.join(sorted(names, key=lambda name: (name != 'btcore', name)))}"
         load = "load a plugin that provides it (--plugin, or nodes.add_plugin)"
         _, unavailable = self._libraries
         return Hint("; ".join([searched, load, *unsearched_libraries(unavailable)]), *_declaration(name))
@@ -126,13 +130,6 @@ class UnknownNameHints:
         """
         is_program = not any(manifest.is_overridable for manifest in self._manifests.values())
         return _installed_nodes() if is_program else (self._registry, [])
-
-    def _distributions(self) -> list[str]:
-        """Return the names of the Python distributions that provide the nodes, btcore first."""
-        names = {manifest.distribution for manifest in self._manifests.values()}
-        if "__main__" in names:
-            names = (names - {"__main__"}) | {"your program"}
-        return sorted(names, key=lambda name: (name != "btcore", name))
 
 
 def _declaration(name: str) -> tuple[Fix, ...]:

@@ -12,7 +12,6 @@ from btcore.diagnostics import Hint
 from btcore.engine.node_config import MAX_NODES
 from btcore.errors import ScriptError
 from btcore.fixes import SetFormat
-from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.script.program import compile_script
 from btcore.xml.define import Definitions, TreeDefinition, define
@@ -72,19 +71,13 @@ class Plans(NamedTuple):
         """Whether no tree is recursive or too large, so that calls of trees can be followed to their end."""
         return len(self.sizes) == len(self.trees)
 
-    def used_manifests(self) -> list[Manifest]:
-        """Return the manifests of the nodes in the main tree and its subtrees, each once."""
-        manifests: dict[str, Manifest] = {}
-        for tree in reachable_trees(self.trees, self.main_tree) if self.main_tree is not None else ():
-            for node in tree.nodes():
-                if node.manifest is not None:
-                    manifests.setdefault(node.id, node.manifest)
-        return list(manifests.values())
-
     def required_resources(self) -> list[Any]:
         """Return the types of the resources that the leaves of the main tree need, each once."""
+        trees = () if self.main_tree is None else reachable_trees(self.trees, self.main_tree)
+        nodes = (node for tree in trees for node in tree.nodes())
+        manifests = {node.id: node.manifest for node in nodes if node.manifest is not None}
         types: list[Any] = []
-        for manifest in self.used_manifests():
+        for manifest in manifests.values():
             types += (resource for resource in manifest.required_resources if resource not in types)
         return types
 
