@@ -64,7 +64,7 @@ def add_models(nodes: Registry, path: str | os.PathLike[str], confined: bool = F
     documents = sources.documents
     added = [id for document in documents for id in add_document_models(nodes, document, override=True)]
     added += add_explicit_nodes(nodes, documents)
-    if not added and not any(_models(document) for document in documents):
+    if not added and not any(model_elements(document) for document in documents):
         message = "the file contains no model of a node"
         hint = "export a <TreeNodesModel> with Groot or `btcore nodes --xml`"
         raise TreeError([Diagnostic(UNREADABLE_FILE, message, os.fspath(path), hint=hint)])
@@ -104,15 +104,11 @@ def collect_ports(element: Element, ports: dict[str, Port], format: int) -> None
                 ports[name] = Port(name, Direction.INOUT if is_key else Direction.IN)
 
 
-def _models(document: Document) -> list[Element]:
+def model_elements(document: Document) -> list[Element]:
+    """Return the models of nodes in a document."""
     root = document.root
     tables = [root] if root.tag == "TreeNodesModel" else list(root.iterchildren("TreeNodesModel"))
     return [model for table in tables for model in table.iterchildren(*EXPLICIT_TAGS)]
-
-
-def has_models(document: Document) -> bool:
-    """Return whether *document* contains the model of a node."""
-    return bool(_models(document))
 
 
 def add_document_models(nodes: Registry, document: Document, override: bool = False) -> list[str]:
@@ -129,7 +125,7 @@ def add_document_models(nodes: Registry, document: Document, override: bool = Fa
     """
     added: list[str] = []
     collector = DiagnosticCollector()
-    for model in _models(document):
+    for model in model_elements(document):
         id = model.get("ID")
         if id is None:
             message = f"missing ID in the model <{model.tag}>"

@@ -70,11 +70,6 @@ class LineIndex:
         return SourceSpan(line, offset - start + 1, max(1, min(width, end - offset)), source)
 
 
-def span_at(text: str, offset: int, width: int = 1) -> SourceSpan:
-    """Return the position of a single range of *text*, as `LineIndex.span` does."""
-    return LineIndex(text).span(offset, width)
-
-
 class SourceMap:
     """The positions of a document's elements.
 

@@ -195,9 +195,9 @@ def _refuse_document_type(text: str, file: str) -> None:
 def _syntax_error(
     code: DiagnosticCode, message: str, text: str, offset: int, file: str, hint: str = "", width: int = 1
 ) -> XmlSyntaxError:
-    from btcore.xml.read.positions import span_at
+    from btcore.xml.read.positions import LineIndex
 
-    return XmlSyntaxError([span_at(text, offset, width).diagnostic(code, message, file, hint)])
+    return XmlSyntaxError([LineIndex(text).span(offset, width).diagnostic(code, message, file, hint)])
 
 
 # --- the documents of a tree

@@ -12,7 +12,7 @@ from btcore.diagnostics import Hint
 from btcore.errors import XmlSyntaxError
 from btcore.fixes import CloseTag, EndTag, Escape, Fix, ReplaceText, SetAttributes
 from btcore.xml.read.element import EXAMPLE, MAX_LEVELS, Element
-from btcore.xml.read.positions import span_at
+from btcore.xml.read.positions import LineIndex
 from btcore.xml.read.tinyxml2_compat import (
     BARE_MARKUP_CHARACTER,
     OPEN_TAG,
@@ -97,7 +97,7 @@ class _Parser:
         return self._root, self._warnings
 
     def _error(self, at: int, width: int, message: str, hint: str = "", *fixes: Fix) -> XmlSyntaxError:
-        place = span_at(self._text, at, width)
+        place = LineIndex(self._text).span(at, width)
         return XmlSyntaxError([place.diagnostic(NOT_XML, message, self._file, Hint(hint, *fixes))])
 
     def _warn(
@@ -222,7 +222,7 @@ class _Parser:
             return None
         element, start = self._open.pop()
         if element.tag != name:
-            place = span_at(self._text, start)
+            place = LineIndex(self._text).span(start)
             hint = f"<{element.tag}> was opened in line {place.line}, column {place.column}"
             message = f"expected </{element.tag}>, but found </{name}>"
             raise self._error(at, after - at, message, hint, EndTag(element.tag))
