@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from functools import partial
 from itertools import islice
-from operator import attrgetter
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from btcore.blackboard.ports import Binding, Input, Port
@@ -65,7 +64,6 @@ if TYPE_CHECKING:
 MAX_SUGGESTED_TREES: Final = 20
 """Maximum number of trees that are suggested for a SubTree element without an ID."""
 _LEAVES: Final = {NodeType.ACTION: "an action", NodeType.CONDITION: "a condition"}
-_DEPTH_OF = attrgetter("depth")
 _CONTROL_CHARACTERS = frozenset(chr(code) for code in (*range(32), 127))
 
 
@@ -263,9 +261,10 @@ class TreePlanner:
         children = element.children
         if children:
             children = element_children(element)
-            for obsolete in element.iterchildren("Root") if len(children) != len(element.children) else ():
+            if len(children) != len(element.children):
                 removal = Hint("remove it", Remove(is_safe=True))
-                self._report(CAPITALISED_ROOT, "the obsolete <Root> is ignored", obsolete, hint=removal)
+                for obsolete in element.iterchildren("Root"):
+                    self._report(CAPITALISED_ROOT, "the obsolete <Root> is ignored", obsolete, hint=removal)
         if not rule.is_node:
             self._check_other_tag(tag, element, children)
         elif rule.counted_as is not None:
@@ -392,9 +391,7 @@ class TreePlanner:
         The plans of unknown nodes and of calls of unknown trees, which are errors, are removed.
         """
         nodes = self.nodes
-        tree = TreePlan(self._definition, nodes[0] if nodes else None)
-        tree.size = len(nodes)
-        tree.depth = max(map(_DEPTH_OF, nodes), default=0)
+        tree = TreePlan(self._definition, nodes)
         subtree_tags, caches = self._dialect.subtree_tags, self._context.binding_caches
         unknown: set[NodePlan] = set()
         for node in nodes:
