@@ -48,6 +48,10 @@ class ReplaceText(_FixWithText):
     """Replace the marked characters by a text, which is escaped already."""
 
 
+class InsertText(_FixWithText):
+    """Insert a text before the marked characters."""
+
+
 class Escape(Fix):
     """Escape all markup characters in the marked value."""
 

@@ -276,11 +276,6 @@ class _BuiltDocument(Document):
         super().__init__(parse_text(text).root, text, file)
         self._drafts = drafts
 
-    @property
-    def folder(self) -> Path:
-        """The current folder, which paths of includes are relative to."""
-        return Path()
-
     def line(self, element: Element) -> int:
         """Return the line of the code that created *element*."""
         draft = self._drafts[self.source_map.index(element)]

@@ -167,6 +167,11 @@ def _replace_text(fix: fixes.ReplaceText, problem: _Problem) -> _TitledEdits:
 
 
 @_titled_edits.register
+def _insert_text(fix: fixes.InsertText, problem: _Problem) -> _TitledEdits:
+    yield f"Insert '{_shown(fix.text)}'", [Edit(problem.start, problem.start, fix.text)]
+
+
+@_titled_edits.register
 def _escape(fix: fixes.Escape, problem: _Problem) -> _TitledEdits:
     attribute = problem.place.attribute
     if attribute is not None:

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple, NoReturn
 from btcore.diagnostic_codes import BARE_MARKUP, LENIENT_XML, NOT_XML, DiagnosticCode
 from btcore.diagnostics import Hint
 from btcore.errors import XmlSyntaxError
-from btcore.fixes import CloseTag, EndTag, Escape, Fix, ReplaceText, SetAttributes
+from btcore.fixes import CloseTag, EndTag, Escape, Fix, InsertText, ReplaceText, SetAttributes
 from btcore.xml.read.element import EXAMPLE, MAX_LEVELS, Element
 from btcore.xml.read.positions import LineIndex
 from btcore.xml.read.tinyxml2_compat import (
@@ -247,7 +247,7 @@ class _Parser:
                 raise self._error(at, len(name), message, "remove one of them")
             if at == after_name:
                 message = f"missing white space before the attribute {name}"
-                fix = ReplaceText(f" {name}", is_safe=True)
+                fix = InsertText(" ", is_safe=True)
                 self._warn(at, len(name), message, f"write a space before {name}", fix)
             self._check_name(match, 1)
             attributes[name] = self._value(match)
