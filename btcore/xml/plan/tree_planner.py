@@ -144,6 +144,21 @@ class _BindingCache:
         ]
 
 
+def _literal_error(binding: Binding) -> str:
+    """Return why a text is neither a `{key}` nor a literal of the port's type, or ""."""
+    port, text = binding.port, binding.text
+    is_key = len(text) >= 3 and text[0] == "{" and text[-1] == "}"  # possibly in the notation of format 3
+    if is_key or not port.checks_text:
+        return ""
+    if binding.key is None and text != port.default:
+        return binding.error
+    try:  # the binding has not converted the text
+        port.type.from_text(text)
+    except ConversionError as error:
+        return str(error)
+    return ""
+
+
 class PlanningContext:
     """What the planners of a document's trees share. The caches only save time.
 
@@ -484,33 +499,16 @@ class TreePlanner:
     def _create_binding(self, node: NodePlan, port: Port, text: str, by_text: dict[str, Binding]) -> Binding:
         """Return the binding of *port* to *text*, and cache it in *by_text* unless it is an error."""
         binding = (Input if port.reads else Binding)(port, text, self._dialect.format)
-        # Most texts are a literal that the binding has converted, or a key in braces: they need no check.
-        if binding.key is None:
-            is_valid = not binding.error and text != port.default
+        error = _literal_error(binding) if self._dialect.checks_literals else ""
+        if error:
+            self._report_literal(node, binding, error)
         else:
-            is_valid = text[0] == "{" and text[-1] == "}"
-        if is_valid or not self._dialect.checks_literals or self._check_literal(node, binding):
             by_text[text] = binding
         return binding
 
-    def _check_literal(self, node: NodePlan, binding: Binding) -> bool:
-        """Return whether the text is a `{key}` or converts to the port's type; otherwise add an error."""
+    def _report_literal(self, node: NodePlan, binding: Binding, error: str) -> None:
         port, text = binding.port, binding.text
-        if len(text) >= 3 and text[0] == "{" and text[-1] == "}":
-            return True  # a key, possibly in the notation of the other format
-        port_type = port.type
-        if not port.checks_text:
-            return True
-        error = binding.error
-        if binding.key is not None or text == port.default:
-            # The binding has not converted the text.
-            try:
-                port_type.from_text(text)
-            except ConversionError as conversion_error:
-                error = str(conversion_error)
-        if not error:
-            return True
-        hint = Hint("", *value_fixes(port_type))
+        hint = Hint("", *value_fixes(port.type))
         if binding.key is not None:
             key = "{=}" if "=" in text else text.strip()
             fix = SetValue(key, is_safe=True)
@@ -518,9 +516,8 @@ class TreePlanner:
         elif is_port_name(text):
             fix = SetValue(f"{{{text}}}")
             hint = Hint(f"to use the blackboard entry, write {{{text}}}", *hint.fixes, fix)
-        message = f"the port '{port.name}' of <{node.id}> has the type {port_type.name}: {error}"
+        message = f"the port '{port.name}' of <{node.id}> has the type {port.type.name}: {error}"
         self._report(INCONVERTIBLE_TEXT, message, node.element, attribute=port.name, hint=hint)
-        return False
 
     # --- SubTree elements
 
