@@ -10,24 +10,29 @@ from btcore.fixes import Fix, Rename
 from btcore.suggestions import suggestion
 
 
-class Hint(NamedTuple):
-    """How to correct the problem of a diagnostic: its attributes `hint`, `fixes` and `outer_key`.
+class Hint(str):
+    """How to correct the problem of a diagnostic: a text with fixes. A plain str is a hint without fixes.
 
-    A diagnostic that is reported about an element of a document takes its hint as a `Hint`, with or without
-    fixes; a `Diagnostic` has the text.
+    Attributes:
+        fixes: Changes of the document that remove the problem, the best first.
+        outer_key: The key of an entry that a calling tree or the program may write instead; "" = none.
     """
 
-    text: str = ""
-    fixes: tuple[Fix, ...] = ()
-    outer_key: str = ""
+    __slots__ = ("fixes", "outer_key")
+    fixes: tuple[Fix, ...]
+    outer_key: str
+
+    def __new__(cls, text: str = "", *fixes: Fix, outer_key: str = "") -> "Hint":
+        """Create a hint."""
+        hint = super().__new__(cls, text)
+        hint.fixes = fixes
+        hint.outer_key = outer_key
+        return hint
 
     @classmethod
     def similar_name(cls, name: str) -> "Hint":
         """Return the hint that the marked name may be a misspelt *name*."""
-        return cls(suggestion(f"'{name}'"), (Rename(name),))
-
-
-NO_HINT: Final = Hint()
+        return cls(suggestion(f"'{name}'"), Rename(name))
 
 
 class Diagnostic(NamedTuple):
@@ -39,11 +44,9 @@ class Diagnostic(NamedTuple):
         file: The file; "" = the document was given as a text.
         line: The line, from 1; 0 = unknown.
         column: The column in characters, from 1; 0 = unknown.
-        hint: How to correct the problem, or "".
+        hint: How to correct the problem, or ""; a `Hint` if there are fixes.
         source: The text of the line.
         width: The number of characters to mark.
-        fixes: Changes of the document that remove the problem, the best first.
-        outer_key: The key of an entry that a calling tree or the program may write instead; "" = none.
 
     Examples:
         >>> import btcore
@@ -64,8 +67,16 @@ class Diagnostic(NamedTuple):
     hint: str = ""
     source: str = ""
     width: int = 1
-    fixes: tuple[Fix, ...] = ()
-    outer_key: str = ""
+
+    @property
+    def fixes(self) -> tuple[Fix, ...]:
+        """Changes of the document that remove the problem, the best first."""
+        return self.hint.fixes if isinstance(self.hint, Hint) else ()
+
+    @property
+    def outer_key(self) -> str:
+        """The key of an entry that a calling tree or the program may write instead; "" = none."""
+        return self.hint.outer_key if isinstance(self.hint, Hint) else ""
 
     @property
     def is_error(self) -> bool:

@@ -15,7 +15,7 @@ class BtcoreError(Exception):
         ...     btcore.load("missing.xml")
         ... except btcore.BtcoreError as error:
         ...     print(type(error).__name__)
-        XmlSyntaxError
+        TreeError
     """
 
 
@@ -42,7 +42,7 @@ class TreeError(BtcoreError):
 
 
 class XmlSyntaxError(TreeError):
-    """A file cannot be read, or is not XML, or not a document of behavior trees."""
+    """A document is not XML, or not a document of behavior trees."""
 
 
 class UnknownNodeError(TreeError):

@@ -57,8 +57,7 @@ class NodeLibraries:
 
     Args:
         plugins: The libraries of the user, which override installed libraries.
-        btcore_packages: Whether to load the libraries of btcore's own packages at once, and not when
-            `ensure_loaded_for` needs them.
+        own_on_demand: Whether `ensure_loaded_for` loads the libraries of btcore's own packages.
 
     Attributes:
         nodes: The registry of the available nodes.
@@ -66,16 +65,16 @@ class NodeLibraries:
         has_models: Whether nodes were declared by models, and need no code.
     """
 
-    def __init__(self, plugins: Sequence[Plugin], btcore_packages: bool) -> None:
+    def __init__(self, plugins: Sequence[Plugin], own_on_demand: bool) -> None:
         self.has_models = False
         self._plugins = plugins
         self._warnings: set[str] = set()
-        self._load(btcore_packages)
+        self._load(own=not own_on_demand)
 
-    def _load(self, btcore_packages: bool) -> None:
-        self._has_btcore_packages = btcore_packages
+    def _load(self, own: bool) -> None:
+        self._has_own = own
         self.nodes = Registry.standard()
-        self.unavailable: Sequence[UnavailableEntryPoint] = self.nodes.add_installed(own=btcore_packages)
+        self.unavailable: Sequence[UnavailableEntryPoint] = self.nodes.add_installed(own=own)
         for unavailable in self.unavailable:
             if unavailable.missing_module is None:
                 self._warn(str(unavailable.error))
@@ -125,12 +124,12 @@ class NodeLibraries:
         Returns:
             Whether libraries were loaded, which may have registered trees.
         """
-        if self._has_btcore_packages or all(
+        if self._has_own or all(
             self.nodes.get(id, 4) is not None or self.nodes.get(id, 3) is not None
             for id in _find_node_ids(documents)
         ):
             return False
-        self._load(btcore_packages=True)
+        self._load(own=True)
         return True
 
     def read(self, document: Document) -> tuple[Sources, Registry]:
@@ -170,7 +169,7 @@ def load_libraries(
     plugins: Sequence[str],
     models: Sequence[Path] = (),
     confined: bool = False,
-    btcore_packages: bool = True,
+    own_on_demand: bool = False,
     imported: Mapping[str, Plugin] | None = None,
 ) -> NodeLibraries:
     """Load all installed node libraries, *plugins* and *models*.
@@ -181,10 +180,9 @@ def load_libraries(
     Args:
         plugins: Modules and Python files with nodes.
         confined: Whether a model that includes a file from outside of its folder is invalid.
-        btcore_packages: Whether to load the libraries of btcore's own packages at once, and not when
-            `NodeLibraries.read` needs them. They are loaded at once nevertheless if a plugin has imported one
-            of these packages, because the plugin may use their types, and with *models*, which declare only
-            what is unknown.
+        own_on_demand: Whether to load the libraries of btcore's own packages only when `NodeLibraries.read`
+            needs them. They are loaded at once nevertheless if a plugin has imported one of these packages,
+            because the plugin may use their types, and with *models*, which declare only what is unknown.
         imported: Plugins that are imported already, by their names in *plugins*.
     """
     loaded: list[Plugin] = []
@@ -197,7 +195,7 @@ def load_libraries(
         loaded.append((imported or {}).get(plugin) or import_plugin(plugin))
     # Providers import these packages, too, but not their nodes.
     has_imported = bool(loaded) and not entry_points.own_packages(NODES_GROUP).isdisjoint(sys.modules)
-    libraries = NodeLibraries(loaded, btcore_packages or bool(models) or has_imported)
+    libraries = NodeLibraries(loaded, own_on_demand and not models and not has_imported)
     libraries.add_models(models, confined)
     return libraries
 

@@ -42,12 +42,12 @@ def check_child_count(
         # Format 3 counts the children by the tag.
         requirement = "a decorator has exactly 1"
     if requirement:
-        hint = Hint(_TICK_RAISES, _fixes(node.manifest.cls, count))
+        hint = Hint(_TICK_RAISES, *_fixes(node.manifest.cls, count))
         collector.report(document, FIRST_TICK_REFUSED, f"{has}; {requirement}", node.element, hint=hint)
     for port, number, results in _thresholds(node, count):
         message = f"{has}, too few for {number} {results}"
         collector.report(
-            document, FIRST_TICK_REFUSED, message, node.element, attribute=port, hint=Hint(_TICK_RAISES)
+            document, FIRST_TICK_REFUSED, message, node.element, attribute=port, hint=_TICK_RAISES
         )
 
 
@@ -131,7 +131,7 @@ def _check_order(
 
 def _warn_unreached(node: NodePlan, document: Document, reason: str, collector: DiagnosticCollector) -> None:
     message = f"{node.label} is never ticked: {reason}"
-    collector.report(document, UNREACHABLE_CHILD, message, node.element, hint=Hint("remove it, or the cause"))
+    collector.report(document, UNREACHABLE_CHILD, message, node.element, hint="remove it, or the cause")
 
 
 def _check_asynchronous_children(
@@ -154,7 +154,7 @@ def _check_asynchronous_children(
                 f"{before}, which halts {child.label} unless it completes at once"
             )
             hint = f"put both into a <{'Sequence' if continue_on is SUCCESS else 'Fallback'}>"
-            collector.report(document, SECOND_ASYNC_CHILD, message, child.element, hint=Hint(hint))
+            collector.report(document, SECOND_ASYNC_CHILD, message, child.element, hint=hint)
             return
         if not outcome.passes(continue_on):
             return

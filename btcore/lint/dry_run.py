@@ -79,17 +79,15 @@ class DryRun(NodeCreator):
     def plan_of(self, board: Blackboard) -> TreePlan:
         """Return the plan of the innermost tree whose nodes use *board*."""
         # In format 3, trees may share a blackboard.
-        return next(tree.plan for tree in reversed(self.drafts) if tree.blackboard is board)
+        return next(draft.plan for draft in reversed(self.drafts) if draft.subtree.blackboard is board)
 
-    def entry_homes(self) -> dict[Entry, tuple[SubtreeDraft, str]]:
-        """Return for each entry the outermost tree that holds it, and its key there."""
-        homes: dict[Entry, tuple[SubtreeDraft, str]] = {}
-        outermost: dict[Blackboard, SubtreeDraft] = {}
-        for tree in self.drafts:
-            outermost.setdefault(tree.blackboard, tree)
-        for board, tree in outermost.items():
+    def entry_homes(self) -> dict[Entry, tuple[Blackboard, str]]:
+        """Return for each entry the blackboard of the outermost tree that holds it, and its key there."""
+        homes: dict[Entry, tuple[Blackboard, str]] = {}
+        # Trees that share a blackboard count once.
+        for board in dict.fromkeys(draft.subtree.blackboard for draft in self.drafts):
             for key, entry in board.local_entries().items():
-                homes.setdefault(entry, (tree, key))
+                homes.setdefault(entry, (board, key))
         return homes
 
     def _find_or_create_entry(self, use: EntryUse) -> Entry | None:
@@ -123,7 +121,7 @@ class DryRun(NodeCreator):
     def bind_ports(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> None:
         """Bind the ports, and record the entries that ports and scripts use."""
         super().bind_ports(node_plan, config, draft)
-        document, blackboard = draft.document, draft.blackboard
+        document, blackboard = draft.document, draft.subtree.blackboard
         for binding in node_plan.bindings:
             self._recorded += self._uses_of_port(node_plan, binding, draft)
         for attribute, text in node_plan.conditions.items():
@@ -133,7 +131,7 @@ class DryRun(NodeCreator):
             self.has_mocks = self.has_mocks or is_mock(node_plan.manifest.cls)
 
     def _uses_of_port(self, node_plan: NodePlan, binding: Binding, draft: SubtreeDraft) -> Iterator[EntryUse]:
-        document, board, port = draft.document, draft.blackboard, binding.port
+        document, board, port = draft.document, draft.subtree.blackboard, binding.port
         key, accesses = port_uses(port, binding.text, binding.is_explicit, self.format)
         if port.role in SCRIPT_ROLES:
             if key is None:
@@ -153,7 +151,7 @@ class DryRun(NodeCreator):
 
     def create_scope(self, node_plan: NodePlan, call: SubtreeCall, draft: SubtreeDraft) -> Blackboard:
         """Return the blackboard of the called tree, and record the entries that the call uses."""
-        document, outer = draft.document, draft.blackboard
+        document, outer = draft.document, draft.subtree.blackboard
         inner = super().create_scope(node_plan, call, draft)
         for attribute, text in node_plan.conditions.items():
             self._record_script_uses(node_plan, attribute, text, document, outer)

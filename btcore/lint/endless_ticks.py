@@ -5,7 +5,6 @@ from typing import Final
 
 from btcore.blackboard.ports import PortRole
 from btcore.diagnostic_codes import ENDLESS_TICK
-from btcore.diagnostics import Hint
 from btcore.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
 from btcore.nodes.repeat import RepeatedNode
 from btcore.registry.mock_nodes import is_mock
@@ -80,7 +79,7 @@ class EndlessTickCheck:
             ENDLESS_TICK,
             f"{message}, and no node below it can be RUNNING",
             node.element,
-            hint=Hint("add a pause, such as a <Delay>, or limit the number of repetitions"),
+            hint="add a pause, such as a <Delay>, or limit the number of repetitions",
         )
 
     def _may_pause(self, node: NodePlan) -> bool:

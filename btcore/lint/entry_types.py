@@ -81,7 +81,7 @@ def _warn_refused_write(
         message,
         use.node.element,
         attribute=use.attribute,
-        hint=Hint(hint),
+        hint=hint,
         within=use.within,
     )
 
@@ -110,7 +110,7 @@ def _check_base_class(
     origin = dry_run.declared_by(entry)
     hint = f"declared by {origin}" if origin else ""
     collector.report(
-        use.document, BASE_CLASS_READ, message, use.node.element, attribute=use.attribute, hint=Hint(hint)
+        use.document, BASE_CLASS_READ, message, use.node.element, attribute=use.attribute, hint=hint
     )
 
 
@@ -165,8 +165,8 @@ def _untyped_entries(dry_run: DryRun, is_main: bool, given: Collection[str]) -> 
     untyped: list[Entry] = []
     for entry in dry_run.uses:
         if not entry.declared.strong and entry in homes:
-            subtree, key = homes[entry]
-            if subtree.blackboard is not dry_run.blackboard or (is_main and key not in given):
+            board, key = homes[entry]
+            if board is not dry_run.blackboard or (is_main and key not in given):
                 untyped.append(entry)
     return untyped
 
@@ -277,7 +277,7 @@ def _warn_untyped(use: EntryUse, creator: EntryUse, collector: DiagnosticCollect
         message,
         use.node.element,
         attribute=use.attribute,
-        hint=Hint(hint),
+        hint=hint,
     )
 
 
@@ -313,7 +313,7 @@ def _check_script(
         message += error.message if isinstance(error, ScriptError) else str(error)
         declaration = dry_run.declared_by(entry)
         place = f"'{use.key}' has the type {entry.declared.name}, declared by {declaration}"
-        hint = Hint(place if declaration else "")
+        hint = place if declaration else ""
         collector.report(
             use.document, REFUSED_ENTRY_VALUE, message, use.node.element, attribute=use.attribute, hint=hint,
             within=use.within, width=len(use.key),
@@ -345,12 +345,10 @@ def _check_constant(
         is_certain = not (dry_run.has_untracked_access or is_listed(manifest, reader.port))
         code = INCONVERTIBLE_TEXT if is_certain else REFUSED_ENTRY_VALUE
         message = f"'{use.key}' of {use.node.label} is the text '{text}': {reason}"
-        hint = Hint(
-            f"the port '{reader.attribute}' of {reader.node.label} reads it as {reader.port.type.name}"
-        )
+        hint = f"the port '{reader.attribute}' of {reader.node.label} reads it as {reader.port.type.name}"
         if text.isidentifier():
             passed = entry_hint("pass the entry", text)
-            hint = Hint(f"{hint.text}; {passed.text}", passed.fixes)
+            hint = Hint(f"{hint}; {passed}", *passed.fixes)
         collector.report(use.document, code, message, use.node.element, attribute=use.attribute, hint=hint)
         return
 

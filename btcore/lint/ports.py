@@ -26,7 +26,7 @@ from btcore.diagnostic_codes import (
     UNCHECKED_LITERAL,
     UNCONNECTED_OUTPUT,
 )
-from btcore.diagnostics import NO_HINT, Hint
+from btcore.diagnostics import Hint
 from btcore.engine.signature import PortAttribute
 from btcore.errors import ConversionError
 from btcore.fixes import SetAttributes, SetValue
@@ -38,7 +38,7 @@ from btcore.suggestions import join_names, nearest_name
 from btcore.values import NODE_STATUS, IntegerType, RealType, ValueType, VectorType
 from btcore.values.numbers import whole_float
 from btcore.xml.plan.tree_plan import NodePlan
-from btcore.xml.plan.tree_planner import value_hint
+from btcore.xml.plan.tree_planner import value_fixes
 from btcore.xml.read.document import DiagnosticCollector, Document
 
 # Longer texts are not checked: the search for the longest number takes quadratic time.
@@ -58,14 +58,14 @@ def check_ignored_attributes(node: NodePlan, document: Document, collector: Diag
             near = _similar_attribute(key, node.subtree_call is not None)
             if near is not None:
                 message = f"the attribute '{key}' of {node.label} is ignored: unknown name"
-                hint = Hint.similar_name(near)
+                hint: str = Hint.similar_name(near)
                 collector.report(
                     document, IGNORED_ATTRIBUTE, message, node.element, attribute=key, hint=hint, part="name"
                 )
         elif key not in ("ID", "name"):
             reason = port_name_error(key)
             message = f"the attribute '{key}' of {node.label} is ignored: invalid port name ({reason})"
-            hint = Hint("rename the port, here and in the code that registers it")
+            hint = "rename the port, here and in the code that registers it"
             collector.report(
                 document, IGNORED_ATTRIBUTE, message, node.element, attribute=key, hint=hint, part="name"
             )
@@ -97,7 +97,7 @@ def check_missing_ports(node: NodePlan, document: Document, collector: Diagnosti
         message = f"the ports {names} of <{node.id}> are missing and have no default"
     examples = [f'{port.name}="…"' if port.reads else f'{port.name}="{{…}}"' for port in missing]
     values = {port.name: f"{{{port.name}}}" for port in missing}
-    hint = Hint("write " + " ".join(examples), (SetAttributes(values),))
+    hint = Hint("write " + " ".join(examples), SetAttributes(values))
     collector.report(document, EMPTY_PORT, message, node.element, hint=hint)
 
 
@@ -136,8 +136,8 @@ def check_port_literals(
             if not reported and port.reads and node.manifest and not is_mock(node.manifest.cls):
                 message = f"the {label} has the type {port.type.name}: {error}"
                 key = intended or (text if is_port_name(text) else "")
-                entry = entry_hint("use the blackboard entry", key) if key else NO_HINT
-                hint = Hint(entry.text, (*value_hint(port.type).fixes, *entry.fixes))
+                entry = entry_hint("use the blackboard entry", key) if key else Hint()
+                hint = Hint(entry, *value_fixes(port.type), *entry.fixes)
                 collector.report(
                     document, INCONVERTIBLE_TEXT, message, node.element, attribute=port.name, hint=hint
                 )
@@ -151,7 +151,7 @@ def check_port_literals(
             message = f"the output {label} has no entry: '{text}' is only a text"
             key = f"{{{text}}}" if text.isidentifier() else f"{{{port.name}}}"
             shown = key if text.isidentifier() else "{…}"
-            hint = Hint(f'write {port.name}="{shown}"', (SetValue(key),))
+            hint = Hint(f'write {port.name}="{shown}"', SetValue(key))
             collector.report(
                 document, UNCONNECTED_OUTPUT, message, node.element, attribute=port.name, hint=hint
             )
@@ -183,7 +183,7 @@ def check_literals_of_class(node: NodePlan, document: Document, collector: Diagn
             message,
             node.element,
             attribute=problem.port,
-            hint=Hint(problem.hint),
+            hint=problem.hint,
             within=problem.start,
             width=problem.width,
         )
@@ -261,9 +261,9 @@ def _number_hint(text: str, item: str, part: str, type_name: str) -> Hint:
     """Return the hint for *item*, a number in *text* of which only *part* is read."""
     with_point = item.replace(",", ".", 1)
     if type_name in ("double", "float") and whole_float(with_point) is not None:
-        return Hint(f"write {with_point}", (SetValue(text.replace(item, with_point, 1)),))
+        return Hint(f"write {with_point}", SetValue(text.replace(item, with_point, 1)))
     fix = SetValue(text.replace(item, part, 1))
-    return Hint(f"write {part} if that is the intended value", (fix,))
+    return Hint(f"write {part} if that is the intended value", fix)
 
 
 def entry_hint(purpose: str, key: str) -> Hint:
@@ -272,4 +272,4 @@ def entry_hint(purpose: str, key: str) -> Hint:
     Args:
         purpose: What the value with braces does, such as "use the entry".
     """
-    return Hint(f"to {purpose}, write {{{key}}}", (SetValue(f"{{{key}}}"),))
+    return Hint(f"to {purpose}, write {{{key}}}", SetValue(f"{{{key}}}"))

@@ -76,7 +76,7 @@ def _check_condition(
     """Check *last*, the last statement of a condition. Its value is the result of the condition."""
     if isinstance(last, Assignment) and last.operator == "=" and isinstance(last.target, Name):
         message = f"'{attribute}' of {node.label} assigns to '{last.target.name}' instead of comparing"
-        hint = Hint(f"to compare, write {last.target.name} == …", (ReplaceText("=="),))
+        hint: str = Hint(f"to compare, write {last.target.name} == …", ReplaceText("=="))
         collector.report(
             document,
             CONDITION_ASSIGNS,
@@ -98,12 +98,12 @@ def _check_condition(
         failure = f"'{attribute}' of {node.label} always raises"
         if isinstance(result, str):
             message = f"{failure}: its result is the text '{result}'"
-            hint = Hint("compare the text")
+            hint = "compare the text"
             if result in ("true", "false"):
-                hint = Hint(f"write {result} without quotes", (ReplaceText(result),))
+                hint = Hint(f"write {result} without quotes", ReplaceText(result))
         else:
             message = f"{failure}: its result is {result}, neither true nor false"
-            hint = Hint("valid results are 0, 1 and reals from 0 up; or write a comparison")
+            hint = "valid results are 0, 1 and reals from 0 up; or write a comparison"
         collector.report(
             document,
             SCRIPT_RAISES,

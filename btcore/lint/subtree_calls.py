@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from btcore.blackboard.ports import remapped_key
 from btcore.diagnostic_codes import BRACES_IN_FORMAT_3, INCOMPLETE_POINTER, UNUSED_TREE, USELESS_REMAPPING
-from btcore.diagnostics import NO_HINT, Hint
+from btcore.diagnostics import Hint
 from btcore.fixes import RenameElement, SetValue
 from btcore.suggestions import join_names, nearest_name
 from btcore.xml.plan.key_uses import NON_KEY_ATTRIBUTES, TreeKeys
@@ -26,7 +26,7 @@ def check_unused_trees(plans: Plans, main: TreePlan, collector: DiagnosticCollec
         if tree.id not in called and element.get("ID") is not None:
             message = f"the tree '{tree.id}' is unused: '{main.id}' doesn't call it, directly or indirectly"
             hint = f'call it with <SubTree ID="{tree.id}"/>, or remove it'
-            collector.report(document, UNUSED_TREE, message, element, attribute="ID", hint=Hint(hint))
+            collector.report(document, UNUSED_TREE, message, element, attribute="ID", hint=hint)
 
 
 def check_remappings(
@@ -53,9 +53,10 @@ def check_remappings(
             continue
         if node.id == "SubTree" and call.remaps.get(key) == text and remapped_key(text, key, 3) is not None:
             message = f"in format 3 {node.label} takes keys without braces: '{key}' has no effect"
-            hint = Hint(
+            hint: str = Hint(
                 f'write {key}="{text[1:-1]}", or <SubTreePlus ID="{call.tree_id}" {key}="{text}"/>',
-                (SetValue(text[1:-1]), RenameElement("SubTreePlus")),
+                SetValue(text[1:-1]),
+                RenameElement("SubTreePlus"),
             )
             collector.report(document, BRACES_IN_FORMAT_3, message, node.element, attribute=key, hint=hint)
         if call.remaps.get(key) == "=" and node.element.get(key) is None:
@@ -63,23 +64,23 @@ def check_remappings(
                 f"the model of '{call.tree_id}' has the default '{text}' for '{key}', which means the entry "
                 "'=' of the calling tree"
             )
-            hint = Hint(f'write default="{{{key}}}" in the model')
+            hint = f'write default="{{{key}}}" in the model'
             collector.report(document, INCOMPLETE_POINTER, message, node.element, hint=hint)
         if used is None or key in used or key in declared or node.element.get(key) is None:
             continue
         message = f"no port or script in the tree of {node.label} uses '{key}'"
         may_search = collector.take_comparisons(used)
-        unused = _unused_key_hint(key, used, call.port_texts) if may_search else NO_HINT
+        unused = _unused_key_hint(key, used, call.port_texts) if may_search else ""
         collector.report(
             document, USELESS_REMAPPING, message, node.element, attribute=key, hint=unused, part="name"
         )
 
 
-def _unused_key_hint(key: str, used: set[str], written: Mapping[str, str]) -> Hint:
+def _unused_key_hint(key: str, used: set[str], written: Mapping[str, str]) -> str:
     # A key with "@" is on the main tree's blackboard, whatever the remapping.
     free = sorted(name for name in used if name not in written and not name.startswith("@"))
     near = nearest_name(key, free)
     if near is not None:
         return Hint.similar_name(near)
     names = join_names([f"'{name}'" for name in sorted(used)])
-    return Hint(f"its keys are {names}" if names else "it uses no keys")
+    return f"its keys are {names}" if names else "it uses no keys"

@@ -56,8 +56,7 @@ def check_keys(
     for entry, uses in dry_run.uses.items():
         if entry not in homes or entry.value is not None:
             continue
-        subtree, key = homes[entry]
-        board = subtree.blackboard
+        board, key = homes[entry]
         of_root = board is dry_run.blackboard
         # Braces in a key come from a <SubTree> of format 3, for which W205 is reported.
         if (of_root and (not is_main or key in given)) or (dry_run.format == 3 and key.startswith("{")):
@@ -85,7 +84,7 @@ def _warn_empty_script_entry(uses: Sequence[EntryUse], collector: DiagnosticColl
         if not of_root:
             hint = f'pass the script in the SubTree element: {use.key}="…"'
         collector.report(
-            use.document, UNWRITTEN_KEY, message, use.node.element, attribute=use.attribute, hint=Hint(hint)
+            use.document, UNWRITTEN_KEY, message, use.node.element, attribute=use.attribute, hint=hint
         )
         return True
     return False
@@ -111,7 +110,7 @@ def _warn_never_created(uses: Sequence[EntryUse], collector: DiagnosticCollector
         f"{script} assigns to the entry '{use.key}', which is never created",
         use.node.element,
         attribute=use.attribute,
-        hint=Hint(hint, creation, root_key),
+        hint=Hint(hint, *creation, outer_key=root_key),
         within=use.within,
         width=len(use.key),
     )
@@ -158,18 +157,18 @@ def is_pointer(use: EntryUse) -> bool:
     return text is None or text != use.key
 
 
-def _unwritten_key_hint(keys: WrittenKeys, use: EntryUse, board: Blackboard, key: str) -> Hint:
+def _unwritten_key_hint(keys: WrittenKeys, use: EntryUse, board: Blackboard, key: str) -> str:
     if use.access is AccessKind.READS_AS_KEY:
         return Hint(
             f"{{{use.key}}} must hold the name of the entry to write; "
             f'to write the entry {use.key} itself, use {use.attribute}="{use.key}"',
-            (SetValue(use.key),),
+            SetValue(use.key),
         )
     known = keys.written_in(board)
     if key.strip() in known:
         correct = f"{{{key.strip()}}}"
         fix = SetValue(correct)
-        return Hint(f"spaces inside the braces are part of the key: write {correct}", (fix,))
+        return Hint(f"spaces inside the braces are part of the key: write {correct}", fix)
     near = keys.guess(key, known)
     if near is not None:
         return Hint.similar_name(near)
@@ -190,6 +189,6 @@ def _unwritten_key_hint(keys: WrittenKeys, use: EntryUse, board: Blackboard, key
     value = passed if keys.dry_run.format == 3 and entrance.node.id == "SubTree" else f"{{{passed}}}"
     hint = f'a subtree has a blackboard of its own: in the {called} write {key}="{value}"'
     if entrance.document is not use.document:
-        return Hint(hint)
+        return hint
     index = entrance.document.source_map.index(entrance.node.element)
-    return Hint(hint, (Connect(index, entrance.key, key, value.replace("…", key)),))
+    return Hint(hint, Connect(index, entrance.key, key, value.replace("…", key)))

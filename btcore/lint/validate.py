@@ -10,7 +10,7 @@ from btcore.diagnostic_codes import (
     LOOSE_TEXT,
     UNDETERMINED_MAIN_TREE,
 )
-from btcore.diagnostics import Diagnostic, Hint
+from btcore.diagnostics import Diagnostic
 from btcore.engine.node_config import MAX_NODES
 from btcore.lint.children import check_child_count, check_reachable_children
 from btcore.lint.dry_run import DryRun
@@ -26,7 +26,7 @@ from btcore.lint.possible_results import ResultAnalysis
 from btcore.lint.scripts import check_script_results
 from btcore.lint.subtree_calls import check_remappings, check_unused_trees
 from btcore.lint.unwritten_keys import check_keys
-from btcore.loading.load import PausedGarbageCollection
+from btcore.loading.load import paused_garbage_collection
 from btcore.registry.registry import Registry
 from btcore.xml.plan.key_uses import TreeKeys
 from btcore.xml.plan.plan import Plans, plan_document, root_trees
@@ -70,7 +70,7 @@ def validate_document(
         format: 3 or 4, overriding the document's `BTCPP_format`.
         given: Keys that the main tree's blackboard holds before the first tick.
     """
-    with PausedGarbageCollection():
+    with paused_garbage_collection():
         plans = plan_document(document, nodes, tree, format, every_tree=True)
         collector = _check_plans(plans, tree is not None, given)
     return [*sort_diagnostics(collector.errors), *sort_diagnostics(collector.warnings)]
@@ -142,7 +142,7 @@ def _check_loose_text(document: Document, collector: DiagnosticCollector) -> Non
             message = f"the text {shown!r} between the elements of a tree is ignored"
             hint = "pass values to a node in its attributes; write comments as <!-- … -->"
             place = lines.span(start + len(between) - len(between.lstrip()), len(text))
-            collector.add(place.diagnostic(LOOSE_TEXT, message, document.file, Hint(hint)))
+            collector.add(place.diagnostic(LOOSE_TEXT, message, document.file, hint))
 
 
 def _is_of_trees(parent: ScannedElement | None) -> bool:

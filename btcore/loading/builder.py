@@ -23,10 +23,10 @@ from btcore.diagnostic_codes import (
     WRONG_CHILD_COUNT,
     DiagnosticCode,
 )
-from btcore.diagnostics import NO_HINT, Diagnostic, Hint
+from btcore.diagnostics import Diagnostic
 from btcore.errors import ConversionError, PortError, TreeError, UnknownNodeError, XmlSyntaxError
 from btcore.loading.instantiate import instantiate
-from btcore.loading.load import PausedGarbageCollection
+from btcore.loading.load import paused_garbage_collection
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.suggestions import nearest_name, suggestion
@@ -35,7 +35,7 @@ from btcore.values import to_text
 from btcore.xml.models.tree_nodes_model import quoted
 from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.document import Document
-from btcore.xml.read.element import Element, ElementPart
+from btcore.xml.read.element import Element
 from btcore.xml.read.read import parse_text
 
 _STEP: Final = "    "
@@ -136,8 +136,11 @@ class Builder:
             main: The root of the main tree.
             id: ID of the main tree.
             **subtrees: The roots of the subtrees, by their IDs.
+
+        Raises:
+            XmlSyntaxError: The tree has more than 2,000 levels.
         """
-        return _Writer(main, id, subtrees, _STEP).text()
+        return _write(main, id, subtrees, _STEP)[0]
 
     def build(
         self,
@@ -166,8 +169,9 @@ class Builder:
         Raises:
             TreeError: The tree has errors; each has the file and line of the code that created the draft.
         """
-        document = _Writer(main, id, subtrees, "").document()
-        with PausedGarbageCollection():
+        text, drafts = _write(main, id, subtrees, "")
+        document = _BuiltDocument(text, main.where[0], drafts)
+        with paused_garbage_collection():
             plans = plan_document(document, self._nodes, id)
             return instantiate(plans, resources, blackboard, clock)
 
@@ -230,55 +234,37 @@ def _caller() -> tuple[str, int]:
     return str(path.relative_to(here) if path.is_relative_to(here) else path), frame.f_lineno
 
 
-class _Writer:
-    """Writes drafts as a document, one element per line, and keeps the draft of each element.
+def _write(
+    main: NodeDraft, id: str, subtrees: Mapping[str, NodeDraft], step: str
+) -> tuple[str, list[NodeDraft | None]]:
+    """Return the XML of a document, and the draft of each element in document order; `<root>` has no draft.
 
-    Each level is indented by *step*.
+    Each element has a line of its own, which each level indents by *step*.
     """
-
-    def __init__(self, main: NodeDraft, id: str, subtrees: Mapping[str, NodeDraft], step: str) -> None:
-        # One item for each element in document order; <root> has no draft.
-        self._drafts: list[NodeDraft | None] = [None]
-        self._lines = [f'<root BTCPP_format="4" main_tree_to_execute={quoted(id)}>']
-        self._main = main
-        self._step = step
-        self._too_deep: NodeDraft | None = None
-        for name, draft in {id: main, **subtrees}.items():
-            self._drafts.append(draft)
-            self._lines.append(f"{step}<BehaviorTree ID={quoted(name)}>")
-            self._write(draft)
-            self._lines.append(f"{step}</BehaviorTree>")
-        self._lines.append("</root>")
-
-    def _write(self, top: NodeDraft) -> None:
-        # A str in `pending` is an end tag. A loop instead of recursion, because trees may be very deep.
-        pending: list[tuple[NodeDraft | str, int]] = [(top, 2)]
+    drafts: list[NodeDraft | None] = [None]
+    lines = [f'<root BTCPP_format="4" main_tree_to_execute={quoted(id)}>']
+    for name, root in {id: main, **subtrees}.items():
+        drafts.append(root)
+        lines.append(f"{step}<BehaviorTree ID={quoted(name)}>")
+        # A str is an end tag. A loop instead of recursion, because trees may be very deep.
+        pending: list[tuple[NodeDraft | str, int]] = [("</BehaviorTree>", 1), (root, 2)]
         while pending:
             draft, depth = pending.pop()
-            indent = self._step * depth
+            indent = step * depth
             if isinstance(draft, str):
-                self._lines.append(indent + draft)
+                lines.append(indent + draft)
                 continue
             if depth > MAX_BUILDER_DEPTH + 1:
-                self._too_deep = draft
-            self._drafts.append(draft)
+                message = f"nodes are nested more than {MAX_BUILDER_DEPTH:,} deep"
+                hint = "make parts of it subtrees"
+                raise XmlSyntaxError([Diagnostic(TOO_DEEP, message, *draft.where, hint=hint)])
+            drafts.append(draft)
             words = [draft.id, *(f"{key}={quoted(text)}" for key, text in draft.attributes.items())]
-            self._lines.append(f"{indent}<{' '.join(words)}{'>' if draft.children else '/>'}")
+            lines.append(f"{indent}<{' '.join(words)}{'>' if draft.children else '/>'}")
             if draft.children:
                 pending.append((f"</{draft.id}>", depth))
                 pending += [(child, depth + 1) for child in reversed(draft.children)]
-
-    def text(self) -> str:
-        """Return the XML text of the document."""
-        return "\n".join(self._lines) + "\n"
-
-    def document(self) -> Document:
-        """Return the document, whose diagnostics refer to the code that created the drafts."""
-        if self._too_deep is not None:
-            message, where = f"nodes are nested more than {MAX_BUILDER_DEPTH:,} deep", self._too_deep.where
-            raise XmlSyntaxError([Diagnostic(TOO_DEEP, message, *where, hint="make parts of it subtrees")])
-        text = self.text()
-        return _BuiltDocument(parse_text(text).root, text, self._main.where[0], self._drafts)
+    return "\n".join([*lines, "</root>"]) + "\n", drafts
 
 
 class _BuiltDocument(Document):
@@ -286,14 +272,9 @@ class _BuiltDocument(Document):
 
     max_depth = MAX_BUILDER_DEPTH
 
-    def __init__(self, root: Element, text: str, file: str, drafts: Sequence[NodeDraft | None]) -> None:
-        super().__init__(root, text, file)
+    def __init__(self, text: str, file: str, drafts: Sequence[NodeDraft | None]) -> None:
+        super().__init__(parse_text(text).root, text, file)
         self._drafts = drafts
-
-    @property
-    def folder(self) -> Path:
-        """The current folder, which paths of includes are relative to."""
-        return Path()
 
     def line(self, element: Element) -> int:
         """Return the line of the code that created *element*."""
@@ -301,19 +282,11 @@ class _BuiltDocument(Document):
         return draft.where[1] if draft is not None else 0
 
     def diagnostic(
-        self,
-        code: DiagnosticCode,
-        message: str,
-        element: Element,
-        *,
-        attribute: str = "",
-        hint: Hint = NO_HINT,
-        part: ElementPart = "value",
-        within: int = 0,
+        self, code: DiagnosticCode, message: str, element: Element, *, hint: str = "", **place: object
     ) -> Diagnostic:
         """Return a diagnostic at the place in the code, with the generated XML in the hint."""
         draft = self._drafts[self.source_map.index(element)]
         if draft is None:
-            return Diagnostic(code, message, self.file, hint=hint.text)
+            return Diagnostic(code, message, self.file, hint=hint)
         shown = f"the generated XML is {super().diagnostic(code, message, element).source.strip()}"
-        return Diagnostic(code, message, *draft.where, hint=f"{hint.text}; {shown}" if hint.text else shown)
+        return Diagnostic(code, message, *draft.where, hint=f"{hint}; {shown}" if hint else shown)

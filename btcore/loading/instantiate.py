@@ -4,6 +4,7 @@ This is the fourth and last stage of loading.
 """
 
 from collections.abc import Sequence
+from functools import partial
 
 from mypy_extensions import mypyc_attr
 
@@ -19,7 +20,7 @@ from btcore.diagnostic_codes import (
     NODE_NOT_CREATED,
     SCRIPT_SYNTAX,
 )
-from btcore.diagnostics import NO_HINT, Hint
+from btcore.diagnostics import Hint
 from btcore.engine.context import TreeContext
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
@@ -30,7 +31,7 @@ from btcore.registry.registry import Registry, library_of
 from btcore.registry.resources import Resources
 from btcore.tree.tree import Subtree, Tree
 from btcore.values import parse_constant, type_of
-from btcore.xml.plan.plan import Plans, report_script_error
+from btcore.xml.plan.plan import Plans, report_invalid_scripts
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.read.document import DiagnosticCollector
 
@@ -63,7 +64,7 @@ def instantiate(
     return Tree(
         main.id,
         creator.format,
-        [Subtree(part.plan.id, part.path, part.blackboard, part.nodes) for part in creator.drafts],
+        [draft.subtree for draft in creator.drafts],
         creator.nodes,
         creator.context,
         plans.registry,
@@ -100,23 +101,28 @@ def _find_clock(resources: Sequence[object]) -> Clock:
 
 
 class SubtreeDraft:
-    """The nodes of one tree while they are created; `instantiate` makes a `btcore.Subtree` of it.
+    """A `btcore.Subtree` while its nodes are created, with what only their creation needs.
 
     Attributes:
+        subtree: The subtree, with the nodes so far.
+        plan: The plan of its tree.
+        document: The document of its tree.
         prefix: The beginning of the paths of its nodes.
         inputs: The inputs that nodes with equal texts share, by those of the plans.
+        report: `DiagnosticCollector.report` for elements of the document.
     """
 
-    __slots__ = ("blackboard", "document", "inputs", "nodes", "path", "plan", "prefix")
+    __slots__ = ("document", "inputs", "plan", "prefix", "report", "subtree")
 
-    def __init__(self, plan: TreePlan, path: str, blackboard: Blackboard) -> None:
+    def __init__(
+        self, plan: TreePlan, path: str, blackboard: Blackboard, collector: DiagnosticCollector
+    ) -> None:
+        self.subtree = Subtree(plan.id, path, blackboard, [])
         self.plan = plan
-        self.path = path
-        self.blackboard = blackboard
-        self.nodes: list[TreeNode] = []
-        self.inputs: dict[Input, Input] = {}
         self.document = plan.definition.document
         self.prefix = f"{path}/" if path else ""
+        self.inputs: dict[Input, Input] = {}
+        self.report = partial(collector.report, self.document)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -167,7 +173,7 @@ class NodeCreator:
         self._create_subtree(tree_plan, "", self.blackboard)
 
     def _create_subtree(self, tree_plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
-        draft = SubtreeDraft(tree_plan, path, blackboard)
+        draft = SubtreeDraft(tree_plan, path, blackboard, self.collector)
         self.drafts.append(draft)
         assert tree_plan.root is not None
         return self._create_with_children(tree_plan.root, draft)
@@ -192,12 +198,12 @@ class NodeCreator:
             leaf = self.create_node(node_plan, manifest, config, draft, ())
             if leaf is not None:
                 self.nodes.append(leaf)
-                draft.nodes.append(leaf)
+                draft.subtree.nodes.append(leaf)
             return leaf
         # Nodes are listed in pre-order, but a parent is created after its children: keep its place.
-        index, own_index = len(self.nodes), len(draft.nodes)
+        index, own_index = len(self.nodes), len(draft.subtree.nodes)
         self.nodes.append(_PLACEHOLDER)
-        draft.nodes.append(_PLACEHOLDER)
+        draft.subtree.nodes.append(_PLACEHOLDER)
         children: list[TreeNode | None]
         if self._rules and not takes_children(manifest):
             children = []  # a substitution rule has replaced the node by a leaf
@@ -208,14 +214,14 @@ class NodeCreator:
             children = [self._create_with_children(child, draft) for child in node_plan.children]
         node = self.create_node(node_plan, manifest, config, draft, children)
         if node is not None:
-            self.nodes[index] = draft.nodes[own_index] = node
+            self.nodes[index] = draft.subtree.nodes[own_index] = node
         return node
 
     def bind_ports(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> None:
         """Bind the ports, and declare the entries that the ports point to."""
         if not node_plan.bindings:
             return
-        blackboard = draft.blackboard
+        blackboard = draft.subtree.blackboard
         inputs: dict[str, Input] = {}
         outputs: dict[str, Output] = {}
         for binding in node_plan.bindings:
@@ -254,32 +260,21 @@ class NodeCreator:
     def _report_type_conflict(
         self, node_plan: NodePlan, port: Port, draft: SubtreeDraft, entry: Entry | None, error: BtcoreError
     ) -> None:
-        if entry is None or entry.declared.same(port.type):
-            self.collector.report(
-                draft.document, CONFLICTING_ENTRY_TYPES, str(error), node_plan.element, attribute=port.name
-            )
-            return
-        own, declared = port.type.name, entry.declared.name
-        if own == declared:
-            own += f" of {library_of(port.type.python_type)}"
-            declared += f" of {library_of(entry.declared.python_type)}"
-        types = f"has the type {own}, but its entry has the type {declared}"
-        message = f"the port '{port.name}' of <{node_plan.id}> {types}"
-        first = self.declared_by(entry)
-        origin = f"declared by {first}" if first else "it was on the blackboard before the tree was built"
-        hint = f"{origin}; the type of an entry never changes"
-        if self.format == 4 and entry.declared.is_related(port.type):
-            hint = (
-                f"{origin}; an output needs exactly this type, so declare the port as {entry.declared.name}"
-            )
-        self.collector.report(
-            draft.document,
-            CONFLICTING_ENTRY_TYPES,
-            message,
-            node_plan.element,
-            attribute=port.name,
-            hint=Hint(hint),
-        )
+        message, hint = str(error), ""
+        if entry is not None and not entry.declared.same(port.type):
+            own, declared = port.type.name, entry.declared.name
+            if own == declared:
+                own += f" of {library_of(port.type.python_type)}"
+                declared += f" of {library_of(entry.declared.python_type)}"
+            types = f"has the type {own}, but its entry has the type {declared}"
+            message = f"the port '{port.name}' of <{node_plan.id}> {types}"
+            first = self.declared_by(entry)
+            origin = f"declared by {first}" if first else "it was on the blackboard before the tree was built"
+            hint = f"{origin}; the type of an entry never changes"
+            if self.format == 4 and entry.declared.is_related(port.type):
+                name = entry.declared.name
+                hint = f"{origin}; an output needs exactly this type, so declare the port as {name}"
+        draft.report(CONFLICTING_ENTRY_TYPES, message, node_plan.element, attribute=port.name, hint=hint)
 
     def create_node(
         self,
@@ -298,17 +293,12 @@ class NodeCreator:
         if manifest is None:
             return None
         try:
-            return manifest.make(config, self.context, draft.blackboard, self._resources, created)
+            return manifest.make(config, self.context, draft.subtree.blackboard, self._resources, created)
         except ScriptError as error:
-            # The exception has the text of the script, not the attribute: of equal texts, the first counts.
-            texts = node_plan.element.attributes.items()
-            key = next((key for key, text in texts if text == error.text), None)
-            if key is not None:
-                report_script_error(draft.document, node_plan, key, error, self.collector)
-            else:
-                self.collector.report(
-                    draft.document, SCRIPT_SYNTAX, f"a script of <{node_plan.id}>: {error}", node_plan.element
-                )
+            if not report_invalid_scripts(node_plan, draft.document, self.enums, self.collector):
+                # The code of a leaf has compiled a script of its own.
+                message = f"a script of <{node_plan.id}>: {error}"
+                draft.report(SCRIPT_SYNTAX, message, node_plan.element)
         except (NodeError, BlackboardError, ConversionError) as error:
             self._report_rejection(node_plan, draft, error)
         except BtcoreError:
@@ -318,14 +308,12 @@ class NodeCreator:
             hint = ""
             if isinstance(error, TypeError) and str(error).startswith("object.__init__()"):
                 hint = "call super().__init__() without arguments: a node has its name and config already"
-            self.collector.report(
-                draft.document, LEAF_INIT_RAISED, message, node_plan.element, hint=Hint(hint)
-            )
+            draft.report(LEAF_INIT_RAISED, message, node_plan.element, hint=hint)
         return None
 
     def _report_rejection(self, node_plan: NodePlan, draft: SubtreeDraft, error: BtcoreError) -> None:
         if not isinstance(error, NodeError):
-            self.collector.report(draft.document, INCONVERTIBLE_TEXT, str(error), node_plan.element)
+            draft.report(INCONVERTIBLE_TEXT, str(error), node_plan.element)
             return
         set_names = {binding.name for binding in node_plan.bindings}
         ports = node_plan.manifest.ports.values() if node_plan.manifest is not None else ()
@@ -337,10 +325,9 @@ class NodeCreator:
             for port in missing
             if port.role in LOAD_TIME_ROLES
         }
-        hint = NO_HINT
-        if values:
-            hint = Hint("write " + " ".join(f'{name}="…"' for name in values), (SetAttributes(values),))
-        self.collector.report(draft.document, code, str(error), node_plan.element, hint=hint)
+        written = " ".join(f'{name}="…"' for name in values)
+        hint = Hint(f"write {written}", SetAttributes(values)) if values else ""
+        draft.report(code, str(error), node_plan.element, hint=hint)
 
     def _substitute(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> Manifest | None:
         """Return the manifest after the registry's substitution rules, or None after an error."""
@@ -351,7 +338,7 @@ class NodeCreator:
         try:
             return self._registry.apply_substitutions(config, node_plan.manifest, children)
         except NodeError as error:
-            self.collector.report(draft.document, NODE_NOT_CREATED, str(error), node_plan.element)
+            draft.report(NODE_NOT_CREATED, str(error), node_plan.element)
             return None
 
     # --- SubTree elements
@@ -368,19 +355,12 @@ class NodeCreator:
         if config.path in self._paths:
             message = f"two SubTree nodes have the path '{config.path}'"
             hint = "give them different names, or remove the names"
-            self.collector.report(
-                draft.document,
-                DUPLICATE_SUBTREE_PATH,
-                message,
-                node_plan.element,
-                attribute="name",
-                hint=Hint(hint),
-            )
+            draft.report(DUPLICATE_SUBTREE_PATH, message, node_plan.element, attribute="name", hint=hint)
         self._paths.add(config.path)
 
     def create_scope(self, node_plan: NodePlan, call: SubtreeCall, draft: SubtreeDraft) -> Blackboard:
         """Return the blackboard of the called tree, connected with that of *draft*, which calls it."""
-        outer = draft.blackboard
+        outer = draft.subtree.blackboard
         if call.shares_blackboard:
             return outer
         inner = self._scope_class(outer)
@@ -393,9 +373,7 @@ class NodeCreator:
             try:
                 inner.set(key, value, None if isinstance(value, str) else type_of(value))
             except BlackboardError as error:
-                self.collector.report(
-                    draft.document, CONFLICTING_ENTRY_TYPES, str(error), node_plan.element, attribute=key
-                )
+                draft.report(CONFLICTING_ENTRY_TYPES, str(error), node_plan.element, attribute=key)
         inner.autoremap = call.autoremap
         return inner
 

@@ -2,50 +2,48 @@
 
 import gc
 import reprlib
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from os import PathLike
-from types import TracebackType
 from typing import Any, TypedDict, Unpack
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import Clock
 from btcore.diagnostic_codes import UNDETERMINED_MAIN_TREE
 from btcore.diagnostics import Diagnostic
-from btcore.errors import TreeError, XmlSyntaxError
+from btcore.errors import TreeError
 from btcore.loading.instantiate import instantiate
 from btcore.registry.registry import Registry
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans, plan_document
-from btcore.xml.read.document import Document
+from btcore.xml.read.document import Diagnostics, Document
 from btcore.xml.read.read import PackageResolver, parse_file, parse_text
 
 __all__ = ["LoadArguments"]  # for the API reference, which has the functions on the page of `btcore`
 
 
-class PausedGarbageCollection:
-    """A context in which Python's cyclic garbage collector is disabled, because a tree is created.
+@contextmanager
+def paused_garbage_collection() -> Iterator[None]:
+    """Disable Python's cyclic garbage collector, because a tree is created.
 
     The collector would scan the growing tree again and again, although no part of it is garbage.
     """
-
-    def __enter__(self) -> None:
-        self._was_enabled = gc.isenabled()
-        gc.disable()
-        # A new tree goes to the oldest generation at once: scanning it on its way there takes a fifth of the
-        # time of loading. Only freeze() moves objects there, and it moves all young objects of the process;
-        # therefore the other young objects are collected first. An application's frozen objects stay frozen.
-        self._freezes = self._was_enabled and not gc.get_freeze_count()
-        if self._freezes:
-            gc.collect(1)
-
-    def __exit__(
-        self, error_type: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if self._freezes:
+    was_enabled = gc.isenabled()
+    gc.disable()
+    # A new tree goes to the oldest generation at once: scanning it on its way there takes a fifth of the time
+    # of loading. Only freeze() moves objects there, and it moves all young objects of the process; therefore
+    # the other young objects are collected first. An application's frozen objects stay frozen.
+    freezes = was_enabled and not gc.get_freeze_count()
+    if freezes:
+        gc.collect(1)
+    try:
+        yield
+    finally:
+        if freezes:
             gc.freeze()
             gc.unfreeze()
-        if self._was_enabled:
+        if was_enabled:
             gc.enable()
 
 
@@ -108,7 +106,7 @@ def load(path: str | PathLike[str], *more: str | PathLike[str], **arguments: Unp
         >>> btcore.load("tree.xml").tick_while_running()
         <Status.SUCCESS: 2>
     """
-    with PausedGarbageCollection():
+    with paused_garbage_collection():
         return _create_tree(plan_inputs(parse_file, (path, *more), arguments), arguments)
 
 
@@ -131,7 +129,7 @@ def loads(text: str, *more: str, **arguments: Unpack[LoadArguments]) -> Tree:
         >>> btcore.loads(xml).tick_while_running()
         <Status.SUCCESS: 2>
     """
-    with PausedGarbageCollection():
+    with paused_garbage_collection():
         return _create_tree(plan_inputs(parse_text, (text, *more), arguments), arguments)
 
 
@@ -165,7 +163,7 @@ def make(id: str, /, **arguments: Unpack[LoadArguments]) -> Tree:
         raise TreeError([Diagnostic(UNDETERMINED_MAIN_TREE, f"unknown tree '{id}'", hint=hint)])
     # The document of the tree; the last document if the tree is in an included file.
     main = next((document for document in reversed(documents) if _defines(document, id)), documents[-1])
-    with PausedGarbageCollection():
+    with paused_garbage_collection():
         plans = plan_document(main, registry, id, arguments.get("format"), packages=arguments.get("packages"))
         return _create_tree(plans, arguments)
 
@@ -224,10 +222,9 @@ def plan_inputs(
     for path_or_text in inputs:
         try:
             documents.append(parse(path_or_text, confined=arguments.get("confined", False)))
-        except XmlSyntaxError as error:
+        except TreeError as error:
             errors += error.diagnostics
-    if errors:
-        raise XmlSyntaxError(errors)
+    Diagnostics(tuple(errors)).raise_errors()
     main, *others = documents
     return plan_document(
         main,

@@ -149,15 +149,15 @@ class Manifest:
             assert isinstance(node, (ControlNode, DecoratorNode))
             node.set_children(children)
         for attribute in self.resource_attributes:
-            value = self._resource(attribute, node, context, resources)
+            value = self._resource(attribute, node, resources)
             if value is not UNSET:
                 setattr(node, attribute.name, value)
         if self.function is not None:
-            call = BoundFunction(self.function, *self._arguments(node, context, resources))
+            call = BoundFunction(self.function, *self._arguments(node, resources))
             if isinstance(node, (FunctionAction, FunctionCondition, FunctionCoroutineAction)):
                 node.call = call
         elif self._has_init:
-            positional, keywords = self._arguments(node, context, resources)
+            positional, keywords = self._arguments(node, resources)
             _initialiser(cls)(node, *positional, **keywords)
         if isinstance(node, DecoratorNode):
             enable_child_reset(node)
@@ -165,9 +165,7 @@ class Manifest:
             node.prepare()
         return node
 
-    def _arguments(
-        self, node: TreeNode, context: TreeContext, resources: Resources
-    ) -> tuple[list[object], dict[str, object]]:
+    def _arguments(self, node: TreeNode, resources: Resources) -> tuple[list[object], dict[str, object]]:
         positional: list[object] = []
         keywords: dict[str, object] = {}
         inputs = node.config.inputs if self.function is not None else NO_INPUTS
@@ -176,16 +174,14 @@ class Manifest:
             # By far the most frequent case: an input port that the tree gives.
             value: object = inputs.get(port.name) if port is not None and port.reads else None
             if value is None:
-                value = self._argument(parameter, node, context, resources)
+                value = self._argument(parameter, node, resources)
             if parameter.keyword:
                 keywords[parameter.name] = value
             else:
                 positional.append(value)
         return positional, keywords
 
-    def _argument(
-        self, parameter: Parameter, node: TreeNode, context: TreeContext, resources: Resources
-    ) -> object:
+    def _argument(self, parameter: Parameter, node: TreeNode, resources: Resources) -> object:
         port = parameter.port
         if port is not None:
             if self.function is None:
@@ -199,7 +195,7 @@ class Manifest:
                     return port.value
                 return _MissingInput(port, node)
             return input
-        value = self._resource(parameter, node, context, resources)
+        value = self._resource(parameter, node, resources)
         if value is UNSET:
             from btcore.suggestions import with_article  # for this message alone
 
@@ -212,11 +208,9 @@ class Manifest:
             raise NodeError(message)
         return value
 
-    def _resource(
-        self, parameter: Parameter, node: TreeNode, context: TreeContext, resources: Resources
-    ) -> object:
+    def _resource(self, parameter: Parameter, node: TreeNode, resources: Resources) -> object:
         if parameter.resource_type is Clock:
-            return context.clock
+            return node._context.clock
         if parameter.resource_type is Blackboard:
             return node._blackboard
         return resources.find(parameter, self.id)

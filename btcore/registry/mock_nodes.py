@@ -218,10 +218,9 @@ class Outcomes:
         Raises:
             ValueError: There is no such leaf, or it does not have an output port of its outcomes.
         """
-        starts = {name: parse_outcomes(text) for name, text in self.leaves.items()}
         outputs = {
-            name: [port for start in outcomes for outcome in start for port, _ in outcome.outputs]
-            for name, outcomes in starts.items()
+            name: [port for start in parse_outcomes(text) for outcome in start for port, _ in outcome.outputs]
+            for name, text in self.leaves.items()
         }
         check_outputs(outputs, ports)
 

@@ -55,28 +55,6 @@ class SubstitutionRule:
             or self._path.fullmatch(config.path) is not None
         )
 
-    def replacement_manifest(
-        self, config: NodeConfig, children: int, known: Mapping[str, Manifest]
-    ) -> Manifest:
-        """Return the manifest from which a node that matches the rule is created.
-
-        Args:
-            known: The registered nodes by ID.
-        """
-        manifest = self.by if isinstance(self.by, Manifest) else known.get(self.by)
-        rule = f"the substitution rule '{self.filter}' replaces <{config.id}>"
-        if manifest is None:
-            hint = did_you_mean(str(self.by), known)
-            raise NodeError(f"{rule} by '{self.by}', but no node is registered with this ID{hint}")
-        if manifest.type in (NodeType.DECORATOR, NodeType.SUBTREE) and children != 1:
-            needed = "exactly one child"
-        elif manifest.type is NodeType.CONTROL and not children:
-            needed = "children"
-        else:
-            return manifest
-        has = f"<{config.id}> has {children or 'none'}"
-        raise NodeError(f"{rule} by <{manifest.id}>, which needs {needed}, but {has}")
-
     def __repr__(self) -> str:
         by = self.by if isinstance(self.by, str) else self.by.cls.__name__
         return f"<SubstitutionRule '{self.filter}' → {by}>"
@@ -104,9 +82,9 @@ class Registry:
 
     def __init__(self) -> None:
         self.types = TypeRegistry()
-        # A built-in node is stored as its class until it is used, because creating a manifest takes time.
-        self._of_both_formats: dict[str, Manifest | type[TreeNode]] = {}
-        self._of_format: dict[int, dict[str, Manifest | type[TreeNode]]] = {3: {}, 4: {}}
+        # The nodes of each format by ID. A built-in node is stored as its class until it is used, because
+        # creating a manifest takes time.
+        self._nodes: dict[int, dict[str, Manifest | type[TreeNode]]] = {3: {}, 4: {}}
         self._libraries: list[str] = []
         self.substitutions: dict[str, SubstitutionRule] = {}
         self.documents: list[Document] = []
@@ -120,10 +98,7 @@ class Registry:
         """Return a new registry of the built-in nodes: of BehaviorTree.CPP 4.10, or of 3.8 in format 3."""
         registry = cls()
         for format, nodes in BUILTIN_NODES.items():
-            for id, node in nodes.items():
-                common = BUILTIN_NODES[3 if format == 4 else 4].get(id) is node
-                table = registry._of_both_formats if common else registry._of_format[format]
-                table[id] = node
+            registry._nodes[format].update(nodes)
         registry._libraries.append("btcore")
         return registry
 
@@ -134,8 +109,7 @@ class Registry:
         """
         registry = Registry()
         registry.types = self.types
-        registry._of_both_formats = dict(self._of_both_formats)
-        registry._of_format = {format: dict(table) for format, table in self._of_format.items()}
+        registry._nodes = {format: dict(nodes) for format, nodes in self._nodes.items()}
         registry._libraries = list(self._libraries)
         registry.substitutions = dict(self.substitutions)
         registry.documents = list(self.documents)
@@ -145,7 +119,7 @@ class Registry:
 
     def manifests_of(self, format: int = 4) -> Mapping[str, Manifest]:
         """Return the nodes that a tree of *format* (3 or 4) may use, by ID, sorted."""
-        ids = sorted({*self._of_both_formats, *self._of_format[format]})
+        ids = sorted(self._nodes[format])
         return {id: manifest for id in ids if (manifest := self.get(id, format)) is not None}
 
     @property
@@ -163,15 +137,12 @@ class Registry:
         Returns:
             The manifest; None if the ID is unknown in this format.
         """
-        for table in (self._of_format[format], self._of_both_formats):
-            entry = table.get(id)
-            if isinstance(entry, Manifest):
-                return entry
-            if entry is not None:
-                # mypy takes the hash of a node for that of the class.
-                manifest = table[id] = _builtin_manifest(id, entry)  # type: ignore[arg-type]
-                return manifest
-        return None
+        node = self._nodes[format].get(id)
+        if node is None or isinstance(node, Manifest):
+            return node
+        # mypy takes the hash of a node for that of the class.
+        manifest = self._nodes[format][id] = _builtin_manifest(id, node)  # type: ignore[arg-type]
+        return manifest
 
     @property
     def libraries(self) -> list[str]:
@@ -219,14 +190,13 @@ class Registry:
         """
         names = _names_of_caller()
         for id, implementation in nodes.items():
-            tables = [table for table in (self._of_both_formats, *self._of_format.values()) if id in table]
-            before = [table[id] for table in tables]
+            before = {format: nodes[id] for format, nodes in self._nodes.items() if id in nodes}
             self.remove(id)
             try:
                 self._add(implementation, id, names, library_of(implementation))
             except RegistrationError:
-                for table, manifest in zip(tables, before, strict=True):
-                    table[id] = manifest
+                for format, node in before.items():
+                    self._nodes[format][id] = node
                 raise
 
     def remove(self, id: str) -> None:
@@ -235,7 +205,7 @@ class Registry:
         Raises:
             RegistrationError: *id* is not registered.
         """
-        removed = [table.pop(id, None) for table in (self._of_both_formats, *self._of_format.values())]
+        removed = [nodes.pop(id, None) for nodes in self._nodes.values()]
         if not any(removed):
             hint = did_you_mean(id, self.manifests)
             raise RegistrationError(f"no node is registered as '{id}'{hint}")
@@ -289,7 +259,7 @@ class Registry:
                 trees from strangers. The folder of a text is the working directory.
 
         Raises:
-            XmlSyntaxError: A file can't be read, or a document is not valid XML. No tree is registered then.
+            TreeError: A file can't be read, or a document is not valid XML. No tree is registered then.
         """
         documents = [
             parse_text(source, confined=confined)
@@ -337,7 +307,19 @@ class Registry:
         rule = next((rule for rule in self.substitutions.values() if rule.matches(config)), None)
         if rule is None:
             return manifest
-        return rule.replacement_manifest(config, children, self.manifests_of(config.format))
+        by = rule.by if isinstance(rule.by, Manifest) else self.get(rule.by, config.format)
+        replaces = f"the substitution rule '{rule.filter}' replaces <{config.id}>"
+        if by is None:
+            hint = did_you_mean(str(rule.by), self.manifests_of(config.format))
+            raise NodeError(f"{replaces} by '{rule.by}', but no node is registered with this ID{hint}")
+        if by.type in (NodeType.DECORATOR, NodeType.SUBTREE) and children != 1:
+            needed = "exactly one child"
+        elif by.type is NodeType.CONTROL and not children:
+            needed = "children"
+        else:
+            return by
+        has = f"<{config.id}> has {children or 'none'}"
+        raise NodeError(f"{replaces} by <{by.id}>, which needs {needed}, but {has}")
 
     def _add(
         self,
@@ -348,7 +330,8 @@ class Registry:
         format: int | None = None,
     ) -> None:
         manifest = self._manifest_of(implementation, id, names, distribution, format or 4)
-        for used_format in (3, 4) if format is None else (format,):
+        formats = (3, 4) if format is None else (format,)
+        for used_format in formats:
             known = self.get(manifest.id, used_format)
             if known is None:
                 continue
@@ -368,8 +351,8 @@ class Registry:
                     f"replace the first with replace(…), or give one of them another ID"
                 )
         manifest.is_overridable = self._installing
-        table = self._of_both_formats if format is None else self._of_format[format]
-        table[manifest.id] = manifest
+        for used_format in formats:
+            self._nodes[used_format][manifest.id] = manifest
         if distribution not in self._libraries:
             self._libraries.append(distribution)
 

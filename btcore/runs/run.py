@@ -16,9 +16,9 @@ from btcore.exit_codes import ExitCode, code_of_signal
 from btcore.loading.instantiate import instantiate, make_leaf_tree
 from btcore.loading.load import (
     LoadArguments,
-    PausedGarbageCollection,
     check_argument_names,
     find_resources,
+    paused_garbage_collection,
     plan_inputs,
 )
 from btcore.registry.resources import Resources
@@ -70,7 +70,7 @@ Runnable = str | PathLike[str] | Plans | TreelessProgram
 def _plan_source(source: object, arguments: LoadArguments) -> Plans | TreelessProgram:
     """Return the plans of a tree, or a program."""
     if isinstance(source, (str, PathLike)):
-        with PausedGarbageCollection():
+        with paused_garbage_collection():
             source = plan_inputs(parse_file, (source,), arguments)
     if isinstance(source, Plans):
         source.diagnostics.raise_errors()
@@ -261,7 +261,7 @@ class Run:
         arguments = self._load_arguments
         blackboard, tick_limit = arguments.get("blackboard"), arguments.get("tick_limit")
         try:
-            with PausedGarbageCollection():
+            with paused_garbage_collection():
                 return instantiate(source, self.resources, blackboard, self.clock, tick_limit)
         except TreeError as error:
             for note in self._providers.explain_missing(self._leaf_types):

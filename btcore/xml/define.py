@@ -93,16 +93,10 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
         format = parse_format(written)
         if format is None:
             message = f"unknown BTCPP_format '{written}'"
-            fixes = (SetFormat(4), SetFormat(3))
-            hint = Hint('write BTCPP_format="4", or "3" for a tree of Groot 1', fixes)
-            collector.report(
-                main_document,
-                UNKNOWN_FORMAT,
-                message,
-                main_document.root,
-                attribute="BTCPP_format",
-                hint=hint,
-            )
+            text = 'write BTCPP_format="4", or "3" for a tree of Groot 1'
+            hint: str = Hint(text, SetFormat(4), SetFormat(3))
+            root, attribute = main_document.root, "BTCPP_format"
+            collector.report(main_document, UNKNOWN_FORMAT, message, root, attribute=attribute, hint=hint)
     dialect = DIALECTS[format or 4]
     are_complete = not collector.errors
     definitions: list[TreeDefinition] = []
@@ -112,10 +106,10 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
         root = document.root
         if root.tag != "root":
             message = f"the outermost element is <{root.tag}>, not <root>"
-            hint = Hint(EXAMPLE)
+            hint = EXAMPLE
             if root.tag.lower() == "root":
                 fix = Rename("root", is_safe=True)
-                hint = Hint(f"{suggestion('<root>')} XML is case-sensitive", (fix,))
+                hint = Hint(f"{suggestion('<root>')} XML is case-sensitive", fix)
             collector.report(document, NOT_A_ROOT, message, root, hint=hint)
             continue
         only_child = len(root.children) == 1
@@ -123,7 +117,7 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
             id = element.get("ID")
             if not id and not only_child and dialect.checks_names:
                 message = "missing ID of the <BehaviorTree>"
-                hint = Hint('write <BehaviorTree ID="…">', (NameTree(),))
+                hint = Hint('write <BehaviorTree ID="…">', NameTree())
                 collector.report(document, TREE_WITHOUT_ID, message, element, hint=hint)
             if id is None:
                 # The ID that BehaviorTree.CPP gives to a tree without an ID. An empty ID remains empty.
@@ -158,14 +152,12 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
 def _warn_duplicate(
     definition: TreeDefinition, earlier: TreeDefinition, replaces: bool, collector: DiagnosticCollector
 ) -> None:
+    id, document, element = definition
     place = earlier.document.source_map.span(earlier.element, "ID")
     where = f"{earlier.document.file or '<text>'}:{place.line}"
     effect = f"it replaces the tree at {where}" if replaces else f"it is ignored, the tree at {where} is used"
-    message = f"duplicate tree '{definition.id}': {effect}"
-    hint = "rename or remove one of the two trees"
-    collector.report(
-        definition.document, DUPLICATE_TREE_ID, message, definition.element, attribute="ID", hint=Hint(hint)
-    )
+    message, hint = f"duplicate tree '{id}': {effect}", "rename or remove one of the two trees"
+    collector.report(document, DUPLICATE_TREE_ID, message, element, attribute="ID", hint=hint)
 
 
 def _find_main(
@@ -180,24 +172,18 @@ def _find_main(
     root = document.root
     if requested is not None:
         if requested not in by_id and are_complete:
-            hint, fixes, _ = tree_hint(requested, by_id)
-            if not fixes:
-                hint = f"--tree, or tree=… in Python, takes the ID of a <BehaviorTree>; {hint}"
-            message = f"unknown main tree '{requested}'"
-            collector.report(document, UNDETERMINED_MAIN_TREE, message, root, hint=Hint(hint))
+            message, hint = f"unknown main tree '{requested}'", tree_hint(requested, by_id)
+            about = "" if hint.fixes else "--tree, or tree=… in Python, takes the ID of a <BehaviorTree>; "
+            # Without the fix, which would change the marked root.
+            collector.report(document, UNDETERMINED_MAIN_TREE, message, root, hint=about + hint)
         return by_id.get(requested)
-    written = root.get("main_tree_to_execute")
+    attribute = "main_tree_to_execute"
+    written = root.get(attribute)
     if written is not None:
         if written not in by_id and are_complete:
-            message = f"unknown main tree '{written}' in main_tree_to_execute"
-            collector.report(
-                document,
-                UNDETERMINED_MAIN_TREE,
-                message,
-                root,
-                attribute="main_tree_to_execute",
-                hint=tree_hint(written, by_id),
-            )
+            message = f"unknown main tree '{written}' in {attribute}"
+            hint = tree_hint(written, by_id)
+            collector.report(document, UNDETERMINED_MAIN_TREE, message, root, attribute=attribute, hint=hint)
         return by_id.get(written)
     # Trees of the document itself take precedence over included trees.
     own = [definition for definition in definitions if definition.document is document]
@@ -207,13 +193,12 @@ def _find_main(
     if not are_complete:
         return None
     if not definitions:
-        message = "missing <BehaviorTree>: the document has no tree"
-        hint = EXAMPLE
+        message, remedy = "missing <BehaviorTree>: the document has no tree", EXAMPLE
     else:
         message = "ambiguous main tree: the document has several trees"
         names = join_names(sorted(by_id), "or")
-        hint = f'write main_tree_to_execute="…" in <root>, or select a tree when loading: {names}'
-    collector.report(document, UNDETERMINED_MAIN_TREE, message, root, hint=Hint(hint))
+        remedy = f'write {attribute}="…" in <root>, or select a tree when loading: {names}'
+    collector.report(document, UNDETERMINED_MAIN_TREE, message, root, hint=remedy)
     return None
 
 
@@ -241,14 +226,14 @@ def _read_subtree_models(
         if dialect.format == 4 and len(sections) > 1:
             message = "second <TreeNodesModel> in the document"
             hint = "move its models into the first <TreeNodesModel>"
-            collector.report(document, DUPLICATE_MODELS, message, sections[1], hint=Hint(hint))
+            collector.report(document, DUPLICATE_MODELS, message, sections[1], hint=hint)
         for section in sections:
             for model in section.iterchildren("SubTree"):
                 id = model.get("ID")
                 if id is None:
                     message = "missing ID in the model of a subtree"
                     hint = 'write <SubTree ID="…">'
-                    collector.report(document, MISSING_ID, message, model, hint=Hint(hint))
+                    collector.report(document, MISSING_ID, message, model, hint=hint)
                     continue
                 ports = models_by_id.setdefault(id, {})
                 for port in model.iterchildren(*PORT_TAGS):
@@ -271,7 +256,7 @@ def _add_model_port(
     name = port.get("name")
     if name is None:
         message = f"missing name of the <{port.tag}>"
-        collector.report(document, MISSING_ID, message, port, hint=Hint(f'write <{port.tag} name="…"/>'))
+        collector.report(document, MISSING_ID, message, port, hint=f'write <{port.tag} name="…"/>')
         return
     error = model_port_name_error(name) if dialect.checks_names else ""
     if error:

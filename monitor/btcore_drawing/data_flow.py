@@ -54,12 +54,12 @@ def trace_dataflow(plans: Plans) -> list[DataflowRow]:
     assert plans.main_tree is not None, "a document without a main tree has errors"
     dry_run = DryRun(plans)
     dry_run.run(plans.main_tree)
-    paths = {tree.blackboard: tree.path for tree in reversed(dry_run.drafts)}
+    paths = {draft.subtree.blackboard: draft.subtree.path for draft in reversed(dry_run.drafts)}
     homes = dry_run.entry_homes()
     rows: list[DataflowRow] = []
     for entry, uses in dry_run.uses.items():
-        home, key = homes[entry]
-        row = DataflowRow(home.path, key, entry.declared.name if entry.declared.strong else "")
+        board, key = homes[entry]
+        row = DataflowRow(paths[board], key, entry.declared.name if entry.declared.strong else "")
         for use in uses:
             access = _access(use, paths[use.scope])
             if use.access in WRITING and access not in row.writers:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from btcore.errors import XmlSyntaxError
+from btcore.errors import TreeError
 from btcore.input_files import parse_size, read_error, read_file, real_path
 from btcore.logs.btlog import read_btlog
 from btcore.logs.files import LogError
@@ -23,8 +23,8 @@ IRREGULAR = {
 }
 READERS: dict[Callable[[Path], object], type[Exception]] = {
     read_file: OSError,
-    parse_file: XmlSyntaxError,
-    lambda path: add_models(Registry.standard(), path): XmlSyntaxError,
+    parse_file: TreeError,
+    lambda path: add_models(Registry.standard(), path): TreeError,
     lambda path: load_substitution_rules(Registry.standard(), path): OSError,
     read_btlog: LogError,
     read_fbl: LogError,

@@ -12,7 +12,7 @@ from typing import Final
 
 from btcore.blackboard.ports import Direction, Port, remapped_key
 from btcore.diagnostic_codes import INVALID_NAME, MISSING_ID, UNREADABLE_FILE
-from btcore.diagnostics import Diagnostic, Hint
+from btcore.diagnostics import Diagnostic
 from btcore.errors import RegistrationError, TreeError
 from btcore.names import SCRIPT_ATTRIBUTES, is_port_name, port_name_error
 from btcore.registry.mock_nodes import make_mock_class
@@ -64,7 +64,7 @@ def add_models(nodes: Registry, path: str | os.PathLike[str], confined: bool = F
     documents = sources.documents
     added = [id for document in documents for id in add_document_models(nodes, document, override=True)]
     added += add_explicit_nodes(nodes, documents)
-    if not added and not any(_models(document) for document in documents):
+    if not added and not any(model_elements(document) for document in documents):
         message = "the file contains no model of a node"
         hint = "export a <TreeNodesModel> with Groot or `btcore nodes --xml`"
         raise TreeError([Diagnostic(UNREADABLE_FILE, message, os.fspath(path), hint=hint)])
@@ -104,15 +104,11 @@ def collect_ports(element: Element, ports: dict[str, Port], format: int) -> None
                 ports[name] = Port(name, Direction.INOUT if is_key else Direction.IN)
 
 
-def _models(document: Document) -> list[Element]:
+def model_elements(document: Document) -> list[Element]:
+    """Return the models of nodes in a document."""
     root = document.root
     tables = [root] if root.tag == "TreeNodesModel" else list(root.iterchildren("TreeNodesModel"))
     return [model for table in tables for model in table.iterchildren(*EXPLICIT_TAGS)]
-
-
-def has_models(document: Document) -> bool:
-    """Return whether *document* contains the model of a node."""
-    return bool(_models(document))
 
 
 def add_document_models(nodes: Registry, document: Document, override: bool = False) -> list[str]:
@@ -129,18 +125,18 @@ def add_document_models(nodes: Registry, document: Document, override: bool = Fa
     """
     added: list[str] = []
     collector = DiagnosticCollector()
-    for model in _models(document):
+    for model in model_elements(document):
         id = model.get("ID")
         if id is None:
             message = f"missing ID in the model <{model.tag}>"
-            collector.report(document, MISSING_ID, message, model, hint=Hint(f'write <{model.tag} ID="…">'))
+            collector.report(document, MISSING_ID, message, model, hint=f'write <{model.tag} ID="…">')
             continue
         known = nodes.get(id, 3) or nodes.get(id, 4)
         if known is not None and not (override and known.is_overridable):
             continue
         ports = [_port(nodes, document, item) for item in model.iterchildren(*PORT_TAGS) if item.get("name")]
         described = next(model.iterchildren("description"), None)
-        about = " ".join(document.text_in(described).split()) if described is not None else ""
+        about = " ".join(document.source_map.text_in(described).split()) if described is not None else ""
         try:
             add_mock(nodes, id, EXPLICIT_TAGS[model.tag], ports, about, document, _metadata(model))
             added.append(id)
@@ -164,7 +160,7 @@ def _port(nodes: Registry, document: Document, element: Element) -> Port:
         PORT_TAGS[element.tag],
         _type(nodes, element.get("type") or ""),
         element.get("default") or None,
-        " ".join((element.get("description") or document.text_in(element)).split()),
+        " ".join((element.get("description") or document.source_map.text_in(element)).split()),
     )
     if default_value_error(port):
         # Only the C++ code can convert texts of this port: accept any text.

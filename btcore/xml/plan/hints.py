@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from functools import cache, cached_property
 
-from btcore.diagnostics import NO_HINT, Hint
+from btcore.diagnostics import Hint
 from btcore.entry_points import UnavailableEntryPoint, unsearched_libraries
 from btcore.fixes import CallTree, DeclareNode, Fix, Rename, SetFormat
 from btcore.names import is_port_name
@@ -38,10 +38,10 @@ class UnknownNameHints:
     def _manifests(self) -> Mapping[str, Manifest]:
         return self._registry.manifests_of(self._format)
 
-    def for_node(self, name: str) -> Hint:
+    def for_node(self, name: str) -> str:
         """Return the hint for the most likely reason why the node *name* is unknown."""
         if not self._collector.take_comparisons(self._manifests):
-            return NO_HINT
+            return ""
         return (
             self._tree_hint(name)
             or self._version_hint(name)
@@ -50,46 +50,46 @@ class UnknownNameHints:
             or self._spelling_hint(name)
         )
 
-    def for_port(self, manifest: Manifest, name: str) -> Hint:
+    def for_port(self, manifest: Manifest, name: str) -> str:
         """Return a hint for a port *name* that the node of *manifest* doesn't have."""
         if not self._collector.take_comparisons(manifest.ports):
-            return NO_HINT
+            return ""
         similar = next(
             (item for item in manifest.parameters if item.name == name and item.looks_like_port), None
         )
         if similar is not None:
             type_name = similar.type_name
             in_port = suggestion(f"{name}: In[{type_name}]")
-            return Hint(f"its parameter '{name}: {type_name}' is a resource; {in_port}")
+            return f"its parameter '{name}: {type_name}' is a resource; {in_port}"
         if not manifest.ports:
-            return Hint("it has no ports")
+            return "it has no ports"
         near = nearest_name(name, manifest.ports)
         if near is not None:
             return Hint.similar_name(near)
         ports = join_names([f"'{port}'" for port in manifest.ports])
-        return Hint(f"its ports are {ports}" if len(manifest.ports) > 1 else f"its only port is {ports}")
+        return f"its ports are {ports}" if len(manifest.ports) > 1 else f"its only port is {ports}"
 
     def _tree_hint(self, name: str) -> Hint | None:
         if name not in self._trees:
             return None
-        return Hint(f"'{name}' is a tree: write <SubTree ID=\"{name}\"/>", (CallTree(is_safe=True),))
+        return Hint(f"'{name}' is a tree: write <SubTree ID=\"{name}\"/>", CallTree(is_safe=True))
 
     def _version_hint(self, name: str) -> Hint | None:
         """Return the hint for a node of another version of BehaviorTree.CPP."""
         successor = NODE_REPLACEMENTS.get(name)
         if successor is not None and self._registry.get(successor, self._format) is not None:
-            return Hint(f"use <{successor}>, which replaces it", (Rename(successor, is_safe=True),))
+            return Hint(f"use <{successor}>, which replaces it", Rename(successor, is_safe=True))
         other = 3 if self._format == 4 else 4
         if self._registry.get(name, other) is None:
             return None
         text = f'<{name}> belongs to format {other}: write <root BTCPP_format="{other}">'
-        return Hint(text, (SetFormat(other),))
+        return Hint(text, SetFormat(other))
 
-    def _declaration_hint(self, name: str) -> Hint | None:
+    def _declaration_hint(self, name: str) -> str:
         if name not in self._declaring_files:
-            return None
+            return ""
         model = f"--model {self._declaring_files[name] or 'FILE'}"
-        return Hint(
+        return (
             "a <TreeNodesModel> declares it, but its code is not registered: use --plugin or nodes.add, "
             f"or {model} to work without the code"
         )
@@ -98,7 +98,7 @@ class UnknownNameHints:
         """Return the hint for a registry that lacks the built-in nodes, or an installed library."""
         if not self._manifests:
             text = "the registry is empty: start with Registry.standard(), which has the built-in nodes"
-            return Hint(text, _declaration(name))
+            return Hint(text, *_declaration(name))
         nodes, _ = self._libraries
         provided = nodes.get(name, self._format)
         if provided is None:
@@ -107,16 +107,20 @@ class UnknownNameHints:
             f"the installed library {provided.distribution} provides it: call nodes.add_plugins() of the "
             "registry, and pass nodes=nodes"
         )
-        return Hint(text, _declaration(name))
+        return Hint(text, *_declaration(name))
 
     def _spelling_hint(self, name: str) -> Hint:
         near = nearest_name(name, [*self._manifests, *EXPLICIT_TAGS])
         if near is not None:
-            return Hint(suggestion(f"<{near}>"), (Rename(near), *_declaration(name)))
-        searched = f"searched: {', '.join(self._distributions())}"
+            return Hint(suggestion(f"<{near}>"), Rename(near), *_declaration(name))
+        names = {
+            "your program" if manifest.distribution == "__main__" else manifest.distribution
+            for manifest in self._manifests.values()
+        }
+        searched = f"searched: {', '.join(sorted(names, key=lambda name: (name != 'btcore', name)))}"
         load = "load a plugin that provides it (--plugin, or nodes.add_plugin)"
         _, unavailable = self._libraries
-        return Hint("; ".join([searched, load, *unsearched_libraries(unavailable)]), _declaration(name))
+        return Hint("; ".join([searched, load, *unsearched_libraries(unavailable)]), *_declaration(name))
 
     @cached_property
     def _libraries(self) -> tuple[Registry, list[UnavailableEntryPoint]]:
@@ -126,13 +130,6 @@ class UnknownNameHints:
         """
         is_program = not any(manifest.is_overridable for manifest in self._manifests.values())
         return _installed_nodes() if is_program else (self._registry, [])
-
-    def _distributions(self) -> list[str]:
-        """Return the names of the Python distributions that provide the nodes, btcore first."""
-        names = {manifest.distribution for manifest in self._manifests.values()}
-        if "__main__" in names:
-            names = (names - {"__main__"}) | {"your program"}
-        return sorted(names, key=lambda name: (name != "btcore", name))
 
 
 def _declaration(name: str) -> tuple[Fix, ...]:

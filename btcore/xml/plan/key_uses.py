@@ -20,7 +20,7 @@ from btcore.script.expressions import (
 )
 from btcore.script.program import Parser
 from btcore.xml.plan.plan import Plans
-from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
+from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall
 
 
 class AccessKind(enum.Enum):
@@ -175,12 +175,9 @@ class TreeKeys:
         if tree not in self._known:
             self._known[tree] = None  # ends the recursion of trees that call each other
             plan = self._plans.trees.get(tree)
-            if plan is not None:
-                self._known[tree] = self._plan_keys(plan)
+            if plan is not None and not plan.has_unknown_nodes:
+                self._known[tree] = self.keys_in(plan.nodes())
         return self._known[tree]
-
-    def _plan_keys(self, plan: TreePlan) -> set[str] | None:
-        return None if plan.has_unknown_nodes else self.keys_in(plan.nodes())
 
     def keys_in(self, nodes: Iterable[NodePlan]) -> set[str] | None:
         """Return the keys that *nodes* of a tree use; None means any key."""

@@ -4,7 +4,7 @@ This is the third stage of loading.
 """
 
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from btcore.diagnostic_codes import RECURSIVE_TREES, SCRIPT_SYNTAX, TREE_TOO_LARGE, UNKNOWN_FORMAT
@@ -12,12 +12,11 @@ from btcore.diagnostics import Hint
 from btcore.engine.node_config import MAX_NODES
 from btcore.errors import ScriptError
 from btcore.fixes import SetFormat
-from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.script.program import compile_script
 from btcore.xml.define import Definitions, TreeDefinition, define
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
-from btcore.xml.plan.tree_planner import TreePlanner
+from btcore.xml.plan.tree_planner import PlanningContext, TreePlanner
 from btcore.xml.read.dialect import Dialect
 from btcore.xml.read.document import DiagnosticCollector, Diagnostics, Document
 from btcore.xml.read.read import PackageResolver, read
@@ -72,19 +71,13 @@ class Plans(NamedTuple):
         """Whether no tree is recursive or too large, so that calls of trees can be followed to their end."""
         return len(self.sizes) == len(self.trees)
 
-    def used_manifests(self) -> list[Manifest]:
-        """Return the manifests of the nodes in the main tree and its subtrees, each once."""
-        manifests: dict[str, Manifest] = {}
-        for tree in reachable_trees(self.trees, self.main_tree) if self.main_tree is not None else ():
-            for node in tree.nodes():
-                if node.manifest is not None:
-                    manifests.setdefault(node.id, node.manifest)
-        return list(manifests.values())
-
     def required_resources(self) -> list[Any]:
         """Return the types of the resources that the leaves of the main tree need, each once."""
+        trees = () if self.main_tree is None else reachable_trees(self.trees, self.main_tree)
+        nodes = (node for tree in trees for node in tree.nodes())
+        manifests = {node.id: node.manifest for node in nodes if node.manifest is not None}
         types: list[Any] = []
-        for manifest in self.used_manifests():
+        for manifest in manifests.values():
             types += (resource for resource in manifest.required_resources if resource not in types)
         return types
 
@@ -139,7 +132,7 @@ def _compare_with_format_4(plans: Plans, every_tree: bool) -> Plans:
         return plans
     count = "1 error" if avoided == 1 else f"{avoided} errors"
     message = f"missing BTCPP_format: the document is read as format 3; format 4 avoids {count}"
-    hint = Hint('write <root BTCPP_format="4">', (SetFormat(4),))
+    hint = Hint('write <root BTCPP_format="4">', SetFormat(4))
     document = sources.main_document
     cause = document.diagnostic(UNKNOWN_FORMAT, message, document.root, hint=hint)
     return plans._replace(diagnostics=plans.diagnostics._replace(errors=(cause, *errors)))
@@ -147,8 +140,10 @@ def _compare_with_format_4(plans: Plans, every_tree: bool) -> Plans:
 
 def _plan_trees(definitions: Definitions, registry: Registry, every_tree: bool) -> Plans:
     collector = DiagnosticCollector(definitions.diagnostics)
-    planner = TreePlanner(definitions, registry, collector)
-    outlines = {definition: planner.outline(definition) for definition in definitions.all}
+    context = PlanningContext(definitions, registry, collector)
+    planners = {definition: TreePlanner(definition, context) for definition in definitions.all}
+    for planner in planners.values():
+        planner.outline()
     trees: dict[str, TreePlan] = {}
     by_id, main = definitions.by_id, definitions.main_tree
     pending: list[TreeDefinition] = [*by_id.values()][::-1] if every_tree else []
@@ -157,31 +152,29 @@ def _plan_trees(definitions: Definitions, registry: Registry, every_tree: bool) 
     while pending:
         definition = pending.pop()
         if definition.id not in trees:
-            trees[definition.id] = tree = planner.complete(definition, outlines[definition])
+            trees[definition.id] = tree = planners[definition].complete()
             pending += [by_id[call.tree_id] for call in reversed(tree.calls) if call.tree_id in by_id]
     main_tree = None if main is None else trees[main.id]
     sizes = _measure(trees, main_tree, collector)
     if every_tree or collector.errors:
         for tree in trees.values():
-            _check_scripts(tree, registry.types.enums, collector)
+            for node in tree.nodes():
+                report_invalid_scripts(node, tree.definition.document, registry.types.enums, collector)
     return Plans(definitions, registry, trees, main_tree, sizes, collector.diagnostics)
 
 
-def reachable_trees(
-    trees: Mapping[str, TreePlan], tree: TreePlan, known: Collection[str] = ()
-) -> list[TreePlan]:
+def reachable_trees(trees: Mapping[str, TreePlan], tree: TreePlan) -> list[TreePlan]:
     """Return *tree* and all trees that it calls, directly or indirectly, each once.
 
     Args:
         trees: The plans by the IDs of the trees.
         tree: The tree to start with.
-        known: IDs of trees that are left out, with the trees that they call.
     """
     reached: dict[str, TreePlan] = {}
     pending = [tree.id]
     while pending:
         id = pending.pop()
-        if id not in reached and id not in known and id in trees:
+        if id not in reached and id in trees:
             reached[id] = trees[id]
             pending += [call.tree_id for call in reversed(trees[id].calls)]
     return list(reached.values())
@@ -204,99 +197,88 @@ def root_trees(trees: Mapping[str, TreePlan], main_tree: TreePlan | None) -> lis
 def _measure(
     trees: Mapping[str, TreePlan], main_tree: TreePlan | None, collector: DiagnosticCollector
 ) -> dict[str, TreeSize]:
+    """Return the sizes of the trees. Those of trees that are recursive or too large are missing: errors."""
     sizes: dict[str, TreeSize] = {}
-    checked: set[str] = set()
+    visited: set[str] = set()
     # Trees that call each other may have no root among them.
-    for tree in (*root_trees(trees, main_tree), *trees.values()):
-        if tree.id not in checked:
-            _measure_from(tree, trees, sizes, collector)
-            checked |= {called.id for called in reachable_trees(trees, tree, checked)}
+    for root in (*root_trees(trees, main_tree), *trees.values()):
+        if root.id not in visited:
+            _measure_from(root, trees, sizes, visited, collector)
+            size = sizes.get(root.id)
+            if size is not None and (size.nodes > MAX_NODES or size.depth > MAX_DEPTH):
+                _report_too_large(root, size, collector)
+                del sizes[root.id]
     return sizes
 
 
 def _measure_from(
-    root: TreePlan, trees: Mapping[str, TreePlan], sizes: dict[str, TreeSize], collector: DiagnosticCollector
+    root: TreePlan,
+    trees: Mapping[str, TreePlan],
+    sizes: dict[str, TreeSize],
+    visited: set[str],
+    collector: DiagnosticCollector,
 ) -> None:
-    """Add the sizes of *root* and of the trees that it calls, or an error if they are recursive or too large.
-
-    A tree that is not recursive is visited once, however many of the measured trees call it.
-    """
-    order: dict[str, TreePlan] = {}  # each tree comes before the trees that call it
-    is_recursive = False
-    path: list[str] = []
-    places: dict[str, int] = {}  # the index of each tree in the path
-    pending: list[tuple[str, bool]] = [(root.id, False)]
+    """Add the sizes of *root* and of the trees that it calls, unless they call each other."""
+    path: dict[str, None] = {}  # the trees from the root to the visited tree
+    pending: list[tuple[TreePlan, bool]] = [(root, False)]
     while pending:
-        id, leaving = pending.pop()
+        tree, leaving = pending.pop()
+        called = [trees[call.tree_id] for call in tree.calls if call.tree_id in trees]
         if leaving:
-            del places[path.pop()]
-            order[id] = trees[id]
-            continue
-        if id in order or id in sizes:
-            continue
-        places[id] = len(path)
-        path.append(id)
-        pending.append((id, True))
-        for call in trees[id].calls:
-            if call.tree_id in places:
-                is_recursive = True
-                _add_cycle(path, places[call.tree_id], trees[id], call, collector)
-            elif call.tree_id in trees and call.tree_id not in order:
-                pending.append((call.tree_id, False))
-    if is_recursive:
-        return
-    for id, tree in order.items():
-        below = [sizes[call.tree_id] for call in tree.calls if call.tree_id in sizes]  # without unknown trees
-        count = min(MAX_NODES + 1, tree.size + sum(size.nodes for size in below))
-        sizes[id] = TreeSize(count, tree.depth + max((size.depth for size in below), default=0))
-    size = sizes[root.id]
-    message, hint = "", ""
+            del path[tree.id]
+            below = [sizes[inner.id] for inner in called if inner.id in sizes]
+            if len(below) == len(called):  # else one of them is recursive
+                count = min(MAX_NODES + 1, tree.size + sum(size.nodes for size in below))
+                sizes[tree.id] = TreeSize(count, tree.depth + max((size.depth for size in below), default=0))
+        elif tree.id not in visited:
+            visited.add(tree.id)
+            path[tree.id] = None
+            pending.append((tree, True))
+            for call in tree.calls:
+                if call.tree_id in path:
+                    _report_cycle(list(path), tree, call, collector)
+            pending += [(inner, False) for inner in called if inner.id not in visited]
+
+
+def _report_too_large(tree: TreePlan, size: TreeSize, collector: DiagnosticCollector) -> None:
+    message, hint = f"with all its subtrees the tree is more than {MAX_DEPTH:,} levels deep", ""
     if size.nodes > MAX_NODES:
         message = f"with all its subtrees the tree has more than {MAX_NODES:,} nodes"
         hint = "nodes are numbered with 16 bits; look for trees that call other trees several times"
-    elif size.depth > MAX_DEPTH:
-        message = f"with all its subtrees the tree is more than {MAX_DEPTH:,} levels deep"
-    if message:
-        document, element = root.definition.document, root.definition.element
-        collector.report(document, TREE_TOO_LARGE, message, element, attribute="ID", hint=Hint(hint))
-        del sizes[root.id]
+    document, element = tree.definition.document, tree.definition.element
+    collector.report(document, TREE_TOO_LARGE, message, element, attribute="ID", hint=hint)
 
 
-def _add_cycle(
-    path: list[str], start: int, tree: TreePlan, call: SubtreeCall, collector: DiagnosticCollector
-) -> None:
-    """Add the error for *call* in the last tree of *path*: it calls the tree with the index *start*."""
-    if len(path) - start < _MAX_SHOWN_CYCLE:
-        cycle = path[start:]
-    else:
+def _report_cycle(path: list[str], tree: TreePlan, call: SubtreeCall, collector: DiagnosticCollector) -> None:
+    """Report *call* in *tree*, the last tree of *path*: it calls another tree of the path."""
+    cycle = path[path.index(call.tree_id) :]
+    if len(cycle) >= _MAX_SHOWN_CYCLE:
         half = _MAX_SHOWN_CYCLE // 2
-        cycle = [*path[start : start + half], "…", *path[1 - half :]]
+        cycle = [*cycle[:half], "…", *cycle[1 - half :]]
     message = f"the trees call each other recursively: {' → '.join([*cycle, call.tree_id])}"
     document = tree.definition.document
     hint = "a tree can't contain itself"
-    collector.report(document, RECURSIVE_TREES, message, call.element, attribute="ID", hint=Hint(hint))
+    collector.report(document, RECURSIVE_TREES, message, call.element, attribute="ID", hint=hint)
 
 
-def _check_scripts(tree: TreePlan, enums: dict[str, int], collector: DiagnosticCollector) -> None:
-    for node in tree.nodes():
-        for key, text, _ in node.iter_scripts():
-            if not text and key not in node.conditions:
-                continue  # BehaviorTree.CPP accepts an empty port of a Script, and checks it only in ticks
-            try:
-                compile_script(text, enums)
-            except ScriptError as error:
-                report_script_error(tree.definition.document, node, key, error, collector)
-
-
-def report_script_error(
-    document: Document, node: NodePlan, key: str, error: ScriptError, collector: DiagnosticCollector
-) -> None:
-    """Report an invalid script.
+def report_invalid_scripts(
+    node: NodePlan, document: Document, enums: Mapping[str, int], collector: DiagnosticCollector
+) -> bool:
+    """Report the invalid scripts of a node in *document*; return whether there are any.
 
     Args:
-        document: The document that contains the script.
-        node: The plan of the node that has the script.
-        key: The attribute that holds the script.
+        enums: The enum names that scripts may use, with their numbers.
     """
-    message = f"invalid script in '{key}' of <{node.id}>: {error.message}"
-    collector.report(document, SCRIPT_SYNTAX, message, node.element, attribute=key, within=error.column)
+    has_errors = False
+    for attribute, text, _ in node.iter_scripts():
+        if not text and attribute not in node.conditions:
+            continue  # BehaviorTree.CPP accepts an empty port of a Script, and checks it only in ticks
+        try:
+            compile_script(text, enums)
+        except ScriptError as error:
+            has_errors = True
+            message = f"invalid script in '{attribute}' of <{node.id}>: {error.message}"
+            collector.report(
+                document, SCRIPT_SYNTAX, message, node.element, attribute=attribute, within=error.column
+            )
+    return has_errors

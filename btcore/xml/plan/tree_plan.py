@@ -1,6 +1,7 @@
 """The plans of trees, their nodes and their calls of other trees: what `plan` returns, before nodes exist."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from operator import attrgetter
 
 from btcore.blackboard.ports import SCRIPT_ROLES, Binding, PortRole, braced_key
 from btcore.engine.node_config import EMPTY_MAPPING
@@ -10,6 +11,8 @@ from btcore.registry.manifest import Manifest
 from btcore.values import BOOL
 from btcore.xml.define import TreeDefinition
 from btcore.xml.read.element import Element
+
+_DEPTH_OF = attrgetter("depth")
 
 
 class SubtreeCall:
@@ -170,6 +173,9 @@ class NodePlan:
 class TreePlan:
     """A tree definition with its node plans.
 
+    Args:
+        nodes: The node plans in pre-order.
+
     Attributes:
         definition: The definition of the tree.
         root: The plan of the root; None if the tree has no known root.
@@ -179,12 +185,12 @@ class TreePlan:
         has_unknown_nodes: Whether plans of unknown nodes were removed.
     """
 
-    def __init__(self, definition: TreeDefinition, root: NodePlan | None) -> None:
+    def __init__(self, definition: TreeDefinition, nodes: Sequence[NodePlan]) -> None:
         self.definition = definition
-        self.root = root
+        self.root = nodes[0] if nodes else None
         self.calls: list[SubtreeCall] = []
-        self.depth = 0
-        self.size = 0
+        self.depth = max(map(_DEPTH_OF, nodes), default=0)
+        self.size = len(nodes)
         self.has_unknown_nodes = False
 
     @property

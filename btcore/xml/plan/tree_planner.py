@@ -1,11 +1,8 @@
-"""Make the plans of trees in two passes: first their nodes, then the attributes and ports of the nodes.
-
-The caches only save time: without them the plans are the same.
-"""
+"""Make the plans of trees in two passes: first their nodes, then the attributes and ports of the nodes."""
 
 from collections.abc import Mapping
+from functools import partial
 from itertools import islice
-from operator import attrgetter
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from btcore.blackboard.ports import Binding, Input, Port
@@ -27,9 +24,8 @@ from btcore.diagnostic_codes import (
     UNKNOWN_TREE,
     UNREACHABLE_CHILD,
     WRONG_CHILD_COUNT,
-    DiagnosticCode,
 )
-from btcore.diagnostics import NO_HINT, Hint
+from btcore.diagnostics import Hint
 from btcore.engine.node_config import MAX_NODES
 from btcore.errors import ConversionError
 from btcore.fixes import (
@@ -60,7 +56,7 @@ from btcore.xml.define import Definitions, TreeDefinition, tree_hint
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.read.dialect import EXPLICIT_TAGS, Dialect
 from btcore.xml.read.document import DiagnosticCollector
-from btcore.xml.read.element import Element, ElementPart
+from btcore.xml.read.element import Element
 
 if TYPE_CHECKING:
     from btcore.xml.plan.hints import UnknownNameHints
@@ -68,7 +64,6 @@ if TYPE_CHECKING:
 MAX_SUGGESTED_TREES: Final = 20
 """Maximum number of trees that are suggested for a SubTree element without an ID."""
 _LEAVES: Final = {NodeType.ACTION: "an action", NodeType.CONDITION: "a condition"}
-_DEPTH_OF = attrgetter("depth")
 _CONTROL_CHARACTERS = frozenset(chr(code) for code in (*range(32), 127))
 
 
@@ -83,12 +78,12 @@ def count_text(count: int) -> str:
 
 
 def _one_child_hint(count: int) -> Hint:
-    return Hint("put them into a <Sequence>", wrapping_fixes(1)) if count else _more_children_hint(1)
+    return Hint("put them into a <Sequence>", *wrapping_fixes(1)) if count else _more_children_hint(1)
 
 
 def _more_children_hint(count: int, roles: str = "") -> Hint:
     text = "add a child" if count == 1 else f"add {count} children"
-    return Hint(f"{text}: {roles}" if roles else text, (AddChildren(count),))
+    return Hint(f"{text}: {roles}" if roles else text, AddChildren(count))
 
 
 def wrapping_fixes(most: int) -> tuple[Fix, ...]:
@@ -107,10 +102,10 @@ def literals_of(value_type: ValueType) -> list[str]:
     return ["true", "false"] if value_type is BOOL else []
 
 
-def value_hint(value_type: ValueType) -> Hint:
-    """Return the hint, without a text, for a literal that is not of the type *value_type*."""
+def value_fixes(value_type: ValueType) -> tuple[Fix, ...]:
+    """Return the fixes of a literal that is not of the type *value_type*."""
     literals = literals_of(value_type)
-    return Hint("", (SetValue(*literals),) if literals else ())
+    return (SetValue(*literals),) if literals else ()
 
 
 class _TagRule(NamedTuple):
@@ -149,36 +144,104 @@ class _BindingCache:
         ]
 
 
-class TreePlanner:
-    """Plans the trees of documents in two passes, and reports their errors.
+def _literal_error(binding: Binding) -> str:
+    """Return why a text is neither a `{key}` nor a literal of the port's type, or ""."""
+    port, text = binding.port, binding.text
+    is_key = len(text) >= 3 and text[0] == "{" and text[-1] == "}"  # possibly in the notation of format 3
+    if is_key or not port.checks_text:
+        return ""
+    if binding.key is None and text != port.default:
+        return binding.error
+    try:  # the binding has not converted the text
+        port.type.from_text(text)
+    except ConversionError as error:
+        return str(error)
+    return ""
 
-    The first pass, `outline`, concerns all trees, because BehaviorTree.CPP rejects a document in which an
-    unused tree has a wrong structure. The second, `complete`, concerns the trees that are used.
+
+class PlanningContext:
+    """What the planners of a document's trees share. The caches only save time.
+
+    Attributes:
+        tag_rules: The rules of the tags so far.
+        binding_caches: The caches of bindings so far, by ID.
+        kept_attributes: Names of attributes that a planner has kept, which depends only on the name.
     """
 
     def __init__(self, definitions: Definitions, registry: Registry, collector: DiagnosticCollector) -> None:
-        self._definitions = definitions
-        self._dialect: Dialect = definitions.dialect
+        self.definitions = definitions
+        self.dialect: Dialect = definitions.dialect
+        self.collector = collector
+        self.tag_rules: dict[str, _TagRule] = {}
+        self.binding_caches: dict[str, _BindingCache] = {}
+        self.kept_attributes: set[str] = set()
         self._registry = registry
-        self._collector = collector
-        self._tag_rules: dict[str, _TagRule] = {}
-        self._binding_caches: dict[str, _BindingCache] = {}
-        # Names of attributes that _select_attributes() kept. Its decision depends only on the name, so it is
-        # not called again for these names.
-        self._kept_attributes: set[str] = set()
-        self._unknown_name_hints: UnknownNameHints | None = None
-        self._definition: TreeDefinition  # of the tree that is being planned
+        self._name_hints: UnknownNameHints | None = None
+
+    @property
+    def name_hints(self) -> "UnknownNameHints":
+        """The hints for unknown names."""
+        if self._name_hints is None:
+            from btcore.xml.plan.hints import UnknownNameHints  # only errors need it
+
+            self._name_hints = UnknownNameHints(self.definitions, self._registry, self.collector)
+        return self._name_hints
+
+    def manifest(self, id: str) -> Manifest | None:
+        """Return the manifest of a node; None if it is unknown."""
+        return self._registry.get(id, self.dialect.format)
+
+    def add_tag_rule(self, tag: str) -> _TagRule:
+        """Create the rule of a tag, and return it."""
+        dialect, manifest = self.dialect, self.manifest(tag)
+        if manifest is None or tag in dialect.subtree_tags or tag in EXPLICIT_TAGS:
+            rule = _TagRule(is_node=False, counted_as=None, may_be_empty=False)
+        else:
+            needed, node_type = dialect.controls_requiring_children, manifest.type
+            is_counted = (
+                node_type is NodeType.DECORATOR
+                or (node_type is NodeType.CONTROL and (needed is None or tag in needed))
+                or (node_type in _LEAVES and dialect.checks_leaf_children)
+            )
+            rule = _TagRule(True, node_type if is_counted else None, not is_counted or node_type in _LEAVES)
+        self.tag_rules[tag] = rule
+        return rule
+
+    def add_binding_cache(self, id: str) -> _BindingCache | None:
+        """Create the cache for the bindings of a node, and return it; None if the node is unknown."""
+        manifest = self.manifest(id)
+        if manifest is None:
+            return None
+        self.binding_caches[id] = cache = _BindingCache(manifest, self.dialect.format)
+        return cache
+
+
+class TreePlanner:
+    """Plans one tree in two passes, and reports its errors.
+
+    The first pass, `outline`, concerns all trees, because BehaviorTree.CPP rejects a document in which an
+    unused tree has a wrong structure. The second, `complete`, concerns the trees that are used.
+
+    Attributes:
+        nodes: What the first pass hands to the second: the plans of the nodes in pre-order, beginning with
+            the root, with their elements and children only; [] if there is no root.
+    """
+
+    def __init__(self, definition: TreeDefinition, context: PlanningContext) -> None:
+        self.nodes: list[NodePlan] = []
+        self._definition = definition
+        self._context = context
+        self._definitions = context.definitions
+        self._dialect = context.dialect
+        self._collector = context.collector
+        self._report = partial(context.collector.report, definition.document)
 
     # --- the first pass: create node plans, and check the structure of the tree
 
-    def outline(self, definition: TreeDefinition) -> list[NodePlan]:
-        """Return a plan of each node of a tree, with the element and the children only.
-
-        Returns:
-            The plans in pre-order, beginning with the root; [] if there is no root.
-        """
-        self._definition = definition
-        rules, ignoring_tags = self._tag_rules, self._dialect.tags_with_ignored_children
+    def outline(self) -> None:
+        """Create the plans of the nodes, and check the structure of the tree."""
+        definition, rules = self._definition, self._context.tag_rules
+        ignoring_tags = self._dialect.tags_with_ignored_children
         nodes: list[NodePlan] = []
         # Ignored nodes are checked, as in BehaviorTree.CPP, but not planned.
         ignored: set[NodePlan] = set()
@@ -189,11 +252,11 @@ class TreePlanner:
                 nodes.append(node)
             if len(nodes) > MAX_NODES + 1:  # the first is the <BehaviorTree>
                 message = f"the tree has more than {MAX_NODES:,} nodes"
-                hint = Hint("nodes are numbered with 16 bits")
+                hint = "nodes are numbered with 16 bits"
                 self._report(TREE_TOO_LARGE, message, definition.element, attribute="ID", hint=hint)
-                return []
+                return
             element, depth = node.element, node.depth + 1
-            rule = rules.get(element.tag) or self._add_tag_rule(element.tag)
+            rule = rules.get(element.tag) or self._context.add_tag_rule(element.tag)
             if rule.may_be_empty and not element.children:  # most elements are leaves
                 continue
             children = [NodePlan(child, depth) for child in self._check_element(element, rule, depth)]
@@ -205,7 +268,7 @@ class TreePlanner:
             else:  # a tree has one root: further roots are an error, and ignored
                 node.children = children[:1]
                 ignored.update(children[1:])
-        return nodes[1:]
+        self.nodes = nodes[1:]
 
     def _check_element(self, element: Element, rule: _TagRule, child_depth: int) -> list[Element]:
         """Check the tag, the number of the children and their depth. Return the children to check next."""
@@ -214,62 +277,19 @@ class TreePlanner:
         if children:
             children = element_children(element)
             if len(children) != len(element.children):
-                self._report_obsolete_roots(element)
+                removal = Hint("remove it", Remove(is_safe=True))
+                for obsolete in element.iterchildren("Root"):
+                    self._report(CAPITALISED_ROOT, "the obsolete <Root> is ignored", obsolete, hint=removal)
         if not rule.is_node:
             self._check_other_tag(tag, element, children)
         elif rule.counted_as is not None:
             self._check_child_count(tag, rule.counted_as, element, children)
         limit = self._definition.document.max_depth
         if children and child_depth > limit:
-            hint = Hint("split the tree into subtrees")
+            hint = "split the tree into subtrees"
             self._report(TOO_DEEP, f"elements are nested more than {limit:,} deep", element, hint=hint)
             return []
         return [] if tag in self._dialect.tags_with_unchecked_children else children
-
-    def _report(
-        self,
-        code: DiagnosticCode,
-        message: str,
-        element: Element,
-        *,
-        attribute: str = "",
-        hint: Hint = NO_HINT,
-        part: ElementPart = "value",
-    ) -> None:
-        document = self._definition.document
-        self._collector.report(document, code, message, element, attribute=attribute, hint=hint, part=part)
-
-    @property
-    def _name_hints(self) -> "UnknownNameHints":
-        if self._unknown_name_hints is None:
-            from btcore.xml.plan.hints import UnknownNameHints  # only errors need it
-
-            self._unknown_name_hints = UnknownNameHints(self._definitions, self._registry, self._collector)
-        return self._unknown_name_hints
-
-    def _add_tag_rule(self, tag: str) -> _TagRule:
-        dialect, manifest = self._dialect, self._manifest(tag)
-        if manifest is None or tag in dialect.subtree_tags or tag in EXPLICIT_TAGS:
-            rule = _TagRule(is_node=False, counted_as=None, may_be_empty=False)
-        else:
-            needed, node_type = dialect.controls_requiring_children, manifest.type
-            is_counted = (
-                node_type is NodeType.DECORATOR
-                or (node_type is NodeType.CONTROL and (needed is None or tag in needed))
-                or (node_type in _LEAVES and dialect.checks_leaf_children)
-            )
-            rule = _TagRule(True, node_type if is_counted else None, not is_counted or node_type in _LEAVES)
-        self._tag_rules[tag] = rule
-        return rule
-
-    def _manifest(self, id: str) -> Manifest | None:
-        return self._registry.get(id, self._dialect.format)
-
-    def _report_obsolete_roots(self, element: Element) -> None:
-        hint = Hint("remove it", (Remove(is_safe=True),))
-        for child in element.iterchildren("Root"):
-            message = "the obsolete <Root> is ignored"
-            self._report(CAPITALISED_ROOT, message, child, hint=hint)
 
     def _check_other_tag(self, tag: str, element: Element, children: list[Element]) -> None:
         if tag == "BehaviorTree":
@@ -279,18 +299,18 @@ class TreePlanner:
         elif tag in EXPLICIT_TAGS:
             self._check_explicit(tag, element, children)
         else:
-            hint = self._name_hints.for_node(tag)
+            hint = self._context.name_hints.for_node(tag)
             self._report(UNKNOWN_NODE, f"unknown node <{tag}>", element, hint=hint)
 
     def _check_explicit(self, tag: str, element: Element, children: list[Element]) -> None:
         id = element.get("ID") or ""
         if not id:
-            message, hint = f"the ID of the node is missing in <{tag}>", Hint(f'write <{tag} ID="…"/>')
+            message, hint = f"the ID of the node is missing in <{tag}>", f'write <{tag} ID="…"/>'
             self._report(MISSING_ID, message, element, hint=hint)
             return
-        manifest = self._manifest(id)
+        manifest = self._context.manifest(id)
         if manifest is None:
-            hint = self._name_hints.for_node(id)
+            hint = self._context.name_hints.for_node(id)
             self._report(UNKNOWN_NODE, f"unknown node '{id}'", element, attribute="ID", hint=hint)
             return
         node_type = manifest.type if self._dialect.type_from_id else EXPLICIT_TAGS[tag]
@@ -306,7 +326,7 @@ class TreePlanner:
                 message, hint = f"<{id}> has {has}; a decorator has exactly 1", _one_child_hint(count)
                 self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
         elif node_type is NodeType.CONTROL:
-            manifest = self._manifest(id)
+            manifest = self._context.manifest(id)
             least = 1 if manifest is None else max(manifest.spec.child_count_at_load[0], 1)
             if count < least:
                 message = (
@@ -325,7 +345,7 @@ class TreePlanner:
                 self._check_asynchronous(children)
         elif count and node_type in _LEAVES:
             message = f"<{id}> has {has}; {_LEAVES[node_type]} has none"
-            hint = Hint("remove it" if count == 1 else "remove them", (RemoveChildren(),))
+            hint = Hint("remove it" if count == 1 else "remove them", RemoveChildren())
             self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
 
     def _check_asynchronous(self, children: list[Element]) -> None:
@@ -334,7 +354,7 @@ class TreePlanner:
         if len(found) > 1 and self._dialect.format == 4:
             message = "second AsyncSequence in a ReactiveSequence, which can have only one"
             hint = "only one child can be RUNNING at a time"
-            self._report(SEVERAL_ASYNC_SEQUENCES, message, found[1], hint=Hint(hint))
+            self._report(SEVERAL_ASYNC_SEQUENCES, message, found[1], hint=hint)
 
     def _check_tree(self, element: Element, children: list[Element]) -> None:
         id = element.get("ID") or ""
@@ -343,7 +363,7 @@ class TreePlanner:
             self._check_not_a_node(id, element)
             if not FORBIDDEN.isdisjoint(id):
                 message = f"invalid tree ID '{id}': {forbidden_in(id)!r} is not allowed"
-                hint = Hint("use letters, digits, '_' and '-'")
+                hint = "use letters, digits, '_' and '-'"
                 self._report(INVALID_NAME, message, element, attribute="ID", hint=hint)
             elif id in RESERVED_IDS:
                 message = f"invalid tree ID '{id}': the name is reserved"
@@ -359,41 +379,35 @@ class TreePlanner:
             message = f"the ID of the tree is missing in <{tag}>"
             others = (tree_id for tree_id in self._definitions.by_id if tree_id != self._definition.id)
             fixes = [SetAttributes({"ID": other}) for other in islice(others, MAX_SUGGESTED_TREES)]
-            hint = Hint(f'write <{tag} ID="…"/>', tuple(fixes))
+            hint: str = Hint(f'write <{tag} ID="…"/>', *fixes)
             self._report(MISSING_ID, message, element, hint=hint)
         elif self._dialect.checks_names:
             self._check_not_a_node(id, element)
         if children and tag in self._dialect.tags_with_ignored_children:
             message = f'the children of <{tag} ID="{id}"> are ignored'
-            hint = Hint("move them into the <BehaviorTree> that it calls, or remove them")
+            hint = "move them into the <BehaviorTree> that it calls, or remove them"
             self._report(UNREACHABLE_CHILD, message, children[0], hint=hint)
         elif children:
             message = f'<{tag} ID="{id}"> has {count_text(len(children))}; a call of a tree has none'
-            text = "move them into the <BehaviorTree> that it calls, or remove them"
-            hint = Hint(text, (RemoveChildren(),))
+            hint = Hint("move them into the <BehaviorTree> that it calls, or remove them", RemoveChildren())
             self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
 
     def _check_not_a_node(self, id: str, element: Element) -> None:
-        known = self._manifest(id)
+        known = self._context.manifest(id)
         if known is not None and not known.is_overridable:
             message, hint = f"invalid tree ID '{id}': a node has this name", "rename the tree"
-            self._report(TREE_NAMED_AS_NODE, message, element, attribute="ID", hint=Hint(hint))
+            self._report(TREE_NAMED_AS_NODE, message, element, attribute="ID", hint=hint)
 
     # --- the second pass: add names, attributes, conditions, ports and calls of trees
 
-    def complete(self, definition: TreeDefinition, nodes: list[NodePlan]) -> TreePlan:
-        """Complete *nodes*, the result of `outline`; return the plan of the tree."""
-        self._definition = definition
-        tree = TreePlan(definition, nodes[0] if nodes else None)
-        if nodes:
-            self._complete_nodes(nodes, tree)
-        return tree
+    def complete(self) -> TreePlan:
+        """Complete the plans of the nodes, and return the plan of the tree.
 
-    def _complete_nodes(self, nodes: list[NodePlan], tree: TreePlan) -> None:
-        """Complete *nodes*, and remove the plans of unknown nodes and of calls of unknown trees: errors."""
-        tree.size = len(nodes)
-        tree.depth = max(map(_DEPTH_OF, nodes))
-        subtree_tags, caches = self._dialect.subtree_tags, self._binding_caches
+        The plans of unknown nodes and of calls of unknown trees, which are errors, are removed.
+        """
+        nodes = self.nodes
+        tree = TreePlan(self._definition, nodes)
+        subtree_tags, caches = self._dialect.subtree_tags, self._context.binding_caches
         unknown: set[NodePlan] = set()
         for node in nodes:
             tag = node.element.tag
@@ -402,7 +416,7 @@ class TreePlanner:
                     unknown.add(node)
                 continue
             id = (node.element.get("ID") or "") if tag in EXPLICIT_TAGS else tag
-            cache = caches.get(id) or self._add_binding_cache(id)
+            cache = caches.get(id) or self._context.add_binding_cache(id)
             if cache is None:  # reported by the first pass
                 unknown.add(node)
                 continue
@@ -414,13 +428,7 @@ class TreePlanner:
                 tree.root = None
             for node in nodes:
                 node.children = [child for child in node.children if child not in unknown]
-
-    def _add_binding_cache(self, id: str) -> _BindingCache | None:
-        manifest = self._manifest(id)
-        if manifest is None:
-            return None
-        self._binding_caches[id] = cache = _BindingCache(manifest, self._dialect.format)
-        return cache
+        return tree
 
     def _plan_attributes(self, node: NodePlan, cache: _BindingCache) -> None:
         bindings: list[Binding] = []
@@ -437,7 +445,7 @@ class TreePlanner:
             else:
                 other_attributes[key] = text
         if other_attributes:
-            if not self._kept_attributes.issuperset(other_attributes):
+            if not self._context.kept_attributes.issuperset(other_attributes):
                 other_attributes = self._select_attributes(node, cache.manifest, other_attributes)
             node.attributes = other_attributes
         if cache.defaults and len(bindings) < len(cache.ports):
@@ -464,7 +472,7 @@ class TreePlanner:
                         f'unexpected ID in <{node.id}>: only explicit tags such as <Action ID="…"> have one'
                     )
                     fixes = (RenameAttribute("name"), Remove())
-                    hint = Hint('to name the node, write name="…"', fixes)
+                    hint: str = Hint('to name the node, write name="…"', *fixes)
                     self._report(UNEXPECTED_ID, message, node.element, attribute=key, hint=hint)
             elif key in dialect.comment_attributes or (
                 dialect.allows_non_port_attributes and not is_port_name(key)
@@ -472,7 +480,7 @@ class TreePlanner:
                 kept[key] = text
             else:
                 message = f"<{node.id}> has no port '{key}'"
-                hint = self._name_hints.for_port(manifest, key)
+                hint = self._context.name_hints.for_port(manifest, key)
                 self._report(UNKNOWN_PORT, message, node.element, attribute=key, hint=hint, part="name")
         if conditions:
             node.conditions = {
@@ -480,7 +488,7 @@ class TreePlanner:
                 for key in (*PRECONDITION_ATTRIBUTES, *POSTCONDITION_ATTRIBUTES)
                 if key in conditions
             }
-        self._kept_attributes.update(kept)
+        self._context.kept_attributes.update(kept)
         return kept
 
     def _check_name(self, node: NodePlan, text: str) -> None:
@@ -491,43 +499,25 @@ class TreePlanner:
     def _create_binding(self, node: NodePlan, port: Port, text: str, by_text: dict[str, Binding]) -> Binding:
         """Return the binding of *port* to *text*, and cache it in *by_text* unless it is an error."""
         binding = (Input if port.reads else Binding)(port, text, self._dialect.format)
-        # Most texts are a literal that the binding has converted, or a key in braces: they need no check.
-        if binding.key is None:
-            is_valid = not binding.error and text != port.default
+        error = _literal_error(binding) if self._dialect.checks_literals else ""
+        if error:
+            self._report_literal(node, binding, error)
         else:
-            is_valid = text[0] == "{" and text[-1] == "}"
-        if is_valid or not self._dialect.checks_literals or self._check_literal(node, binding):
             by_text[text] = binding
         return binding
 
-    def _check_literal(self, node: NodePlan, binding: Binding) -> bool:
-        """Return whether the text is a `{key}` or converts to the port's type; otherwise add an error."""
+    def _report_literal(self, node: NodePlan, binding: Binding, error: str) -> None:
         port, text = binding.port, binding.text
-        if len(text) >= 3 and text[0] == "{" and text[-1] == "}":
-            return True  # a key, possibly in the notation of the other format
-        port_type = port.type
-        if not port.checks_text:
-            return True
-        error = binding.error
-        if binding.key is not None or text == port.default:
-            # The binding has not converted the text.
-            try:
-                port_type.from_text(text)
-            except ConversionError as conversion_error:
-                error = str(conversion_error)
-        if not error:
-            return True
-        hint = value_hint(port_type)
+        hint = Hint("", *value_fixes(port.type))
         if binding.key is not None:
             key = "{=}" if "=" in text else text.strip()
             fix = SetValue(key, is_safe=True)
-            hint = Hint(f"write {key}" + (" without surrounding spaces" if key != "{=}" else ""), (fix,))
+            hint = Hint(f"write {key}" + (" without surrounding spaces" if key != "{=}" else ""), fix)
         elif is_port_name(text):
             fix = SetValue(f"{{{text}}}")
-            hint = Hint(f"to use the blackboard entry, write {{{text}}}", (*hint.fixes, fix))
-        message = f"the port '{port.name}' of <{node.id}> has the type {port_type.name}: {error}"
+            hint = Hint(f"to use the blackboard entry, write {{{text}}}", *hint.fixes, fix)
+        message = f"the port '{port.name}' of <{node.id}> has the type {port.type.name}: {error}"
         self._report(INCONVERTIBLE_TEXT, message, node.element, attribute=port.name, hint=hint)
-        return False
 
     # --- SubTree elements
 
@@ -536,7 +526,7 @@ class TreePlanner:
         element = node.element
         format, definitions = self._dialect.format, self._definitions
         node.id = tag
-        node.manifest = self._manifest(tag)
+        node.manifest = self._context.manifest(tag)
         id = element.get("ID") or ""
         model = definitions.subtree_models.get(id, {})
         node.subtree_call = call = SubtreeCall(element, format, model)
@@ -550,9 +540,9 @@ class TreePlanner:
             return True
         if element.get("ID") is not None and definitions.are_complete:
             trees = definitions.by_id
-            hint = tree_hint(id, trees) if self._collector.take_comparisons(trees) else NO_HINT
+            hint = tree_hint(id, trees) if self._collector.take_comparisons(trees) else Hint()
             if id:
-                hint = Hint(hint.text, (*hint.fixes, CreateTree(id)))
+                hint = Hint(hint, *hint.fixes, CreateTree(id))
             self._report(UNKNOWN_TREE, f"unknown subtree '{id}'", element, attribute="ID", hint=hint)
         return False
 
@@ -573,7 +563,7 @@ class TreePlanner:
         element = call.element
         for key in call.invalid_flags:
             message = f"{key} must be 'true' or 'false', not '{element.get(key)}'"
-            self._report(NOT_A_BOOLEAN, message, element, attribute=key, hint=value_hint(BOOL))
+            self._report(NOT_A_BOOLEAN, message, element, attribute=key, hint=Hint("", *value_fixes(BOOL)))
         if call.format == 3 or call.autoremap:
             return
         for port, default in model.items():
@@ -583,5 +573,5 @@ class TreePlanner:
                 break
             message = f"<SubTree> lacks the port '{port}', which the model of '{call.tree_id}' requires"
             fix = SetAttributes({port: f"{{{port}}}"})
-            hint = Hint(f'write {port}="…", or declare a default in <TreeNodesModel>', (fix,))
+            hint = Hint(f'write {port}="…", or declare a default in <TreeNodesModel>', fix)
             self._report(MISSING_SUBTREE_PORT, message, element, hint=hint)

@@ -7,7 +7,7 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from btcore.diagnostic_codes import DiagnosticCode, Kind
-from btcore.diagnostics import NO_HINT, Diagnostic, Hint
+from btcore.diagnostics import Diagnostic
 from btcore.errors import PortError, TreeError, UnknownNodeError, XmlSyntaxError
 from btcore.input_files import real_path
 from btcore.xml.read.element import Element, ElementPart
@@ -83,10 +83,6 @@ class Document:
         """Return the line (from 1) in which *element* begins."""
         return element.line if self.knows_lines else self.source_map.line(element)
 
-    def text_in(self, element: Element) -> str:
-        """Return the text in *element* up to its first child."""
-        return self.source_map.text_in(element)
-
     def diagnostic(
         self,
         code: DiagnosticCode,
@@ -94,9 +90,10 @@ class Document:
         element: Element,
         *,
         attribute: str = "",
-        hint: Hint = NO_HINT,
+        hint: str = "",
         part: ElementPart = "value",
         within: int = 0,
+        width: int = 1,
     ) -> Diagnostic:
         """Return a diagnostic about an element or one of its attributes.
 
@@ -105,8 +102,9 @@ class Document:
             hint: How to fix the problem.
             part: Whether the diagnostic points to the attribute's name or to its value.
             within: Number of a character in the value, from 1; 0 means the whole value.
+            width: The number of characters to mark from *within* on.
         """
-        place = self.source_map.span(element, attribute, part, within)
+        place = self.source_map.span(element, attribute, part, within, width)
         return place.diagnostic(code, message, self.file, hint)
 
     @property
@@ -176,20 +174,16 @@ class DiagnosticCollector:
         element: Element,
         *,
         attribute: str = "",
-        hint: Hint = NO_HINT,
+        hint: str = "",
         part: ElementPart = "value",
         within: int = 0,
         width: int = 1,
     ) -> None:
-        """Add a diagnostic about an element of *document*; see `Document.diagnostic`.
-
-        Args:
-            width: The number of characters to mark from *within* on.
-        """
+        """Add a diagnostic about an element of *document*; see `Document.diagnostic`."""
         diagnostic = document.diagnostic(
-            code, message, element, attribute=attribute, hint=hint, part=part, within=within
+            code, message, element, attribute=attribute, hint=hint, part=part, within=within, width=width
         )
-        self.add(diagnostic._replace(width=width) if width > diagnostic.width else diagnostic)
+        self.add(diagnostic)
 
     def add(self, diagnostic: Diagnostic) -> None:
         """Add *diagnostic*, unless it was added before, or MAX_PER_CODE diagnostics with its code were.

@@ -5,7 +5,7 @@ from bisect import bisect_right
 from typing import Final, NamedTuple
 
 from btcore.diagnostic_codes import DiagnosticCode
-from btcore.diagnostics import Diagnostic, Hint
+from btcore.diagnostics import Diagnostic
 from btcore.xml.read.element import Element, ElementPart
 from btcore.xml.read.scan import ScannedAttribute, ScannedElement, scan, value_offsets
 from btcore.xml.read.tinyxml2_compat import decode
@@ -23,25 +23,14 @@ class SourceSpan(NamedTuple):
     width: int
     source: str
 
-    def diagnostic(self, code: DiagnosticCode, message: str, file: str, hint: Hint) -> Diagnostic:
+    def diagnostic(self, code: DiagnosticCode, message: str, file: str, hint: str) -> Diagnostic:
         """Return a diagnostic about this range of *file*.
 
         Args:
             file: Name of the file in messages, or "".
             hint: How to fix the problem.
         """
-        return Diagnostic(
-            code,
-            message,
-            file,
-            self.line,
-            self.column,
-            hint.text,
-            self.source,
-            self.width,
-            hint.fixes,
-            hint.outer_key,
-        )
+        return Diagnostic(code, message, file, self.line, self.column, hint, self.source, self.width)
 
 
 class LineIndex:
@@ -79,11 +68,6 @@ class LineIndex:
             source = self._lines[line] = _LINE.match(self._text, start)[0]  # type: ignore[index]
         end = start + len(source)
         return SourceSpan(line, offset - start + 1, max(1, min(width, end - offset)), source)
-
-
-def span_at(text: str, offset: int, width: int = 1) -> SourceSpan:
-    """Return the position of a single range of *text*, as `LineIndex.span` does."""
-    return LineIndex(text).span(offset, width)
 
 
 class SourceMap:
@@ -128,7 +112,12 @@ class SourceMap:
         return "".join(pieces)
 
     def span(
-        self, element: Element, attribute: str = "", part: ElementPart = "value", within: int = 0
+        self,
+        element: Element,
+        attribute: str = "",
+        part: ElementPart = "value",
+        within: int = 0,
+        width: int = 1,
     ) -> SourceSpan:
         """Return the position of an element or of one of its attributes.
 
@@ -136,6 +125,7 @@ class SourceMap:
             attribute: Name of the attribute; "" means the element itself.
             part: Whether to return the position of the attribute's name or value.
             within: Number of a character in the value, from 1; 0 means the whole value.
+            width: The number of characters from *within* on.
         """
         scanned = self.scanned(element)
         start, end = scanned.start, scanned.tag_end
@@ -148,7 +138,7 @@ class SourceMap:
             start, end = attribute_place.value_start, attribute_place.value_end
             if within:
                 start = self._character(attribute_place, within)
-                end = start + 1
+                end = start + width
             elif start == end:  # an empty value: show its quotes
                 start, end = start - 1, end + 1
         return self._line_index.span(start, end - start)

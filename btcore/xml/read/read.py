@@ -23,7 +23,7 @@ from btcore.diagnostic_codes import (
     DiagnosticCode,
 )
 from btcore.diagnostics import Diagnostic, Hint
-from btcore.errors import XmlSyntaxError
+from btcore.errors import TreeError, XmlSyntaxError
 from btcore.fixes import SetValue
 from btcore.input_files import read_error, read_file, real_path
 from btcore.suggestions import similar_file, suggestion
@@ -71,13 +71,11 @@ def parse_text(text: str, file: str = "", *, confined: bool = False) -> Document
     zero = text.find("\0")
     if zero >= 0:
         raise _syntax_error(NOT_XML, "invalid XML: the text contains a NUL character", text, zero, file)
-    # Escaping is slow, so it is skipped if certainly no value contains a line break or a tab.
     escaped = text
     if not _has_one_line_tags(text):
-        from btcore.xml.read.tinyxml2_compat import escape_line_breaks, may_keep_line_breaks
+        from btcore.xml.read.tinyxml2_compat import escape_line_breaks
 
-        if may_keep_line_breaks(text):
-            escaped = escape_line_breaks(text)
+        escaped = escape_line_breaks(text)
     plain = parse_with_expat(encoded(escaped))
     if plain is not None:
         return Document(plain, text, file, knows_lines=escaped is text, confined=confined)
@@ -119,10 +117,10 @@ def parse_file(
     try:
         data = read_file(path) if text is None else encoded(text)
     except OSError as error:
-        raise XmlSyntaxError([_unreadable(Path(path), error)]) from None
+        raise TreeError([_unreadable(Path(path), error)]) from None
     if included_by is not None and _ROOT_TAG.search(data) is None:
         # Messages quote the text. A file that a stranger includes may contain anything, such as passwords.
-        raise XmlSyntaxError([Diagnostic(UNREADABLE_FILE, "not an XML document of trees", name)])
+        raise TreeError([Diagnostic(UNREADABLE_FILE, "not an XML document of trees", name)])
     document = parse_bytes(data, name, confined=confined)
     if unsaved:
         document.unsaved = unsaved
@@ -162,8 +160,8 @@ def _unreadable(path: Path, error: OSError) -> Diagnostic:
     else:
         message = f"can't be read: {read_error(error)}"
     # An include of the file names one of these files instead.
-    fixes = tuple(SetValue(name) for name in files)
-    return Diagnostic(UNREADABLE_FILE, message, os.fspath(path), hint=hint, fixes=fixes)
+    fixes = [SetValue(name) for name in files]
+    return Diagnostic(UNREADABLE_FILE, message, os.fspath(path), hint=Hint(hint, *fixes))
 
 
 def _decoded(data: bytes, file: str) -> str:
@@ -197,9 +195,9 @@ def _refuse_document_type(text: str, file: str) -> None:
 def _syntax_error(
     code: DiagnosticCode, message: str, text: str, offset: int, file: str, hint: str = "", width: int = 1
 ) -> XmlSyntaxError:
-    from btcore.xml.read.positions import span_at
+    from btcore.xml.read.positions import LineIndex
 
-    return XmlSyntaxError([span_at(text, offset, width).diagnostic(code, message, file, Hint(hint))])
+    return XmlSyntaxError([LineIndex(text).span(offset, width).diagnostic(code, message, file, hint)])
 
 
 # --- the documents of a tree
@@ -297,18 +295,16 @@ class _Reader:
             elif resolved not in self.seen:
                 try:
                     included = parse_file(path, included_by=document)
-                except XmlSyntaxError as error:
+                except TreeError as error:
                     self._add_errors(error, document, element)
                     self.seen.add(resolved)  # its errors are reported once
                 else:
                     self.add(included, files)
             if message:
-                self.collector.report(
-                    document, INCLUDE_FAILED, message, element, attribute="path", hint=Hint(hint)
-                )
+                self.collector.report(document, INCLUDE_FAILED, message, element, attribute="path", hint=hint)
         self.documents.append(document)
 
-    def _add_errors(self, error: XmlSyntaxError, document: Document, element: Element) -> None:
+    def _add_errors(self, error: TreeError, document: Document, element: Element) -> None:
         """Add the errors of the file that *element* includes."""
         for cause in error.diagnostics:
             if cause.code != UNREADABLE_FILE:
@@ -321,7 +317,7 @@ class _Reader:
                 for fix in cause.fixes
                 if isinstance(fix, SetValue)
             ]
-            hint = Hint(cause.hint, tuple(fixes))
+            hint = Hint(cause.hint, *fixes)
             self.collector.report(document, INCLUDE_FAILED, message, element, attribute="path", hint=hint)
 
     def _find(self, document: Document, element: Element) -> Path | None:
@@ -329,9 +325,7 @@ class _Reader:
         written = element.get("path")
         if not written:
             hint = 'write <include path="other.xml"/>'
-            self.collector.report(
-                document, INCLUDE_FAILED, "missing path in <include>", element, hint=Hint(hint)
-            )
+            self.collector.report(document, INCLUDE_FAILED, "missing path in <include>", element, hint=hint)
             return None
         path = Path(written)
         package = element.get("ros_pkg")
@@ -349,8 +343,6 @@ class _Reader:
                 if self._packages is None
                 else "the package resolver does not know it"
             )
-            self.collector.report(
-                document, INCLUDE_FAILED, message, element, attribute="ros_pkg", hint=Hint(hint)
-            )
+            self.collector.report(document, INCLUDE_FAILED, message, element, attribute="ros_pkg", hint=hint)
             return None
         return Path(folder) / path

@@ -50,13 +50,10 @@ def _iter_start_tags(text: str) -> Iterator[re.Match[str]]:
         at = text.find("<", end) if end >= 0 else -1
 
 
-def may_keep_line_breaks(text: str) -> bool:
-    """Return False only if no attribute value contains a line break or a tab. May return True then, too."""
-    return _LINE_BREAK_IN_VALUE.search(text) is not None
-
-
 def escape_line_breaks(text: str) -> str:
     """Return *text* with references for the line breaks and tabs in attribute values; expat keeps these."""
+    if _LINE_BREAK_IN_VALUE.search(text) is None:  # certainly no value contains a line break or a tab
+        return text
     pieces: list[str] = []
     done = 0
     for tag in _iter_start_tags(text):

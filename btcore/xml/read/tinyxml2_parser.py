@@ -12,7 +12,7 @@ from btcore.diagnostics import Hint
 from btcore.errors import XmlSyntaxError
 from btcore.fixes import CloseTag, EndTag, Escape, Fix, InsertText, ReplaceText, SetAttributes
 from btcore.xml.read.element import EXAMPLE, MAX_LEVELS, Element
-from btcore.xml.read.positions import span_at
+from btcore.xml.read.positions import LineIndex
 from btcore.xml.read.tinyxml2_compat import (
     BARE_MARKUP_CHARACTER,
     OPEN_TAG,
@@ -43,20 +43,12 @@ class Finding(NamedTuple):
     width: int
     code: DiagnosticCode
     message: str
-    hint: Hint
+    hint: str
 
 
 def _rewrite(before: str, after: str) -> tuple[Fix, ...]:
     """Return the fix that replaces the marked text *before*. Only a text in one line is marked as a whole."""
     return () if "\n" in before or "\r" in before else (ReplaceText(after, is_safe=True),)
-
-
-class _SyntaxError(Exception):
-    """The text is rejected; *finding* is the reason."""
-
-    def __init__(self, offset: int, width: int, message: str, hint: str = "", *fixes: Fix) -> None:
-        super().__init__(message)
-        self.finding = Finding(offset, width, NOT_XML, message, Hint(hint, fixes))
 
 
 def parse_as_tinyxml2(text: str, file: str) -> tuple[Element, list[Finding]]:
@@ -68,16 +60,13 @@ def parse_as_tinyxml2(text: str, file: str) -> tuple[Element, list[Finding]]:
     Returns:
         The first outermost element, without lines, and a warning for whatever other XML tools reject.
     """
-    try:
-        return _Parser(text).parse()
-    except _SyntaxError as error:
-        offset, width, code, message, hint = error.finding
-        raise XmlSyntaxError([span_at(text, offset, width).diagnostic(code, message, file, hint)]) from None
+    return _Parser(text, file).parse()
 
 
 class _Parser:
-    def __init__(self, text: str) -> None:
+    def __init__(self, text: str, file: str) -> None:
         self._text = text
+        self._file = file
         self._warnings: list[Finding] = []
         self._root: Element | None = None
         # The open elements with the offsets of their start tags.
@@ -99,21 +88,24 @@ class _Parser:
             hint = f"write </{element.tag}>, or <{element.tag} … />"
             message = f"<{element.tag}> is never closed"
             fix = EndTag(element.tag)
-            raise _SyntaxError(start, len(element.tag) + 1, message, hint, fix)
+            raise self._error(start, len(element.tag) + 1, message, hint, fix)
         if self._root is None:
-            raise _SyntaxError(0, 1, "not XML: the document has no element", EXAMPLE)
+            raise self._error(0, 1, "not XML: the document has no element", EXAMPLE)
         for control in _CONTROL.finditer(text):
             message = f"U+{ord(control[0]):04X} is a control character, which is invalid in XML"
             self._warn(control.start(), 1, message, "remove it")
         return self._root, self._warnings
 
-    def _warn(self, offset: int, width: int, message: str, hint: str, *fixes: Fix) -> None:
-        whole = Hint(f"other XML tools reject it; {hint}", fixes)
-        self._add(Finding(offset, width, LENIENT_XML, message, whole))
+    def _error(self, at: int, width: int, message: str, hint: str = "", *fixes: Fix) -> XmlSyntaxError:
+        place = LineIndex(self._text).span(at, width)
+        return XmlSyntaxError([place.diagnostic(NOT_XML, message, self._file, Hint(hint, *fixes))])
 
-    def _add(self, finding: Finding) -> None:
+    def _warn(
+        self, at: int, width: int, message: str, hint: str, *fixes: Fix, code: DiagnosticCode = LENIENT_XML
+    ) -> None:
         if len(self._warnings) < MAX_FINDINGS:
-            self._warnings.append(finding)
+            whole = Hint(f"other XML tools reject it; {hint}", *fixes)
+            self._warnings.append(Finding(at, width, code, message, whole))
 
     def _read_markup(self, at: int) -> int | None:
         """Read the markup at *at*, and return the offset of its end; None if the rest is ignored."""
@@ -124,7 +116,7 @@ class _Parser:
         if text.startswith("<!--", at):
             end = text.find("-->", at + 4)
             if end < 0:
-                raise _SyntaxError(at, 4, "the comment is not closed", "close it with -->")
+                raise self._error(at, 4, "the comment is not closed", "close it with -->")
             hyphens = text.find("--", at + 4, end + 1)
             if hyphens >= 0:
                 hint = "write a single hyphen, or several separated by spaces"
@@ -135,7 +127,7 @@ class _Parser:
                 end = text.find(closing, at + len(opening))
                 if end < 0:
                     message = f"the {opening} is not closed"
-                    raise _SyntaxError(at, len(opening), message, f"close it with {closing}")
+                    raise self._error(at, len(opening), message, f"close it with {closing}")
                 # A document type that only names the root element is valid before the root.
                 misplaced = opening == "<!" or not self._open
                 if misplaced and (self._root is not None or not text.startswith("<!DOCTYPE", at)):
@@ -148,12 +140,10 @@ class _Parser:
         text = self._text
         end = text.find("?>", at + 2)
         if end < 0:
-            raise _SyntaxError(at, 2, "the <? is not closed", "close it with ?>")
+            raise self._error(at, 2, "the <? is not closed", "close it with ?>")
         if not self._declarations_allowed:
             message = "<?…?> is allowed only before everything else"
-            raise _SyntaxError(
-                at, end + 2 - at, message, "remove it, or move it to the start of the document"
-            )
+            raise self._error(at, end + 2 - at, message, "remove it, or move it to the start of the document")
         is_declaration = re.match(r"<\?xml\s", text[at : at + 6]) is not None
         if is_declaration and at > 0:
             self._warn(at, 5, "<?xml …?> is not at the very start of the document", "remove it")
@@ -168,10 +158,10 @@ class _Parser:
                 hint = EXAMPLE
                 if text.strip().lower().endswith((".xml", ".btproj")):
                     hint = "if it is the path of a file, use btcore.load(path)"
-                raise _SyntaxError(at, 1, "not XML: the document does not begin with a tag", hint)
+                raise self._error(at, 1, "not XML: the document does not begin with a tag", hint)
             if end < 0:
                 hint = "all trees must be inside one <root>…</root>"
-                raise _SyntaxError(at, 1, "something follows the end of the document", hint)
+                raise self._error(at, 1, "something follows the end of the document", hint)
             shown = text[at:end].rstrip()
             self._warn(
                 at, len(shown), "the text outside of the root is ignored", "remove it, or make it a comment"
@@ -194,7 +184,7 @@ class _Parser:
         text = self._text
         tag = _TAG.match(text, at)
         if tag is None:
-            raise _SyntaxError(at, 1, "'<' without a valid tag", "write &lt; for the character '<'")
+            raise self._error(at, 1, "'<' without a valid tag", "write &lt; for the character '<'")
         attributes, end = self._read_attributes(tag)
         is_empty = text[end] == "/"
         after = end + 1 + is_empty
@@ -216,7 +206,7 @@ class _Parser:
             self._open.append((element, at))
             if len(self._open) > MAX_LEVELS:
                 message = f"elements are nested more than {MAX_LEVELS} deep"
-                raise _SyntaxError(at, tag.end() - at, message, "split the tree into subtrees")
+                raise self._error(at, tag.end() - at, message, "split the tree into subtrees")
         return after
 
     def _close(self, tag: re.Match[str], after: int) -> int | None:
@@ -224,7 +214,7 @@ class _Parser:
         at, name = tag.start(), tag[2]
         if not self._open:
             if self._root is None:
-                raise _SyntaxError(
+                raise self._error(
                     at, after - at, f"</{name}> has no start tag", "remove it, or write its start tag"
                 )
             message = f"</{name}> has no start tag: the rest of the document is ignored"
@@ -232,10 +222,10 @@ class _Parser:
             return None
         element, start = self._open.pop()
         if element.tag != name:
-            place = span_at(self._text, start)
+            place = LineIndex(self._text).span(start)
             hint = f"<{element.tag}> was opened in line {place.line}, column {place.column}"
             message = f"expected </{element.tag}>, but found </{name}>"
-            raise _SyntaxError(at, after - at, message, hint, EndTag(element.tag))
+            raise self._error(at, after - at, message, hint, EndTag(element.tag))
         if tag.group().rstrip(name) != "</" or self._text[tag.end() : after].strip() != ">":
             fix = _rewrite(self._text[at:after], f"</{name}>")
             self._warn(at, after - at, "the end tag is more than a name", f"write </{name}>", *fix)
@@ -254,7 +244,7 @@ class _Parser:
             name = match[1]
             if name in attributes:
                 message = f"the attribute {name} is written twice in one tag"
-                raise _SyntaxError(at, len(name), message, "remove one of them")
+                raise self._error(at, len(name), message, "remove one of them")
             if at == after_name:
                 message = f"missing white space before the attribute {name}"
                 fix = InsertText(" ", is_safe=True)
@@ -271,16 +261,16 @@ class _Parser:
         tag = _TAG.match(text, at)
         if tag is not None and tag[1] and text[error_at : error_at + 1] in ("", "<"):
             message = f"the tag </{tag[2]} is not closed"
-            raise _SyntaxError(at, tag.end() - at, message, f"write </{tag[2]}>", CloseTag())
+            raise self._error(at, tag.end() - at, message, f"write </{tag[2]}>", CloseTag())
         attribute = _ATTRIBUTE.match(text, error_at)
         if attribute is None:
-            raise _SyntaxError(error_at, 1, "invalid attribute name")
+            raise self._error(error_at, 1, "invalid attribute name")
         if attribute[2] is None:
             name = attribute[1]
             message = f"the attribute {name} has no value"
             fix = SetAttributes({name: f"{{{name}}}"})
-            raise _SyntaxError(error_at, len(name), message, f'write {name}="…"', fix)
-        raise _SyntaxError(attribute.end(), 1, "an attribute's value must be in quotes")
+            raise self._error(error_at, len(name), message, f'write {name}="…"', fix)
+        raise self._error(attribute.end(), 1, "an attribute's value must be in quotes")
 
     def _refuse_unclosed_tag(self, opening: re.Match[str]) -> NoReturn:
         at, width = opening.start(), len(opening[0])
@@ -288,9 +278,9 @@ class _Parser:
         rest = re.sub(r"\"[^\"]*\"|'[^']*'", lambda match: "x" * len(match[0]), self._text[opening.end() :])
         inside = rest.partition("<")[0]
         if '"' in inside or "'" in inside:
-            raise _SyntaxError(at, width, f"missing closing quote in the tag {opening[0]} …>")
+            raise self._error(at, width, f"missing closing quote in the tag {opening[0]} …>")
         message = f"the tag {opening[0]} …> is not closed"
-        raise _SyntaxError(at, width, message, "close it with > or />", CloseTag())
+        raise self._error(at, width, message, "close it with > or />", CloseTag())
 
     def _check_name(self, match: re.Match[str], group: int) -> None:
         prefix, colon, _ = match[group].partition(":")
@@ -309,9 +299,8 @@ class _Parser:
             )
             message = f"unescaped '{bare[0]}' in an attribute value is read as text"
             written = f"{text[attribute.start() : start]}{escaped}{text[end]}"
-            hint = f"other XML tools reject it; write {written}"
             fix = Escape(is_safe=True)
-            self._add(Finding(bare.start(), 1, BARE_MARKUP, message, Hint(hint, (fix,))))
+            self._warn(bare.start(), 1, message, f"write {written}", fix, code=BARE_MARKUP)
         self._check_characters(start, end)
         return decode(attribute[group])
 
@@ -320,7 +309,7 @@ class _Parser:
             code = int(reference[1], 16) if reference[1] else int(reference[2] or "0")
             if code == 0 or 0xD800 <= code <= 0xDFFF:
                 message = f"{reference[0]} is not a character"
-                raise _SyntaxError(reference.start(), len(reference[0]), message, "remove it")
+                raise self._error(reference.start(), len(reference[0]), message, "remove it")
             if code > sys.maxunicode:
                 message = f"{reference[0]} is not a character, and is read as text"
                 self._warn(reference.start(), len(reference[0]), message, "remove it")

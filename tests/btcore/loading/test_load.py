@@ -130,7 +130,7 @@ def test_invalid_document_is_an_error_when_it_is_registered(tmp_path: Path) -> N
     nodes = Registry.standard()
     with pytest.raises(XmlSyntaxError):
         nodes.add_trees(DOCK, "<root")
-    with pytest.raises(XmlSyntaxError, match=r"no such file(.|\n)*did you mean .*dock\.xml\?"):
+    with pytest.raises(TreeError, match=r"no such file(.|\n)*did you mean .*dock\.xml\?"):
         nodes.add_trees(write(tmp_path / "dock.xml", DOCK).with_name("dok.xml"))
     assert nodes.documents == []
 

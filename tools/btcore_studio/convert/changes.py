@@ -1,7 +1,7 @@
 """The changes of a conversion: edits of the document's text, and a diagnostic for each."""
 
 from btcore.diagnostic_codes import DiagnosticCode
-from btcore.diagnostics import Diagnostic, Hint
+from btcore.diagnostics import Diagnostic
 from btcore.registry.registry import Registry
 from btcore.xml.edit.editor import DocumentEditor, Edit, escape_value
 from btcore.xml.read.document import Document
@@ -45,7 +45,7 @@ class ConversionChanges:
             part: Whether the diagnostic points to the attribute's name or to its value.
         """
         self.diagnostics.append(
-            self.document.diagnostic(code, message, element, attribute=attribute, hint=Hint(hint), part=part)
+            self.document.diagnostic(code, message, element, attribute=attribute, hint=hint, part=part)
         )
 
     def rename_element(self, element: Element, name: str) -> None:

@@ -237,7 +237,7 @@ class Project:
         """Parse the open document or the file *path*.
 
         Raises:
-            XmlSyntaxError: The text is not valid XML.
+            TreeError: The file cannot be read, or is not valid XML.
         """
         return parse_file(path, unsaved=self.unsaved)
 

@@ -24,7 +24,7 @@ from btcore.xml.models.model_file import (
     add_document_models,
     add_explicit_nodes,
     add_models,
-    has_models,
+    model_elements,
 )
 from btcore.xml.read.document import Document
 from btcore.xml.read.read import parse_file, parse_text, read
@@ -187,7 +187,7 @@ class Libraries:
         """
         documents = read(document).documents
         is_project = document.file.endswith(".btproj")
-        if not (self._has_models or is_project or any(map(has_models, documents))):
+        if not (self._has_models or is_project or any(map(model_elements, documents))):
             return self.nodes
         nodes = self.nodes.copy()
         for source in documents:

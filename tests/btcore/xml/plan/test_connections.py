@@ -43,7 +43,7 @@ def test_the_outer_key_has_the_entry_of_the_inner_key(
     for key in KEYS:
         dry_run = DryRun(plans)
         dry_run.run(plans.main_tree)
-        outer, inner = (draft.blackboard for draft in dry_run.drafts)
+        outer, inner = (draft.subtree.blackboard for draft in dry_run.drafts)
         entry = inner.create(key)
         outer_key = connections.outer_key(key)
         if outer_key is not None:

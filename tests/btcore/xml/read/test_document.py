@@ -6,7 +6,7 @@ from textwrap import dedent
 import pytest
 
 import btcore
-from btcore.errors import XmlSyntaxError
+from btcore.errors import TreeError, XmlSyntaxError
 from btcore.xml.read.read import parse_file, parse_text
 from tests.btcore.message_cases import read_cases
 
@@ -214,15 +214,16 @@ def test_long_garbage_is_refused_quickly(piece: str) -> None:
 
 def test_missing_file_is_reported_with_a_suggestion(tmp_path: Path) -> None:
     (tmp_path / "patrolling.xml").write_text("<root/>")
-    with pytest.raises(XmlSyntaxError) as caught:
+    with pytest.raises(TreeError) as caught:
         parse_file(tmp_path / "patroling.xml")
+    assert type(caught.value) is TreeError  # the XML has no error: there is no XML
     assert str(caught.value) == (
         f"{tmp_path}/patroling.xml: E003 no such file\n      did you mean {tmp_path}/patrolling.xml?"
     )
 
 
 def test_xml_text_instead_of_a_path_and_vice_versa_is_reported() -> None:
-    with pytest.raises(XmlSyntaxError) as caught:
+    with pytest.raises(TreeError) as caught:
         btcore.load('<root BTCPP_format="4"/>')
     assert str(caught.value) == (
         "<text>: E003 expected the path of a file, but got XML text\n"
@@ -234,7 +235,7 @@ def test_xml_text_instead_of_a_path_and_vice_versa_is_reported() -> None:
 
 def test_folder_is_reported_with_its_files(tmp_path: Path) -> None:
     (tmp_path / "a.xml").write_text("<root/>")
-    with pytest.raises(XmlSyntaxError) as caught:
+    with pytest.raises(TreeError) as caught:
         parse_file(tmp_path)
     assert str(caught.value) == (
         f"{tmp_path}: E003 is a folder, not a file\n      did you mean a file in it: a.xml?"

@@ -4,7 +4,7 @@ import pytest
 
 from btcore.xml.read.document import Document
 from btcore.xml.read.element import ElementPart
-from btcore.xml.read.positions import span_at
+from btcore.xml.read.positions import LineIndex
 from btcore.xml.read.read import parse_text
 
 TEXT = """<?xml version="1.0"?>
@@ -81,4 +81,4 @@ def test_lines_may_end_with_any_line_ending(end: str) -> None:
 
 
 def test_end_of_a_text_is_a_valid_position() -> None:
-    assert span_at("ab\n", 3) == (2, 1, 1, "")
+    assert LineIndex("ab\n").span(3) == (2, 1, 1, "")
