@@ -27,7 +27,7 @@ from btcore.runs.choice import Choice
 from btcore.runs.opening import RunProviders
 from btcore.runs.providers import EndReason, Provider, Report, TypeRef
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
-from btcore.runs.tick_loop import TickLoop, Until
+from btcore.runs.tick_loop import LoopEnd, TickLoop, Until
 from btcore.signals import EndingSignals
 from btcore.status import Status
 from btcore.tree.tree import Tree
@@ -160,7 +160,7 @@ class Run:
         # `GivenSettings` come from the options of a command, whose values click has checked.
         self.settings = settings if isinstance(settings, GivenSettings) else GivenSettings.checked(settings)
         self.run_settings = self.settings[RunSettings]
-        self.report = Report()
+        self.report = Report(lambda: self.end_reason)
         self.error: NodeExecutionError | None = None
         self.elapsed_s = 0.0
         self.wall_s = 0.0
@@ -171,6 +171,8 @@ class Run:
         self._signals = EndingSignals()
         self._stack = ExitStack()
         self._has_exited = False
+        self._loop_end: LoopEnd | None = None
+        self._exception: BaseException | None = None  # what left the `with` block
 
     # --- opening
 
@@ -300,7 +302,7 @@ class Run:
         began = time.perf_counter()
         try:
             with self._stop_at_signal(loop.stop), self._keep_leaf_error():
-                self.report.end_reason = loop.run()
+                self._loop_end = loop.run()
             self._halt()
         finally:
             self.elapsed_s = loop.elapsed_ns / NS_PER_S
@@ -333,7 +335,6 @@ class Run:
         self._check_open()
         with self._stop_at_signal(stop):
             program()
-        self.report.end_reason = "interrupted" if self._signals.number else "done"
 
     def pause(self) -> None:
         """Let `tick_to_end` stop ticking before the next tick, until `resume`. Any thread may call it.
@@ -359,7 +360,6 @@ class Run:
             yield
         except NodeExecutionError as error:
             self.error = error
-            self.report.end_reason = "raised"
             raise
 
     @contextmanager
@@ -411,19 +411,15 @@ class Run:
         Raises:
             NodeExecutionError: A leaf raised an exception when it was halted.
         """
-        if error is not None and error is not self.error and self.end_reason != "interrupted":
-            self.report.end_reason = "program_error" if isinstance(error, Exception) else "interrupted"
-        elif self.end_reason is None:
-            self.report.end_reason = "done"
-        was_interrupted = self.end_reason == "interrupted"
         self._has_exited = True
+        self._exception = error
+        was_interrupted = self.end_reason == "interrupted"
         try:
             self._stack.__exit__(kind, error, trace)
         except (KeyboardInterrupt, SystemExit):  # as `EndingSignals` raises them
+            # The first signal of the run has ended the waits of the providers.
             if was_interrupted or not self._signals.number:
                 raise
-            # The first signal of the run has ended the waits of the providers.
-            self.report.end_reason = "interrupted"
 
     @property
     def closing_errors(self) -> list[BtcoreError]:
@@ -449,7 +445,13 @@ class Run:
     @property
     def end_reason(self) -> EndReason | None:
         """Why the run ended; None before its end."""
-        return self.report.end_reason
+        was_signalled = bool(self._signals.number)
+        if self.error is not None and self._exception in (None, self.error):
+            return "raised"
+        if self._exception is None and not was_signalled:
+            return "done" if self._loop_end is None and self._has_exited else self._loop_end
+        is_error = isinstance(self._exception, Exception) and not was_signalled
+        return "program_error" if is_error else "interrupted"
 
     @property
     def exit_code(self) -> ExitCode:
