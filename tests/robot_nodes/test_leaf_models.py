@@ -235,15 +235,14 @@ class RandomGoal(GoalHandle[Any, Any, Any]):
         self._draw = rng
         self._fate = rng.choice(["ends", "ends", "ends", "silent", "forever"])
 
-    @property
-    def done(self) -> bool:
-        """Whether the goal has ended; it may end when this property is read."""
-        if not super().done and self._fate != "silent":
+    def poll(self) -> bool:
+        """Return whether the goal has ended; it may end at this call."""
+        if not self.done and self._fate != "silent":
             self.status = type(self.status).EXECUTING
             self.feedback = FollowPathFeedback()
             if self._fate == "ends" and self._draw.random() < 0.4:
                 self._draw.choice([self._succeed, self._abort, self.canceled])()
-        return super().done
+        return self.done
 
     def _succeed(self) -> None:
         kinds: dict[type, object] = {CheckPath: PathCheck(self._draw.random() < 0.5, (Pose2D(0, 0, 0),))}

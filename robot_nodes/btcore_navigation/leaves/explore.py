@@ -121,7 +121,7 @@ class Explore(StatefulAction):
         now = self.clock.now()
         if self.handle is None:
             return self.send_next_goal()
-        if not self.handle.done:
+        if not self.handle.poll():
             return self.check_goal(now)
         if self.handle.status is GoalStatus.ABORTED:
             result = self.handle.result
