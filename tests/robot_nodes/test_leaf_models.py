@@ -306,7 +306,7 @@ def random_resources(robot: Any, rng: random.Random, used: list[str], tmp_path: 
     explorer = SimpleNamespace(
         go_to=go_to,
         must_wait=lambda: rng.random() < 0.3,
-        give_up_reason=lambda began: rng.choice([None, (1, "no scan")]),
+        keep_waiting=lambda began: rng.choice([None, (1, "no scan")]),
         goals_wait=lambda: rng.random() < 0.3,
         estimate=lambda: Pose2D(0, 0, 0),
         next_goal=maybe(Pose2D(1, 1, 0)),

@@ -112,7 +112,7 @@ class NavigatorServer:
             resources=[self.session],
             through=through,
             hold=self._must_wait,
-            give_up_reason=self._give_up_reason,
+            keep_waiting=self._keep_waiting,
         )
 
     def _serve(self, navigator: Navigator, other: Navigator) -> ServedAction:
@@ -153,7 +153,7 @@ class NavigatorServer:
         self._was_pose_known |= known
         return not known
 
-    def _give_up_reason(self, began: int) -> tuple[Nav2ErrorCode, str] | None:
+    def _keep_waiting(self, began: int) -> tuple[Nav2ErrorCode, str] | None:
         patience = POSE_PATIENCE_S if self._was_pose_known else FIRST_POSE_PATIENCE_S
         if self.session.clock.now() - began < patience * NS_PER_S:
             return None
