@@ -28,7 +28,7 @@ and a `PoseNavigator`:
    `navigator`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from typing import NamedTuple
 
 from btcore.clock import Clock
@@ -36,7 +36,7 @@ from btcore.errors import ProviderError
 from btcore.options import required_option_names
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.providers import Provider, TypeRef, fits, full_name
-from btcore.runs.settings import GivenSettings, RunSettings, Settings
+from btcore.runs.settings import RunSettings, Settings
 from btcore.suggestions import join_names, with_article
 
 _CLOCK = full_name(Clock)
@@ -81,7 +81,7 @@ class Choice(NamedTuple):
 def choose_providers(
     needed_types: Sequence[TypeRef],
     available: AvailableProviders,
-    settings: GivenSettings,
+    given: Set[type[Settings]],
     resources: Sequence[object] = (),
     optional_types: Sequence[TypeRef] = (),
 ) -> Choice:
@@ -89,6 +89,7 @@ def choose_providers(
 
     Args:
         needed_types: The types that the leaves of the tree need, and those that the program wants.
+        given: The classes of the settings that were given.
         resources: Objects of the program, which are preferred to providers.
         optional_types: Types that the program can do without. A provider that is used for one of them alone
             is not preferred for the needed types.
@@ -101,12 +102,12 @@ def choose_providers(
     requests += [_Request(type, is_optional=True) for type in optional_types]
     side_effects = [
         provider
-        for provider in available.with_side_effects(settings.keys() - {RunSettings})
-        if settings.keys() >= set(provider.required_settings)
+        for provider in available.with_side_effects(given - {RunSettings})
+        if given >= set(provider.required_settings)
     ]
     rejected: dict[Provider, str] = {}
     while True:
-        attempt = _Attempt(available, _Candidates(available, settings, resources, rejected))
+        attempt = _Attempt(available, _Candidates(available, given, resources, rejected))
         newly_rejected = attempt.assign(requests, side_effects)
         if not newly_rejected:
             return attempt.result()
@@ -136,7 +137,7 @@ class _Candidates(NamedTuple):
     """What can be provided in a run, unless it is rejected."""
 
     available: AvailableProviders
-    settings: GivenSettings
+    given: Set[type[Settings]]
     resources: Sequence[object]
     rejected: Mapping[Provider, str]
 
@@ -166,7 +167,7 @@ class _Candidates(NamedTuple):
             return f"is not used, because {self.rejected[provider]}"
         if provider in chain:
             return f"needs itself: {_join([*chain, provider])}"
-        missing = [settings for settings in provider.required_settings if settings not in self.settings]
+        missing = [settings for settings in provider.required_settings if settings not in self.given]
         if missing:
             options = [name for settings in missing for name in required_option_names(settings)]
             return f"is not used without {join_names(options)}"
@@ -266,7 +267,7 @@ class _Attempt:
 
     def _rank(self, provider: Provider) -> tuple[int, ...]:
         """Return the criteria of the docstring of the module; the greatest rank is best."""
-        given = provider.settings.keys() & self._candidates.settings.keys()
+        given = provider.settings.keys() & self._candidates.given
         needed = [self._available.of_type(need.type_name) for need in provider.object_needs]
         return (
             sum(bool(required_option_names(settings)) for settings in given),
@@ -345,16 +346,17 @@ def _join(chain: Sequence[Provider]) -> str:
 
 
 def find_unused_settings(
-    choice: Choice, available: AvailableProviders, settings: GivenSettings
+    choice: Choice, available: AvailableProviders, given: Set[type[Settings]]
 ) -> dict[type[Settings], str]:
     """Return the settings that were given, but that no used provider takes, with the reasons.
 
     Args:
         choice: The used providers.
+        given: The classes of the settings that were given.
     """
     used = {RunSettings, *(taken for provider in choice.order for taken in provider.settings)}
     reasons = {}
-    for unused in [given for given in settings if given not in used]:
+    for unused in [settings for settings in given if settings not in used]:
         takers = [provider for provider in available.all() if unused in provider.settings]
         takers = [provider for provider in takers if not provider.settings[unused]] or takers
         rejections = [choice.rejected[provider] for provider in takers if provider in choice.rejected]

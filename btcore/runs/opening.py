@@ -142,7 +142,7 @@ class RunProviders:
         needed_types = [*leaf_types, *wanted_types]
         self._requested_types = [*needed_types, *optional_types]
         self.choice = choose_providers(
-            needed_types, self._available, self._settings, self._program_resources, optional_types
+            needed_types, self._available, self._settings.classes, self._program_resources, optional_types
         )
         for name in map(full_name, wanted_types):
             problem = self.choice.problems.get(name)
@@ -240,7 +240,7 @@ class RunProviders:
 
     def find_unused_settings(self) -> dict[type[Settings], str]:
         """Return the settings that were given, but that no used provider takes, with the reasons."""
-        return find_unused_settings(self.choice, self._available, self._settings)
+        return find_unused_settings(self.choice, self._available, self._settings.classes)
 
     def explain_missing(self, leaf_types: Sequence[TypeRef]) -> Iterator[str]:
         """Yield why objects are missing that the leaves need."""
