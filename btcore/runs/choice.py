@@ -3,15 +3,17 @@
 A provider of a type is used if a leaf or a used provider needs the type, and no object of the program has it.
 A side-effect provider is used if one of its settings was given. The needed types are assigned one after the
 other. The candidates for a type are its providers whose required options were given, and whose own needs can
-be provided. Of several candidates, the first of these criteria decides:
+be provided. Of several candidates, the first criterion in which they differ decides:
 
-1. The provider takes the most of the given settings with a required option: with `--bag FILE --ros2 tiago`,
-   `bag_robot`, which takes both options, not `ros_robot`, and not `simulator`, which requires no option.
-2. The provider is used for another type anyway.
-3. The provider is the user's, not an installed one.
-4. The provider needs other objects, and only such as are used anyway: if leaves explore, they also navigate
-   by `exploring_navigator`, which needs the `exploration`.
-5. The provider is not a default.
+    | the best candidate …                      | for example, in a run …      | is preferred to            |
+    |-------------------------------------------|------------------------------|----------------------------|
+    | 1 takes the most of the given settings    | with `--bag F --ros2 tiago`, | `ros_robot`, which takes   |
+    |   with a required option                  | `bag_robot`                  | one, and `simulator`: none |
+    | 2 is used for another type anyway         | that explores, `exploration` | `navigation` (`Servers`)   |
+    | 3 is the user's, not an installed one     | with a plugin, its robot     | `simulator`                |
+    | 4 needs objects of other providers, which | that explores,               | `navigator`, which needs   |
+    |   are all used anyway                     | `exploring_navigator`        | `navigation`               |
+    | 5 is not a default                        | with another package's robot | `simulator`                |
 
 The other candidates are rejected. They are used for no other type either, and neither is a provider that
 needs what only they provide: the map of a simulated world does not fit another robot. Since they, or such a
@@ -266,7 +268,7 @@ class _Attempt:
         return best[0]
 
     def _rank(self, provider: Provider) -> tuple[int, ...]:
-        """Return the criteria of the docstring of the module; the greatest rank is best."""
+        """Return the five criteria of the table in the module's docstring; the greatest rank is best."""
         given = provider.settings.keys() & self._candidates.given
         needed = [self._available.of_type(need.type_name) for need in provider.object_needs]
         return (
@@ -288,10 +290,10 @@ class _Attempt:
         return choice._replace(order=order)
 
     def _add_clock(self) -> None:
-        """Use a provider of the clock alone, unless the run has a clock or nothing but the core's providers.
+        """Use a provider that provides nothing but a clock, if no used provider is a clock.
 
-        The provider may need only what is used anyway, such as a ROS session: a run with ROS leaves waits on
-        the clock of the session.
+        What it needs must be provided anyway: `ros_clock` needs the session of ROS leaves, which wait on this
+        clock for messages. A run with nothing but providers of the core uses none, and imports none.
         """
         clocks = [provider for provider in self._used if provider.provides_clock]
         if len(clocks) > 1:
