@@ -86,15 +86,12 @@ def pose_to_message(pose: Pose2D) -> Pose:
     )
 
 
-def pose_to_stamped(pose: Pose2D, frame: str = MAP, stamp: Time | None = None) -> PoseStamped:
-    """Return *pose* as a `geometry_msgs/PoseStamped`.
+def pose_to_stamped(pose: Pose2D, frame: str = MAP) -> PoseStamped:
+    """Return *pose* in *frame* as a `geometry_msgs/PoseStamped`.
 
-    Args:
-        pose: The pose.
-        frame: The name of its frame.
-        stamp: The stamp; None = zero, which stands for the newest transform.
+    Its stamp is zero, which stands for the newest transform.
     """
-    return PoseStamped(header=_header(frame, stamp), pose=pose_to_message(pose))
+    return PoseStamped(header=Header(frame_id=frame), pose=pose_to_message(pose))
 
 
 def pose_from_message(message: Pose) -> Pose2D:
@@ -131,24 +128,21 @@ def pose_from_stamped(message: PoseStamped, frame: str = MAP, default: str = "")
     return pose_from_message(message.pose)
 
 
-def poses_to_goals(poses: Iterable[Pose2D], frame: str = MAP, stamp: Time | None = None) -> "Goals":
-    """Return *poses* as a `nav_msgs/Goals` in *frame*, with *stamp* (None = zero)."""
+def poses_to_goals(poses: Iterable[Pose2D]) -> "Goals":
+    """Return *poses* in the frame `map` as a `nav_msgs/Goals`, with the stamp zero."""
     from nav_msgs.msg import Goals  # Jazzy does not have this message
 
-    header = _header(frame, stamp)
-    return Goals(
-        header=header, goals=[PoseStamped(header=header, pose=pose_to_message(pose)) for pose in poses]
-    )
+    return Goals(header=Header(frame_id=MAP), goals=list(map(pose_to_stamped, poses)))
 
 
-def poses_from_goals(message: "Goals", frame: str = MAP) -> tuple[Pose2D, ...]:
+def poses_from_goals(message: "Goals") -> tuple[Pose2D, ...]:
     """Return the poses of a `nav_msgs/Goals`.
 
     Raises:
-        RosError: A pose is not in *frame*, or a number is not finite.
+        RosError: A pose is not in the frame `map`, or a number is not finite.
     """
     default = message.header.frame_id
-    return tuple(pose_from_stamped(goal, frame, default) for goal in message.goals)
+    return tuple(pose_from_stamped(goal, MAP, default) for goal in message.goals)
 
 
 def path_to_message(path: NavPath, stamp: Time | None = None) -> Path:
@@ -159,7 +153,7 @@ def path_to_message(path: NavPath, stamp: Time | None = None) -> Path:
         stamp: The stamp; None = zero, which stands for the newest transform. The stamp of *path* itself may
             belong to another clock.
     """
-    header = _header(path.frame, stamp)
+    header = Header(frame_id=path.frame, stamp=stamp or Time())
     return Path(
         header=header,
         poses=[
@@ -202,10 +196,6 @@ def seconds_to_duration(seconds: float) -> Duration:
 def duration_to_seconds(message: Duration) -> float:
     """Return a duration in s."""
     return time_to_ns(message) / NS_PER_S
-
-
-def _header(frame: str, stamp: Time | None) -> Header:
-    return Header(frame_id=frame) if stamp is None else Header(frame_id=frame, stamp=stamp)
 
 
 class ActionConverter:
@@ -576,12 +566,3 @@ ACTIONS: Final[dict[str, ActionConverter]] = {
     )
 }
 """The converters of Nav2's actions, by the name under which Nav2 serves the action."""
-
-
-def action_of(goal: object) -> ActionConverter:
-    """Return the converter for *goal*. Raises RosError for an object that is not a goal of Nav2's actions."""
-    through = getattr(goal, "through", None)
-    for converter in ACTIONS.values():
-        if type(goal) is converter.goal_type and getattr(converter, "through", None) == through:
-            return converter
-    raise RosError(f"Nav2 has no action for a goal of the type {type(goal).__name__}")
