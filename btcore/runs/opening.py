@@ -96,10 +96,13 @@ class RunProviders:
     """The providers of a run, which are chosen and then opened, and the objects of the run.
 
     Args:
+        leaf_types: The types that the leaves need.
         program_resources: The objects of the program.
         clock: The clock that the program has given, or None.
 
     Attributes:
+        wanted_types: The types that the program wants, and without which the run cannot begin.
+        optional_types: The types that the program can do without.
         choice: The used providers.
         report: The report of the run.
         tree: The first tree, or the tree that has replaced it; None before its creation.
@@ -110,6 +113,7 @@ class RunProviders:
         self,
         available: AvailableProviders,
         settings: GivenSettings,
+        leaf_types: Sequence[TypeRef],
         program_resources: Sequence[object],
         clock: Clock | None,
         report: Report,
@@ -118,33 +122,26 @@ class RunProviders:
         self._settings = settings
         self._program_resources = program_resources
         self._clock = clock
-        self._requested_types: Sequence[TypeRef] = ()
+        self._leaf_types = leaf_types
         self._opened: dict[Provider, OpenedProvider] = {}
+        self.wanted_types: list[TypeRef] = []
+        self.optional_types: list[TypeRef] = []
         self.choice = Choice()
         self.report = report
         self.tree: Tree | None = None
         self.resources = Resources()
         self.resources.remedy = "the run does not provide it"
 
-    def choose(
-        self,
-        leaf_types: Sequence[TypeRef],
-        wanted_types: Sequence[TypeRef],
-        optional_types: Sequence[TypeRef],
-    ) -> None:
-        """Choose the providers.
-
-        Args:
-            leaf_types: The types that the leaves need.
-            wanted_types: The types that the program wants, and without which the run cannot begin.
-            optional_types: The types that the program can do without.
-        """
-        needed_types = [*leaf_types, *wanted_types]
-        self._requested_types = [*needed_types, *optional_types]
+    def choose(self) -> None:
+        """Choose the providers."""
         self.choice = choose_providers(
-            needed_types, self._available, self._settings.classes, self._program_resources, optional_types
+            [*self._leaf_types, *self.wanted_types],
+            self._available,
+            self._settings.classes,
+            self._program_resources,
+            self.optional_types,
         )
-        for name in map(full_name, wanted_types):
+        for name in map(full_name, self.wanted_types):
             problem = self.choice.problems.get(name)
             if problem is not None:
                 raise ProviderError("; ".join([problem, *self._explain_unavailable()]))
@@ -165,7 +162,7 @@ class RunProviders:
                 known = set(map(id, self.resources))
                 objects = self._open(provider, stack)
                 self.resources += [provided for provided in objects if id(provided) not in known]
-        for type in self._requested_types:
+        for type in (*self._leaf_types, *self.wanted_types, *self.optional_types):
             assigned = self._find_assigned(full_name(type))
             if assigned is not None:
                 self.resources.assign(type, assigned)
@@ -242,10 +239,10 @@ class RunProviders:
         """Return the settings that were given, but that no used provider takes, with the reasons."""
         return find_unused_settings(self.choice, self._available, self._settings.classes)
 
-    def explain_missing(self, leaf_types: Sequence[TypeRef]) -> Iterator[str]:
+    def explain_missing(self) -> Iterator[str]:
         """Yield why objects are missing that the leaves need."""
         unknown = []
-        for type in leaf_types:
+        for type in self._leaf_types:
             name = full_name(type)
             provider, problem = self.choice.providers.get(name), self.choice.problems.get(name)
             if provider is not None and self.choice.opens_after_tree(provider):

@@ -153,9 +153,7 @@ class Run:
         self._sources = [_plan_source(each, arguments) for each in sources]
         self._load_arguments = arguments
         plans = [planned for planned in self._sources if isinstance(planned, Plans)]
-        self._leaf_types = list(dict.fromkeys(chain(*(tree.required_resources() for tree in plans))))
-        self._wanted_types: list[TypeRef] = []
-        self._optional_types: list[TypeRef] = []
+        leaf_types = list(dict.fromkeys(chain(*(tree.required_resources() for tree in plans))))
         self._prepare = prepare
         # `GivenSettings` come from the options of a command, whose values click has checked.
         self.settings = settings if isinstance(settings, GivenSettings) else GivenSettings.checked(settings)
@@ -166,7 +164,7 @@ class Run:
         self.wall_s = 0.0
         available = providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)
         resources, clock = find_resources(arguments), arguments.get("clock")
-        self._providers = RunProviders(available, self.settings, resources, clock, self.report)
+        self._providers = RunProviders(available, self.settings, leaf_types, resources, clock, self.report)
         self._loop = TickLoop(self.run_settings)
         self._signals = EndingSignals()
         self._stack = ExitStack()
@@ -183,10 +181,8 @@ class Run:
             types: The types.
             optional: Whether the run continues if nothing provides one of them.
         """
-        if optional:
-            self._optional_types += types
-        else:
-            self._wanted_types += types
+        wanted = self._providers.optional_types if optional else self._providers.wanted_types
+        wanted += types
         return self
 
     def find(self, type: Callable[..., T]) -> T | None:  # type[T] would exclude protocols
@@ -206,7 +202,7 @@ class Run:
         with ExitStack() as stack:
             stack.enter_context(self._signals)
             providers = self._providers
-            providers.choose(self._leaf_types, self._wanted_types, self._optional_types)
+            providers.choose()
             providers.open_before_tree(stack)
             self._loop.trees = [self._create_tree(source) for source in self._sources]
             if self._prepare is not None:
@@ -266,7 +262,7 @@ class Run:
             with PausedGarbageCollection():
                 return instantiate(source, self.resources, blackboard, self.clock, tick_limit)
         except TreeError as error:
-            for note in self._providers.explain_missing(self._leaf_types):
+            for note in self._providers.explain_missing():
                 error.add_note(note)
             raise
 
