@@ -4,7 +4,8 @@
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
@@ -47,6 +48,10 @@ MAP: Final = "map"
 
 THROUGH_OFFSET = 100
 """The difference between the error codes of NavigateThroughPoses and NavigateToPose."""
+
+_ALLOWANCE: Final = {"time_allowance": "time_allowance"}
+_LIMITS: Final = {**_ALLOWANCE, "disable_collision_checks": "disable_collision_checks"}
+"""Attributes of goals, and the fields of the same names in the messages."""
 
 
 class FrameError(RosError):
@@ -355,85 +360,56 @@ class _SmoothPath(ActionConverter):
         return SmoothedPath(path_from_message(message.path), duration, message.was_completed)
 
 
-class _Spin(ActionConverter):
-    name, type_name, goal_type = "spin", "Spin", SpinGoal
+class _Behaviour(ActionConverter):
+    """An action of the behaviour server. Its feedback is the progress, a number; durations are in s.
 
-    def write_goal(self, goal: SpinGoal, message: Any) -> None:
-        message.target_yaw = goal.dist
-        message.time_allowance = seconds_to_duration(goal.time_allowance)
-        message.disable_collision_checks = goal.disable_collision_checks
+    *fields* are the fields of the goal message, by the attributes of our goal, and *progress* is the field of
+    the feedback.
+    """
 
-    def read_goal(self, message: Any) -> SpinGoal:
-        allowance = duration_to_seconds(message.time_allowance)
-        return SpinGoal(message.target_yaw, allowance, message.disable_collision_checks)
-
-    def write_feedback(self, feedback: BehaviourFeedback, message: Any) -> None:
-        message.angular_distance_traveled = feedback.progress
-
-    def read_feedback(self, message: Any) -> BehaviourFeedback:
-        return BehaviourFeedback(message.angular_distance_traveled)
-
-
-class _Straight(ActionConverter):
     def __init__(
-        self, name: str, type_name: str, goal_type: type[BackUpGoal] | type[DriveOnHeadingGoal]
+        self, name: str, type_name: str, goal_type: type, fields: Mapping[str, str], progress: str
     ) -> None:
         self.name, self.type_name, self.goal_type = name, type_name, goal_type
+        self._fields, self._progress = fields, progress
+
+    def write_goal(self, goal: Any, message: Any) -> None:
+        for attribute, field in self._fields.items():
+            _write_number(message, field, getattr(goal, attribute))
+
+    def read_goal(self, message: Any) -> Any:
+        return self.goal_type(**{name: _read_number(message, field) for name, field in self._fields.items()})
+
+    def write_feedback(self, feedback: BehaviourFeedback, message: Any) -> None:
+        _write_number(message, self._progress, feedback.progress)
+
+    def read_feedback(self, message: Any) -> BehaviourFeedback:
+        return BehaviourFeedback(_read_number(message, self._progress))
+
+
+def _write_number(message: Any, field: str, value: float) -> None:
+    is_duration = isinstance(getattr(message, field), Duration)
+    setattr(message, field, seconds_to_duration(value) if is_duration else value)
+
+
+def _read_number(message: Any, field: str) -> float:
+    value: Any = getattr(message, field)
+    return duration_to_seconds(value) if isinstance(value, Duration) else value
+
+
+class _Straight(_Behaviour):
+    def __init__(self, name: str, type_name: str, goal_type: type) -> None:
+        super().__init__(name, type_name, goal_type, {"speed": "speed", **_LIMITS}, "distance_traveled")
 
     def write_goal(self, goal: BackUpGoal | DriveOnHeadingGoal, message: Any) -> None:
+        super().write_goal(goal, message)
         message.target = Point(x=goal.dist)
-        message.speed = goal.speed
-        message.time_allowance = seconds_to_duration(goal.time_allowance)
-        message.disable_collision_checks = goal.disable_collision_checks
 
-    def read_goal(self, message: Any) -> BackUpGoal | DriveOnHeadingGoal:
-        if message.target.y != 0.0 or message.target.z != 0.0:
+    def read_goal(self, message: Any) -> Any:
+        target = message.target
+        if target.y != 0.0 or target.z != 0.0:
             raise RosError(f"{self.name}: the target must be on the x axis, but its y or z is not 0")
-        goal: BackUpGoal | DriveOnHeadingGoal = self.goal_type(
-            message.target.x,
-            message.speed,
-            duration_to_seconds(message.time_allowance),
-            message.disable_collision_checks,
-        )
-        return goal
-
-    def write_feedback(self, feedback: BehaviourFeedback, message: Any) -> None:
-        message.distance_traveled = feedback.progress
-
-    def read_feedback(self, message: Any) -> BehaviourFeedback:
-        return BehaviourFeedback(message.distance_traveled)
-
-
-class _Wait(ActionConverter):
-    name, type_name, goal_type = "wait", "Wait", WaitGoal
-
-    def write_goal(self, goal: WaitGoal, message: Any) -> None:
-        message.time = seconds_to_duration(goal.duration)
-
-    def read_goal(self, message: Any) -> WaitGoal:
-        return WaitGoal(duration_to_seconds(message.time))
-
-    def write_feedback(self, feedback: BehaviourFeedback, message: Any) -> None:
-        message.time_left = seconds_to_duration(feedback.progress)
-
-    def read_feedback(self, message: Any) -> BehaviourFeedback:
-        return BehaviourFeedback(duration_to_seconds(message.time_left))
-
-
-class _AssistedTeleop(ActionConverter):
-    name, type_name, goal_type = "assisted_teleop", "AssistedTeleop", AssistedTeleopGoal
-
-    def write_goal(self, goal: AssistedTeleopGoal, message: Any) -> None:
-        message.time_allowance = seconds_to_duration(goal.time_allowance)
-
-    def read_goal(self, message: Any) -> AssistedTeleopGoal:
-        return AssistedTeleopGoal(duration_to_seconds(message.time_allowance))
-
-    def write_feedback(self, feedback: BehaviourFeedback, message: Any) -> None:
-        message.current_teleop_duration = seconds_to_duration(feedback.progress)
-
-    def read_feedback(self, message: Any) -> BehaviourFeedback:
-        return BehaviourFeedback(duration_to_seconds(message.current_teleop_duration))
+        return replace(super().read_goal(message), dist=target.x)
 
 
 class _ComputeRoute(ActionConverter):
@@ -554,11 +530,13 @@ ACTIONS: Final[dict[str, ActionConverter]] = {
         _ComputePath("compute_path_through_poses", "ComputePathThroughPoses", through=True),
         _FollowPath(),
         _SmoothPath(),
-        _Spin(),
+        _Behaviour("spin", "Spin", SpinGoal, {"dist": "target_yaw", **_LIMITS}, "angular_distance_traveled"),
         _Straight("backup", "BackUp", BackUpGoal),
         _Straight("drive_on_heading", "DriveOnHeading", DriveOnHeadingGoal),
-        _Wait(),
-        _AssistedTeleop(),
+        _Behaviour("wait", "Wait", WaitGoal, {"duration": "time"}, "time_left"),
+        _Behaviour(
+            "assisted_teleop", "AssistedTeleop", AssistedTeleopGoal, _ALLOWANCE, "current_teleop_duration"
+        ),
         _ComputeRoute(),
         _FollowWaypoints(),
         _Navigate("navigate_to_pose", "NavigateToPose", through=False),
