@@ -124,7 +124,7 @@ class _Request(NamedTuple):
     chain: tuple[Provider, ...] = ()
 
     def __str__(self) -> str:
-        return f"{_join(self.chain) or 'a leaf'} needs {_with_article(self.type)}"
+        return f"{_join(self.chain) or 'a leaf'} needs {title_with_article(self.type)}"
 
 
 class _Found(NamedTuple):
@@ -149,7 +149,7 @@ class _Candidates(NamedTuple):
         if len(set(map(id, fitting))) > 1 and len(set(map(type, fitting))) == 1:
             raise ProviderError(
                 f"the program provides {len(fitting)} objects of the class {type(fitting[0]).__name__}: the "
-                f"choice between them for {_with_article(needed_type)} would be arbitrary"
+                f"choice between them for {title_with_article(needed_type)} would be arbitrary"
             )
         return next(iter(fitting), None)
 
@@ -177,7 +177,7 @@ class _Candidates(NamedTuple):
             if not request.is_optional and self.find_object(request.type) is None:
                 problem = self.find(request).problem
                 if problem:
-                    return f"needs {_with_article(request.type)}, but {problem}"
+                    return f"needs {title_with_article(request.type)}, but {problem}"
         return ""
 
     def _describe_problem(self, request: _Request, obstacles: Mapping[Provider, str]) -> str:
@@ -189,7 +189,7 @@ class _Candidates(NamedTuple):
             for other in provider.type_names
             if other != name and _title(other) == title
         )
-        problem = f"nothing provides {_with_article(request.type)}"
+        problem = f"nothing provides {title_with_article(request.type)}"
         if reasons:
             return f"{problem}: {'; '.join(reasons)}"
         return f"{problem} ({request})" if request.chain else problem
@@ -262,7 +262,7 @@ class _Attempt:
         best = [provider for provider in candidates if ranks[provider] == max(ranks.values())]
         if len(best) != 1:
             raise ProviderError(
-                f"{len(best)} providers provide {_with_article(request.type)}: "
+                f"{len(best)} providers provide {title_with_article(request.type)}: "
                 f"{join_names(map(repr, best))}; {request}. Choose one by an option, or pass the object"
             )
         return best[0]
@@ -339,34 +339,10 @@ def _title(needed_type: TypeRef) -> str:
     return full_name(needed_type).rpartition(".")[2]
 
 
-def _with_article(needed_type: TypeRef) -> str:
+def title_with_article(needed_type: TypeRef) -> str:
+    """Return the name of a type without its module, with an article."""
     return with_article(_title(needed_type))
 
 
 def _join(chain: Sequence[Provider]) -> str:
     return " → ".join(map(repr, chain))
-
-
-def find_unused_settings(
-    choice: Choice, available: AvailableProviders, given: Set[type[Settings]]
-) -> dict[type[Settings], str]:
-    """Return the settings that were given, but that no used provider takes, with the reasons.
-
-    Args:
-        choice: The used providers.
-        given: The classes of the settings that were given.
-    """
-    used = {RunSettings, *(taken for provider in choice.order for taken in provider.settings)}
-    reasons = {}
-    for unused in [settings for settings in given if settings not in used]:
-        takers = [provider for provider in available.all() if unused in provider.settings]
-        takers = [provider for provider in takers if not provider.settings[unused]] or takers
-        rejections = [choice.rejected[provider] for provider in takers if provider in choice.rejected]
-        types = dict.fromkeys(_with_article(provider.types[0]) for provider in takers if provider.types)
-        if rejections:
-            reasons[unused] = rejections[0]
-        elif types:
-            reasons[unused] = f"no leaf needs {join_names(list(types), 'or')}"
-        elif takers:
-            reasons[unused] = "it is not used"
-    return reasons

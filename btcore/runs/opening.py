@@ -14,9 +14,10 @@ from btcore.entry_points import names_by_remedy
 from btcore.errors import BtcoreError, ProviderError
 from btcore.registry.resources import Resources
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.choice import Choice, choose_providers, find_unused_settings
+from btcore.runs.choice import Choice, choose_providers, title_with_article
 from btcore.runs.providers import TYPES_OF_RUN, Need, Provider, Report, TypeRef, fits, full_name, is_settings
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
+from btcore.suggestions import join_names
 from btcore.tree.tree import Tree
 
 
@@ -237,7 +238,21 @@ class RunProviders:
 
     def find_unused_settings(self) -> dict[type[Settings], str]:
         """Return the settings that were given, but that no used provider takes, with the reasons."""
-        return find_unused_settings(self.choice, self._available, self._settings.classes)
+        choice = self.choice
+        used = {RunSettings, *(taken for provider in choice.order for taken in provider.settings)}
+        reasons = {}
+        for unused in [settings for settings in self._settings.classes if settings not in used]:
+            takers = [provider for provider in self._available.all() if unused in provider.settings]
+            takers = [provider for provider in takers if not provider.settings[unused]] or takers
+            rejections = [choice.rejected[provider] for provider in takers if provider in choice.rejected]
+            types = dict.fromkeys(title_with_article(taker.types[0]) for taker in takers if taker.types)
+            if rejections:
+                reasons[unused] = rejections[0]
+            elif types:
+                reasons[unused] = f"no leaf needs {join_names(list(types), 'or')}"
+            elif takers:
+                reasons[unused] = "it is not used"
+        return reasons
 
     def explain_missing(self) -> Iterator[str]:
         """Yield why objects are missing that the leaves need."""
@@ -270,17 +285,11 @@ class RunProviders:
     def _collect_arguments(self, provider: Provider) -> dict[str, object]:
         return {need.parameter: self._find_argument(provider, need) for need in provider.needs}
 
-    def _find_object_of_run(self, type: TypeRef) -> object:
-        """Return the object for one of `TYPES_OF_RUN`."""
-        if type is Clock:
-            return self.clock
-        if type is Tree:
-            return self.tree
-        return self.report if type is Report else self.resources
-
     def _find_argument(self, provider: Provider, need: Need) -> object:
+        if need.type is Clock:
+            return self.clock
         if need.type in TYPES_OF_RUN:
-            return self._find_object_of_run(need.type)
+            return self.tree if need.type is Tree else self.report if need.type is Report else self.resources
         if is_settings(need.type):
             return self._settings.find(need.type)
         assigned = self._find_assigned(need.type_name)

@@ -1,7 +1,7 @@
 """Settings: the options of providers, and those of every run."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence, Set
+from collections.abc import Iterable, Sequence, Set
 from typing import Annotated, Self, TypeVar
 
 from btcore.errors import SettingsError
@@ -80,9 +80,6 @@ class GivenSettings:
     def classes(self) -> Set[type[Settings]]:
         """The classes of the given settings."""
         return self._by_class.keys()
-
-    def __iter__(self) -> Iterator[Settings]:
-        return iter(list(self._by_class.values()))
 
     def replace(self, settings: Settings) -> None:
         """Use *settings* in place of those of their class."""

@@ -73,10 +73,11 @@ class NavigatorServer:
         trees = folder() / TREES
         self._to_pose = self._navigator(to_pose or trees / TO_POSE, nodes, through=False)
         self._through_poses = self._navigator(through_poses or trees / THROUGH_POSES, nodes, through=True)
-        self._served = (
-            self._serve(self._to_pose, self._through_poses),
-            self._serve(self._through_poses, self._to_pose),
-        )
+        both = (self._to_pose, self._through_poses)
+        self._served = [
+            ServedAction(session, ACTIONS[navigator.name], navigator, other)
+            for navigator, other in zip(both, reversed(both), strict=True)
+        ]
         self._manager = LifecycleManager(
             session, "lifecycle_manager_navigator", {"bt_navigator": ServedNode(self._set_active)}
         )
@@ -113,18 +114,6 @@ class NavigatorServer:
             through=through,
             hold=self._must_wait,
             keep_waiting=self._keep_waiting,
-        )
-
-    def _serve(self, navigator: Navigator, other: Navigator) -> ServedAction:
-        def reject_reason(message: Any) -> str:
-            return f"{other.name} has a goal in progress" if other.busy else ""
-
-        return ServedAction(
-            self.session,
-            ACTIONS[navigator.name],
-            navigator,
-            reject_reason=reject_reason,
-            refusal=lambda goal: refusal_reason(navigator, goal),
         )
 
     def _set_active(self, active: bool) -> None:

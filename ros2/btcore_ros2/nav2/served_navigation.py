@@ -19,7 +19,6 @@ from btcore_navigation.navigation_servers import (
     PathCheck,
     ReinitializeLocalization,
 )
-from btcore_navigation.navigator import Navigator
 from btcore_navigation.stack import Navigation
 from btcore_navigation.waypoint_follower import WaypointFollower
 from btcore_robot.errors import RobotError
@@ -30,7 +29,7 @@ from btcore_ros2.nav2.client import Nav2Client
 from btcore_ros2.nav2.conversions import ACTIONS, MAP, nav2_type, path_from_message, pose_from_stamped
 from btcore_ros2.nav2.lifecycle import LifecycleManager, ServedNode
 from btcore_ros2.nav2.navigation_topics import costmap_message, occupancy_grid
-from btcore_ros2.nav2.served_action import ServedAction, refusal_reason
+from btcore_ros2.nav2.served_action import ServedAction
 from btcore_ros2.session import RosSession
 
 RATE = 100.0
@@ -134,26 +133,14 @@ class ServedNavigation:
             "navigate_to_pose": navigation.navigate_through_poses,
             "navigate_through_poses": navigation.navigate_to_pose,
         }
-
-        def rejection(name: str) -> Callable[[Any], str]:
-            other = others.get(name)
-            return lambda message: f"{other.name} is in progress" if other is not None and other.busy else ""
-
         schedule = navigation.robot.schedule
         # Without our navigators, another program's navigator drives to the waypoints.
         navigator = servers if navigates else Nav2Client(session)
         follower = WaypointFollower(navigator, navigation.parameters.waypoints)
         served["follow_waypoints"] = follower
         schedule.add_task(follower.RATE, Phase.CONTROLLER, follower.step)
-
-        def refusal(server: ActionServer[Any, Any, Any]) -> Callable[[Any], str]:
-            return lambda goal: refusal_reason(server, goal) if isinstance(server, Navigator) else ""
-
         self._actions = [
-            ServedAction(
-                session, ACTIONS[name], server, reject_reason=rejection(name), refusal=refusal(server)
-            )
-            for name, server in served.items()
+            ServedAction(session, ACTIONS[name], server, others.get(name)) for name, server in served.items()
         ]
         self._offer_services()
         # Before the servers take their steps, of which those of the planner come first.
