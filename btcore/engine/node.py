@@ -418,7 +418,7 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
         raise
     except (KeyboardInterrupt, TickInterrupt):
         raise
-    except BaseException as error:
+    except BaseException as error:  # also SystemExit: a leaf must not end the program without being named
         raise execution_error(node, error, "ticking") from error
     if flags & RESETS_CHILD:
         child = node._decorated_child
@@ -428,6 +428,7 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
 
 
 def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
+    """Call `tick` of *node* unless a pre-condition or callback decides, then what *extras* adds after it."""
     conditions = extras.conditions
     counts = extras.tick_counts
     if counts is not None:
