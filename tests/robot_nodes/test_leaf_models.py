@@ -58,7 +58,7 @@ def shipped() -> dict[str, Manifest]:
     return {
         id: manifest
         for id, manifest in nodes.manifests_of(4).items()
-        if manifest.distribution != "btcore"
+        if manifest.library != "btcore"
         and (manifest.type in leaves or (manifest.type is NodeType.DECORATOR and resources_of(manifest)))
     }
 

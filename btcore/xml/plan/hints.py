@@ -104,7 +104,7 @@ class UnknownNameHints:
         if provided is None:
             return None
         text = (
-            f"the installed library {provided.distribution} provides it: call nodes.add_plugins() of the "
+            f"the installed library {provided.library} provides it: call nodes.add_plugins() of the "
             "registry, and pass nodes=nodes"
         )
         return Hint(text, _declaration(name))
@@ -113,7 +113,7 @@ class UnknownNameHints:
         near = nearest_name(name, [*self._manifests, *EXPLICIT_TAGS])
         if near is not None:
             return Hint(suggestion(f"<{near}>"), (Rename(near), *_declaration(name)))
-        searched = f"searched: {', '.join(self._distributions())}"
+        searched = f"searched: {', '.join(self._library_names())}"
         load = "load a plugin that provides it (--plugin, or nodes.add_plugin)"
         _, unavailable = self._libraries
         return Hint("; ".join([searched, load, *unsearched_libraries(unavailable)]), _declaration(name))
@@ -127,9 +127,9 @@ class UnknownNameHints:
         is_program = not any(manifest.is_overridable for manifest in self._manifests.values())
         return _installed_nodes() if is_program else (self._registry, [])
 
-    def _distributions(self) -> list[str]:
-        """Return the names of the Python distributions that provide the nodes, btcore first."""
-        names = {manifest.distribution for manifest in self._manifests.values()}
+    def _library_names(self) -> list[str]:
+        """Return the names of the libraries that provide the nodes, btcore first."""
+        names = {manifest.library for manifest in self._manifests.values()}
         if "__main__" in names:
             names = (names - {"__main__"}) | {"your program"}
         return sorted(names, key=lambda name: (name != "btcore", name))
