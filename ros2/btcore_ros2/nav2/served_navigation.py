@@ -115,20 +115,9 @@ class ServedNavigation:
     def __init__(self, session: RosSession, navigation: Navigation, *, navigates: bool = True) -> None:
         self._session = session
         self._servers = servers = navigation.servers
-        served: dict[str, ActionServer[Any, Any, Any]] = {
-            "compute_path_to_pose": servers.compute_path,
-            "compute_path_through_poses": servers.compute_path,
-            "follow_path": servers.follow_path,
-            "spin": servers.spin,
-            "backup": servers.back_up,
-            "drive_on_heading": servers.drive_on_heading,
-            "wait": servers.wait,
-            "assisted_teleop": servers.assisted_teleop,
-            "smooth_path": servers.smooth_path,
-        }
-        if navigates:
-            served["navigate_to_pose"] = navigation.navigate_to_pose
-            served["navigate_through_poses"] = navigation.navigate_through_poses
+        served = servers.by_action
+        if not navigates:
+            served = {name: server for name, server in served.items() if name not in servers.navigators}
         others = {
             "navigate_to_pose": navigation.navigate_through_poses,
             "navigate_through_poses": navigation.navigate_to_pose,
