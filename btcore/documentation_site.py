@@ -17,11 +17,11 @@ def documentation_url(page: str) -> str | None:
     return None if site is None else site + page
 
 
-def node_url(id: str, distribution: str) -> str | None:
+def node_url(id: str, library: str) -> str | None:
     """Return the address of a node's page in the documentation.
 
     Args:
-        distribution: The package that registers the node.
+        library: The name of the library that registers the node.
 
     Returns:
         The address. None if it is unknown, or if the documentation has no pages for the package's nodes.
@@ -29,7 +29,7 @@ def node_url(id: str, distribution: str) -> str | None:
     from btcore.entry_points import NODES_GROUP, own_packages
 
     # The nodes of btcore and of its own node libraries have pages.
-    if distribution != "btcore" and distribution not in own_packages(NODES_GROUP):
+    if library != "btcore" and library not in own_packages(NODES_GROUP):
         return None
     return documentation_url(f"reference/nodes/{id}.html")
 

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from types import TracebackType
-from typing import Any, Unpack
+from typing import Unpack
 
 import click
 
@@ -34,7 +34,7 @@ class CommandRun(Run):
         ctx: click.Context,
         source: Plans | TreelessProgram,
         settings: GivenSettings,
-        prepare: Callable[[Any], None] | None = None,
+        prepare: Callable[[Run], None] | None = None,
         **arguments: Unpack[LoadArguments],
     ) -> None:
         super().__init__(

@@ -82,9 +82,7 @@ class NodeLibraries:
             if plugin.has_nodes or not _has_providers(plugin):
                 self.nodes.add_plugin(plugin)
         for installed, added in self.nodes.overridden_nodes:
-            self._warn(
-                f"<{added.id}> of {added.distribution} overrides <{added.id}> of {installed.distribution}"
-            )
+            self._warn(f"<{added.id}> of {added.library} overrides <{added.id}> of {installed.library}")
         for installed_type, added_type in self.nodes.types.overridden:
             self._warn(
                 f"the type {added_type.name} of {library_of(added_type.python_type)} overrides the type "

@@ -145,19 +145,19 @@ def given_settings(ctx: click.Context) -> GivenSettings:
         click.UsageError: The settings of a class cannot be used together.
     """
     options = given_options(ctx)
-    given = GivenSettings()
+    given: list[Settings] = []
     for struct in dict.fromkeys(option.struct for option in options):
         try:
             settings = from_values(struct, ctx.params)
         except SettingsError as error:
             raise click.UsageError(str(error)) from error
         if isinstance(settings, Settings):
-            given[type(settings)] = settings
+            given.append(settings)
         else:
             needed = join_names(required_option_names(struct))
             names = join_names([option.opts[0] for option in options if option.struct is struct])
             terminal.print_warning(f"{names}: no effect without {needed}")
-    return given
+    return GivenSettings(given)
 
 
 def _is_of_settings(option: click.Parameter) -> TypeGuard[FieldOption]:

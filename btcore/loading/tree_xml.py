@@ -45,7 +45,7 @@ def tree_to_xml(tree: Tree, metadata: bool = True, builtin_models: bool = True) 
         _write(subtree.root, 2, instances, metadata, lines)
         lines.append(f"{_STEP}</BehaviorTree>")
     manifests = tree.registry.manifests_of(tree.format).values()
-    lines += model_lines(item for item in manifests if builtin_models or item.distribution != "btcore")
+    lines += model_lines(item for item in manifests if builtin_models or item.library != "btcore")
     return "\n".join([*lines, "</root>"]) + "\n"
 
 

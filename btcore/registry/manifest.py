@@ -55,7 +55,7 @@ class Manifest:
         ports: The ports by name, in the order of their declaration.
         parameters: The parameters of the function or of `__init__`.
         resource_attributes: The attributes of a class that are filled with resources.
-        distribution: The package that registered the node.
+        library: The name of the library that registered the node.
         function: The function that the nodes call; None for a node class.
         metadata: Texts by name for other tools, such as an editor. They are written to the TreeNodesModel.
             A class declares them with a static method `metadata()`, as in C++.
@@ -70,7 +70,7 @@ class Manifest:
         cls: type[TreeNode],
         ports: Sequence[Port],
         parameters: Sequence[Parameter],
-        distribution: str,
+        library: str,
         function: Callable[..., object] | None = None,
         resource_attributes: Sequence[Parameter] = (),
     ) -> None:
@@ -81,7 +81,7 @@ class Manifest:
         self.ports = {port.name: port for port in ports}
         self.parameters = list(parameters)
         self.resource_attributes = list(resource_attributes)
-        self.distribution = distribution
+        self.library = library
         self.function = function
         self.metadata = _class_metadata(cls)
         self._has_init = bool(self.parameters) or _has_own_init(cls)
@@ -125,7 +125,7 @@ class Manifest:
             line = inspect.getsourcelines(implementation)[1]
             return f"{implementation.__qualname__} ({inspect.getsourcefile(implementation)}:{line})"
         except (OSError, TypeError):
-            return f"{implementation.__qualname__} of {self.distribution}"
+            return f"{implementation.__qualname__} of {self.library}"
 
     def make(
         self,
@@ -238,7 +238,7 @@ def create_manifest(
     implementation: type[TreeNode] | Callable[..., object],
     types: TypeRegistry,
     names: Mapping[str, Any],
-    distribution: str,
+    library: str,
     format: int = 4,
 ) -> Manifest:
     """Return the manifest of a node class, or of a function as a leaf.
@@ -246,7 +246,7 @@ def create_manifest(
     Args:
         types: The types that ports may have.
         names: Local names, for resolving annotations that are strings.
-        distribution: The package that registers the node.
+        library: The name of the library that registers the node.
         format: The XML format whose rules for port names apply.
     """
     check_id(id)
@@ -263,7 +263,7 @@ def create_manifest(
         parameters = []
         if _has_own_init(implementation):
             parameters = function_parameters(_initialiser(implementation), types, names, skip_first=True)
-        return Manifest(id, implementation, ports, parameters, distribution, resource_attributes=attributes)
+        return Manifest(id, implementation, ports, parameters, library, resource_attributes=attributes)
     if inspect.isasyncgenfunction(implementation):
         raise RegistrationError(
             f"{implementation.__qualname__} is an async def that yields; await running() instead of the "
@@ -274,7 +274,7 @@ def create_manifest(
     check_outputs_are_called(id, implementation, outputs)
     ports = [parameter.port for parameter in parameters if parameter.port is not None]
     check_ports(id, ports, format)
-    return Manifest(id, leaf_class(implementation), ports, parameters, distribution, implementation)
+    return Manifest(id, leaf_class(implementation), ports, parameters, library, implementation)
 
 
 def _class_metadata(cls: type) -> dict[str, str]:

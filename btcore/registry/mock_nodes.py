@@ -196,7 +196,7 @@ class Outcomes:
             manifest = tree.registry.get(node.config.id, node.config.format)
             if isinstance(node, MockAction):
                 ports[node.config.id] = ports[node.name] = manifest.ports if manifest is not None else {}
-            elif not node.children and (manifest is None or manifest.distribution != "btcore"):
+            elif not node.children and (manifest is None or manifest.library != "btcore"):
                 ordinary.append(node.config.path)
         if ordinary and not leaves:
             raise ValueError(

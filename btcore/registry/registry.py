@@ -326,10 +326,10 @@ class Registry:
         implementation: Any,
         id: str | None,
         names: Mapping[str, Any],
-        distribution: str,
+        library: str,
         format: int | None = None,
     ) -> None:
-        manifest = self._manifest_of(implementation, id, names, distribution, format or 4)
+        manifest = self._manifest_of(implementation, id, names, library, format or 4)
         formats = (3, 4) if format is None else (format,)
         for used_format in formats:
             known = self.get(manifest.id, used_format)
@@ -353,15 +353,15 @@ class Registry:
         manifest.is_overridable = self._installing
         for used_format in formats:
             self._nodes[used_format][manifest.id] = manifest
-        if distribution not in self._libraries:
-            self._libraries.append(distribution)
+        if library not in self._libraries:
+            self._libraries.append(library)
 
     def _manifest_of(
         self,
         implementation: Any,
         id: str | None,
         names: Mapping[str, Any],
-        distribution: str,
+        library: str,
         format: int = 4,
     ) -> Manifest:
         if inspect.isclass(implementation):
@@ -383,7 +383,7 @@ class Registry:
         else:
             hint = ": nodes.add(first, second)" if isinstance(implementation, (list, tuple, set)) else ""
             raise RegistrationError(f"{implementation!r} is neither a function nor a node class{hint}")
-        return create_manifest(id, implementation, self.types, names, distribution, format)
+        return create_manifest(id, implementation, self.types, names, library, format)
 
     # --- node libraries
 

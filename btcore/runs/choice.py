@@ -3,15 +3,17 @@
 A provider of a type is used if a leaf or a used provider needs the type, and no object of the program has it.
 A side-effect provider is used if one of its settings was given. The needed types are assigned one after the
 other. The candidates for a type are its providers whose required options were given, and whose own needs can
-be provided. Of several candidates, the first of these criteria decides:
+be provided. Of several candidates, the first criterion in which they differ decides:
 
-1. The provider takes the most of the given settings with a required option: with `--bag FILE --ros2 tiago`,
-   `bag_robot`, which takes both options, not `ros_robot`, and not `simulator`, which requires no option.
-2. The provider is used for another type anyway.
-3. The provider is the user's, not an installed one.
-4. The provider needs other objects, and only such as are used anyway: if leaves explore, they also navigate
-   by `exploring_navigator`, which needs the `exploration`.
-5. The provider is not a default.
+    | the best candidate …                      | for example, in a run …      | is preferred to            |
+    |-------------------------------------------|------------------------------|----------------------------|
+    | 1 takes the most of the given settings    | with `--bag F --ros2 tiago`, | `ros_robot`, which takes   |
+    |   with a required option                  | `bag_robot`                  | one, and `simulator`: none |
+    | 2 is used for another type anyway         | that explores, `exploration` | `navigation` (`Servers`)   |
+    | 3 is the user's, not an installed one     | with a plugin, its robot     | `simulator`                |
+    | 4 needs objects of other providers, which | that explores,               | `navigator`, which needs   |
+    |   are all used anyway                     | `exploring_navigator`        | `navigation`               |
+    | 5 is not a default                        | with another package's robot | `simulator`                |
 
 The other candidates are rejected. They are used for no other type either, and neither is a provider that
 needs what only they provide: the map of a simulated world does not fit another robot. Since they, or such a
@@ -28,7 +30,7 @@ and a `PoseNavigator`:
    `navigator`.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
 from typing import NamedTuple
 
 from btcore.clock import Clock
@@ -36,7 +38,7 @@ from btcore.errors import ProviderError
 from btcore.options import required_option_names
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.providers import Provider, TypeRef, fits, full_name
-from btcore.runs.settings import GivenSettings, RunSettings, Settings
+from btcore.runs.settings import RunSettings, Settings
 from btcore.suggestions import join_names, with_article
 
 _CLOCK = full_name(Clock)
@@ -81,7 +83,7 @@ class Choice(NamedTuple):
 def choose_providers(
     needed_types: Sequence[TypeRef],
     available: AvailableProviders,
-    settings: GivenSettings,
+    given: Set[type[Settings]],
     resources: Sequence[object] = (),
     optional_types: Sequence[TypeRef] = (),
 ) -> Choice:
@@ -89,6 +91,7 @@ def choose_providers(
 
     Args:
         needed_types: The types that the leaves of the tree need, and those that the program wants.
+        given: The classes of the settings that were given.
         resources: Objects of the program, which are preferred to providers.
         optional_types: Types that the program can do without. A provider that is used for one of them alone
             is not preferred for the needed types.
@@ -101,12 +104,12 @@ def choose_providers(
     requests += [_Request(type, is_optional=True) for type in optional_types]
     side_effects = [
         provider
-        for provider in available.with_side_effects(settings.keys() - {RunSettings})
-        if settings.keys() >= set(provider.required_settings)
+        for provider in available.with_side_effects(given - {RunSettings})
+        if given >= set(provider.required_settings)
     ]
     rejected: dict[Provider, str] = {}
     while True:
-        attempt = _Attempt(available, _Candidates(available, settings, resources, rejected))
+        attempt = _Attempt(available, _Candidates(available, given, resources, rejected))
         newly_rejected = attempt.assign(requests, side_effects)
         if not newly_rejected:
             return attempt.result()
@@ -121,7 +124,7 @@ class _Request(NamedTuple):
     chain: tuple[Provider, ...] = ()
 
     def __str__(self) -> str:
-        return f"{_join(self.chain) or 'a leaf'} needs {_with_article(self.type)}"
+        return f"{_join(self.chain) or 'a leaf'} needs {title_with_article(self.type)}"
 
 
 class _Found(NamedTuple):
@@ -136,7 +139,7 @@ class _Candidates(NamedTuple):
     """What can be provided in a run, unless it is rejected."""
 
     available: AvailableProviders
-    settings: GivenSettings
+    given: Set[type[Settings]]
     resources: Sequence[object]
     rejected: Mapping[Provider, str]
 
@@ -146,7 +149,7 @@ class _Candidates(NamedTuple):
         if len(set(map(id, fitting))) > 1 and len(set(map(type, fitting))) == 1:
             raise ProviderError(
                 f"the program provides {len(fitting)} objects of the class {type(fitting[0]).__name__}: the "
-                f"choice between them for {_with_article(needed_type)} would be arbitrary"
+                f"choice between them for {title_with_article(needed_type)} would be arbitrary"
             )
         return next(iter(fitting), None)
 
@@ -166,7 +169,7 @@ class _Candidates(NamedTuple):
             return f"is not used, because {self.rejected[provider]}"
         if provider in chain:
             return f"needs itself: {_join([*chain, provider])}"
-        missing = [settings for settings in provider.required_settings if settings not in self.settings]
+        missing = [settings for settings in provider.required_settings if settings not in self.given]
         if missing:
             options = [name for settings in missing for name in required_option_names(settings)]
             return f"is not used without {join_names(options)}"
@@ -174,7 +177,7 @@ class _Candidates(NamedTuple):
             if not request.is_optional and self.find_object(request.type) is None:
                 problem = self.find(request).problem
                 if problem:
-                    return f"needs {_with_article(request.type)}, but {problem}"
+                    return f"needs {title_with_article(request.type)}, but {problem}"
         return ""
 
     def _describe_problem(self, request: _Request, obstacles: Mapping[Provider, str]) -> str:
@@ -186,7 +189,7 @@ class _Candidates(NamedTuple):
             for other in provider.type_names
             if other != name and _title(other) == title
         )
-        problem = f"nothing provides {_with_article(request.type)}"
+        problem = f"nothing provides {title_with_article(request.type)}"
         if reasons:
             return f"{problem}: {'; '.join(reasons)}"
         return f"{problem} ({request})" if request.chain else problem
@@ -259,14 +262,14 @@ class _Attempt:
         best = [provider for provider in candidates if ranks[provider] == max(ranks.values())]
         if len(best) != 1:
             raise ProviderError(
-                f"{len(best)} providers provide {_with_article(request.type)}: "
+                f"{len(best)} providers provide {title_with_article(request.type)}: "
                 f"{join_names(map(repr, best))}; {request}. Choose one by an option, or pass the object"
             )
         return best[0]
 
     def _rank(self, provider: Provider) -> tuple[int, ...]:
-        """Return the criteria of the docstring of the module; the greatest rank is best."""
-        given = provider.settings.keys() & self._candidates.settings.keys()
+        """Return the five criteria of the table in the module's docstring; the greatest rank is best."""
+        given = provider.settings.keys() & self._candidates.given
         needed = [self._available.of_type(need.type_name) for need in provider.object_needs]
         return (
             sum(bool(required_option_names(settings)) for settings in given),
@@ -287,10 +290,10 @@ class _Attempt:
         return choice._replace(order=order)
 
     def _add_clock(self) -> None:
-        """Use a provider of the clock alone, unless the run has a clock or nothing but the core's providers.
+        """Use a provider that provides nothing but a clock, if no used provider is a clock.
 
-        The provider may need only what is used anyway, such as a ROS session: a run with ROS leaves waits on
-        the clock of the session.
+        What it needs must be provided anyway: `ros_clock` needs the session of ROS leaves, which wait on this
+        clock for messages. A run with nothing but providers of the core uses none, and imports none.
         """
         clocks = [provider for provider in self._used if provider.provides_clock]
         if len(clocks) > 1:
@@ -336,33 +339,10 @@ def _title(needed_type: TypeRef) -> str:
     return full_name(needed_type).rpartition(".")[2]
 
 
-def _with_article(needed_type: TypeRef) -> str:
+def title_with_article(needed_type: TypeRef) -> str:
+    """Return the name of a type without its module, with an article."""
     return with_article(_title(needed_type))
 
 
 def _join(chain: Sequence[Provider]) -> str:
     return " → ".join(map(repr, chain))
-
-
-def find_unused_settings(
-    choice: Choice, available: AvailableProviders, settings: GivenSettings
-) -> dict[type[Settings], str]:
-    """Return the settings that were given, but that no used provider takes, with the reasons.
-
-    Args:
-        choice: The used providers.
-    """
-    used = {RunSettings, *(taken for provider in choice.order for taken in provider.settings)}
-    reasons = {}
-    for unused in [given for given in settings if given not in used]:
-        takers = [provider for provider in available.all() if unused in provider.settings]
-        takers = [provider for provider in takers if not provider.settings[unused]] or takers
-        rejections = [choice.rejected[provider] for provider in takers if provider in choice.rejected]
-        types = dict.fromkeys(_with_article(provider.types[0]) for provider in takers if provider.types)
-        if rejections:
-            reasons[unused] = rejections[0]
-        elif types:
-            reasons[unused] = f"no leaf needs {join_names(list(types), 'or')}"
-        elif takers:
-            reasons[unused] = "it is not used"
-    return reasons

@@ -14,9 +14,10 @@ from btcore.entry_points import names_by_remedy
 from btcore.errors import BtcoreError, ProviderError
 from btcore.registry.resources import Resources
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.choice import Choice, choose_providers, find_unused_settings
+from btcore.runs.choice import Choice, choose_providers, title_with_article
 from btcore.runs.providers import TYPES_OF_RUN, Need, Provider, Report, TypeRef, fits, full_name, is_settings
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
+from btcore.suggestions import join_names
 from btcore.tree.tree import Tree
 
 
@@ -96,10 +97,13 @@ class RunProviders:
     """The providers of a run, which are chosen and then opened, and the objects of the run.
 
     Args:
+        leaf_types: The types that the leaves need.
         program_resources: The objects of the program.
         clock: The clock that the program has given, or None.
 
     Attributes:
+        wanted_types: The types that the program wants, and without which the run cannot begin.
+        optional_types: The types that the program can do without.
         choice: The used providers.
         report: The report of the run.
         tree: The first tree, or the tree that has replaced it; None before its creation.
@@ -110,6 +114,7 @@ class RunProviders:
         self,
         available: AvailableProviders,
         settings: GivenSettings,
+        leaf_types: Sequence[TypeRef],
         program_resources: Sequence[object],
         clock: Clock | None,
         report: Report,
@@ -118,33 +123,26 @@ class RunProviders:
         self._settings = settings
         self._program_resources = program_resources
         self._clock = clock
-        self._requested_types: Sequence[TypeRef] = ()
+        self._leaf_types = leaf_types
         self._opened: dict[Provider, OpenedProvider] = {}
+        self.wanted_types: list[TypeRef] = []
+        self.optional_types: list[TypeRef] = []
         self.choice = Choice()
         self.report = report
         self.tree: Tree | None = None
         self.resources = Resources()
         self.resources.remedy = "the run does not provide it"
 
-    def choose(
-        self,
-        leaf_types: Sequence[TypeRef],
-        wanted_types: Sequence[TypeRef],
-        optional_types: Sequence[TypeRef],
-    ) -> None:
-        """Choose the providers.
-
-        Args:
-            leaf_types: The types that the leaves need.
-            wanted_types: The types that the program wants, and without which the run cannot begin.
-            optional_types: The types that the program can do without.
-        """
-        needed_types = [*leaf_types, *wanted_types]
-        self._requested_types = [*needed_types, *optional_types]
+    def choose(self) -> None:
+        """Choose the providers."""
         self.choice = choose_providers(
-            needed_types, self._available, self._settings, self._program_resources, optional_types
+            [*self._leaf_types, *self.wanted_types],
+            self._available,
+            self._settings.classes,
+            self._program_resources,
+            self.optional_types,
         )
-        for name in map(full_name, wanted_types):
+        for name in map(full_name, self.wanted_types):
             problem = self.choice.problems.get(name)
             if problem is not None:
                 raise ProviderError("; ".join([problem, *self._explain_unavailable()]))
@@ -165,7 +163,7 @@ class RunProviders:
                 known = set(map(id, self.resources))
                 objects = self._open(provider, stack)
                 self.resources += [provided for provided in objects if id(provided) not in known]
-        for type in self._requested_types:
+        for type in (*self._leaf_types, *self.wanted_types, *self.optional_types):
             assigned = self._find_assigned(full_name(type))
             if assigned is not None:
                 self.resources.assign(type, assigned)
@@ -240,12 +238,26 @@ class RunProviders:
 
     def find_unused_settings(self) -> dict[type[Settings], str]:
         """Return the settings that were given, but that no used provider takes, with the reasons."""
-        return find_unused_settings(self.choice, self._available, self._settings)
+        choice = self.choice
+        used = {RunSettings, *(taken for provider in choice.order for taken in provider.settings)}
+        reasons = {}
+        for unused in [settings for settings in self._settings.classes if settings not in used]:
+            takers = [provider for provider in self._available.all() if unused in provider.settings]
+            takers = [provider for provider in takers if not provider.settings[unused]] or takers
+            rejections = [choice.rejected[provider] for provider in takers if provider in choice.rejected]
+            types = dict.fromkeys(title_with_article(taker.types[0]) for taker in takers if taker.types)
+            if rejections:
+                reasons[unused] = rejections[0]
+            elif types:
+                reasons[unused] = f"no leaf needs {join_names(list(types), 'or')}"
+            elif takers:
+                reasons[unused] = "it is not used"
+        return reasons
 
-    def explain_missing(self, leaf_types: Sequence[TypeRef]) -> Iterator[str]:
+    def explain_missing(self) -> Iterator[str]:
         """Yield why objects are missing that the leaves need."""
         unknown = []
-        for type in leaf_types:
+        for type in self._leaf_types:
             name = full_name(type)
             provider, problem = self.choice.providers.get(name), self.choice.problems.get(name)
             if provider is not None and self.choice.opens_after_tree(provider):
@@ -273,17 +285,11 @@ class RunProviders:
     def _collect_arguments(self, provider: Provider) -> dict[str, object]:
         return {need.parameter: self._find_argument(provider, need) for need in provider.needs}
 
-    def _find_object_of_run(self, type: TypeRef) -> object:
-        """Return the object for one of `TYPES_OF_RUN`."""
-        if type is Clock:
-            return self.clock
-        if type is Tree:
-            return self.tree
-        return self.report if type is Report else self.resources
-
     def _find_argument(self, provider: Provider, need: Need) -> object:
+        if need.type is Clock:
+            return self.clock
         if need.type in TYPES_OF_RUN:
-            return self._find_object_of_run(need.type)
+            return self.tree if need.type is Tree else self.report if need.type is Report else self.resources
         if is_settings(need.type):
             return self._settings.find(need.type)
         assigned = self._find_assigned(need.type_name)

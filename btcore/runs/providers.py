@@ -53,15 +53,22 @@ the `with` block of the run ("interrupted", if it is a KeyboardInterrupt or Syst
 class Report(dict[str, object]):
     """The results of a run for the summary and for `--json`, by heading. A provider may have it as parameter.
 
+    Args:
+        find_end_reason: Returns why the run ended, or None before its end.
+
     Attributes:
-        end_reason: Why the run ended; None before its end.
         print_warning: Prints the warnings, by default on stderr.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, find_end_reason: Callable[[], EndReason | None] = lambda: None) -> None:
         super().__init__()
-        self.end_reason: EndReason | None = None
+        self._find_end_reason = find_end_reason
         self.print_warning = _print_warning
+
+    @property
+    def end_reason(self) -> EndReason | None:
+        """Why the run ended; None before its end."""
+        return self._find_end_reason()
 
     def warn(self, message: str) -> None:
         """Print a warning."""

@@ -27,7 +27,7 @@ from btcore.runs.choice import Choice
 from btcore.runs.opening import RunProviders
 from btcore.runs.providers import EndReason, Provider, Report, TypeRef
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
-from btcore.runs.tick_loop import TickLoop, Until
+from btcore.runs.tick_loop import LoopEnd, TickLoop, Until
 from btcore.signals import EndingSignals
 from btcore.status import Status
 from btcore.tree.tree import Tree
@@ -153,24 +153,24 @@ class Run:
         self._sources = [_plan_source(each, arguments) for each in sources]
         self._load_arguments = arguments
         plans = [planned for planned in self._sources if isinstance(planned, Plans)]
-        self._leaf_types = list(dict.fromkeys(chain(*(tree.required_resources() for tree in plans))))
-        self._wanted_types: list[TypeRef] = []
-        self._optional_types: list[TypeRef] = []
+        leaf_types = list(dict.fromkeys(chain(*(tree.required_resources() for tree in plans))))
         self._prepare = prepare
         # `GivenSettings` come from the options of a command, whose values click has checked.
         self.settings = settings if isinstance(settings, GivenSettings) else GivenSettings.checked(settings)
         self.run_settings = self.settings[RunSettings]
-        self.report = Report()
+        self.report = Report(lambda: self.end_reason)
         self.error: NodeExecutionError | None = None
         self.elapsed_s = 0.0
         self.wall_s = 0.0
         available = providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)
         resources, clock = find_resources(arguments), arguments.get("clock")
-        self._providers = RunProviders(available, self.settings, resources, clock, self.report)
+        self._providers = RunProviders(available, self.settings, leaf_types, resources, clock, self.report)
         self._loop = TickLoop(self.run_settings)
         self._signals = EndingSignals()
         self._stack = ExitStack()
         self._has_exited = False
+        self._loop_end: LoopEnd | None = None
+        self._exception: BaseException | None = None  # what left the `with` block
 
     # --- opening
 
@@ -181,10 +181,8 @@ class Run:
             types: The types.
             optional: Whether the run continues if nothing provides one of them.
         """
-        if optional:
-            self._optional_types += types
-        else:
-            self._wanted_types += types
+        wanted = self._providers.optional_types if optional else self._providers.wanted_types
+        wanted += types
         return self
 
     def find(self, type: Callable[..., T]) -> T | None:  # type[T] would exclude protocols
@@ -204,7 +202,7 @@ class Run:
         with ExitStack() as stack:
             stack.enter_context(self._signals)
             providers = self._providers
-            providers.choose(self._leaf_types, self._wanted_types, self._optional_types)
+            providers.choose()
             providers.open_before_tree(stack)
             self._loop.trees = [self._create_tree(source) for source in self._sources]
             if self._prepare is not None:
@@ -264,7 +262,7 @@ class Run:
             with paused_garbage_collection():
                 return instantiate(source, self.resources, blackboard, self.clock, tick_limit)
         except TreeError as error:
-            for note in self._providers.explain_missing(self._leaf_types):
+            for note in self._providers.explain_missing():
                 error.add_note(note)
             raise
 
@@ -300,7 +298,7 @@ class Run:
         began = time.perf_counter()
         try:
             with self._stop_at_signal(loop.stop), self._keep_leaf_error():
-                self.report.end_reason = loop.run()
+                self._loop_end = loop.run()
             self._halt()
         finally:
             self.elapsed_s = loop.elapsed_ns / NS_PER_S
@@ -333,7 +331,6 @@ class Run:
         self._check_open()
         with self._stop_at_signal(stop):
             program()
-        self.report.end_reason = "interrupted" if self._signals.number else "done"
 
     def pause(self) -> None:
         """Let `tick_to_end` stop ticking before the next tick, until `resume`. Any thread may call it.
@@ -359,7 +356,6 @@ class Run:
             yield
         except NodeExecutionError as error:
             self.error = error
-            self.report.end_reason = "raised"
             raise
 
     @contextmanager
@@ -411,19 +407,15 @@ class Run:
         Raises:
             NodeExecutionError: A leaf raised an exception when it was halted.
         """
-        if error is not None and error is not self.error and self.end_reason != "interrupted":
-            self.report.end_reason = "program_error" if isinstance(error, Exception) else "interrupted"
-        elif self.end_reason is None:
-            self.report.end_reason = "done"
-        was_interrupted = self.end_reason == "interrupted"
         self._has_exited = True
+        self._exception = error
+        was_interrupted = self.end_reason == "interrupted"
         try:
             self._stack.__exit__(kind, error, trace)
         except (KeyboardInterrupt, SystemExit):  # as `EndingSignals` raises them
+            # The first signal of the run has ended the waits of the providers.
             if was_interrupted or not self._signals.number:
                 raise
-            # The first signal of the run has ended the waits of the providers.
-            self.report.end_reason = "interrupted"
 
     @property
     def closing_errors(self) -> list[BtcoreError]:
@@ -449,7 +441,13 @@ class Run:
     @property
     def end_reason(self) -> EndReason | None:
         """Why the run ended; None before its end."""
-        return self.report.end_reason
+        was_signalled = bool(self._signals.number)
+        if self.error is not None and self._exception in (None, self.error):
+            return "raised"
+        if self._exception is None and not was_signalled:
+            return "done" if self._loop_end is None and self._has_exited else self._loop_end
+        is_error = isinstance(self._exception, Exception) and not was_signalled
+        return "program_error" if is_error else "interrupted"
 
     @property
     def exit_code(self) -> ExitCode:

@@ -1,7 +1,7 @@
 """Settings: the options of providers, and those of every run."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Sequence, Set
 from typing import Annotated, Self, TypeVar
 
 from btcore.errors import SettingsError
@@ -57,11 +57,11 @@ class RunSettings(Settings):
     fast: Annotated[bool, option("Use simulated time and run as fast as possible.")] = False
 
 
-class GivenSettings(dict[type[Settings], Settings]):
-    """The settings that were given for a run, by their classes. A class that is missing has its defaults."""
+class GivenSettings:
+    """The settings that were given for a run, one object of each class. Other classes have their defaults."""
 
     def __init__(self, settings: Iterable[Settings] = ()) -> None:
-        super().__init__((type(given), given) for given in settings)
+        self._by_class = {type(given): given for given in settings}
 
     @classmethod
     def checked(cls, settings: Sequence[Settings]) -> Self:
@@ -76,15 +76,25 @@ class GivenSettings(dict[type[Settings], Settings]):
                 raise SettingsError(f"{settings_type.__name__} are given {count} times")
         return cls(map(check_settings, settings))
 
+    @property
+    def classes(self) -> Set[type[Settings]]:
+        """The classes of the given settings."""
+        return self._by_class.keys()
+
+    def replace(self, settings: Settings) -> None:
+        """Use *settings* in place of those of their class."""
+        self._by_class[type(settings)] = settings
+
     def __getitem__(self, settings: type[AnySettings]) -> AnySettings:
         """Return the settings of a class, given or with their defaults.
 
         Raises:
             TypeError: They have a required option, which was not given.
         """
-        given = self.get(settings)
+        given = self._by_class.get(settings)
         return settings() if given is None else given  # type: ignore[return-value]
 
     def find(self, settings: type[AnySettings]) -> AnySettings | None:
         """Return the settings of a class; None if a required option was not given."""
-        return None if settings not in self and required_option_names(settings) else self[settings]
+        is_missing = settings not in self.classes and required_option_names(settings)
+        return None if is_missing else self[settings]

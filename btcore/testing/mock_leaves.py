@@ -156,6 +156,6 @@ def with_mock_leaves(nodes: Registry, outputs: GivenOutputs | None = None) -> Re
     for format in (3, 4):
         for id, manifest in copy.manifests_of(format).items():
             mock = mocks.get(manifest.type)
-            if mock is not None and manifest.distribution != "btcore" and id not in copy.substitutions:
+            if mock is not None and manifest.library != "btcore" and id not in copy.substitutions:
                 copy.substitute(id, mock)
     return copy

@@ -255,8 +255,8 @@ def _find_own_nodes(tags: Collection[str] | None, nodes: Registry | None, format
         if tag in built_in:
             continue
         manifest = nodes.get(tag, format) if nodes is not None else None
-        if manifest is None or manifest.distribution == "btcore":
-            known = [*built_in, *(item.id for item in nodes or () if item.distribution != "btcore")]
+        if manifest is None or manifest.library == "btcore":
+            known = [*built_in, *(item.id for item in nodes or () if item.library != "btcore")]
             hint = did_you_mean(tag, known) or "; pass the registry that has it: nodes=registry"
             raise InvalidArgument(f"random trees cannot contain <{tag}>{hint}")
         own[tag] = manifest

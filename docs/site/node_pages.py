@@ -120,7 +120,7 @@ class NodePage:
     @property
     def group(self) -> str:
         """The group of the node in the index."""
-        if self.newest.distribution == "btcore":
+        if self.newest.library == "btcore":
             return GROUPS[0]
         module = (self.newest.function or self.newest.cls).__module__
         return GROUPS[2] if module.startswith(NAV2) else GROUPS[1]
@@ -209,7 +209,7 @@ def _facts(manifest: Manifest, formats: list[int]) -> list[str]:
     """Return a table of what the class of a node declares."""
     rows = {
         "kind": manifest.type.name.lower(),
-        "package": manifest.distribution,
+        "package": manifest.library,
         "formats": _formats(formats),
     }
     if manifest.type not in (NodeType.ACTION, NodeType.CONDITION, NodeType.SUBTREE):
@@ -217,7 +217,7 @@ def _facts(manifest: Manifest, formats: list[int]) -> list[str]:
     rows["results"] = " ".join(status(result.name) for result in possible_statuses(manifest, formats[0]))
     if manifest.required_resources:
         rows["resources"] = ", ".join(f"`{type.__name__}`" for type in manifest.required_resources)
-    if manifest.distribution == "btcore":
+    if manifest.library == "btcore":
         kept = state_fields_of(manifest.cls)
         rows["state between ticks"] = "yes" if kept else "none"
         has_batch = manifest.cls in BATCH_CLASSES

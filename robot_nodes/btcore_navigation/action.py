@@ -87,6 +87,10 @@ class GoalHandle(Generic[Goal, Feedback, Value]):
         """Whether the goal has ended, with any outcome."""
         return self.status in ENDED
 
+    def poll(self) -> bool:
+        """Take what has arrived from the server, and return whether the goal has ended. Clients call it."""
+        return self.done
+
     def cancel(self) -> None:
         """Request the server to end this goal. A goal that has ended keeps its status."""
         if not self.done:
@@ -113,8 +117,7 @@ class GoalHandle(Generic[Goal, Feedback, Value]):
         self._end(GoalStatus.CANCELED, ActionResult(0, message))
 
     def _end(self, status: GoalStatus, result: ActionResult[Value]) -> None:
-        # Not `done`, which may take what has arrived: a cancelled goal would end before it gets this result.
-        if self.status not in ENDED:
+        if not self.done:
             self.status = status
             self.result = result
 

@@ -133,8 +133,8 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, tuple[WaypointStatu
         through: Whether goals have several poses.
         on_end: A function that is called with the outcome of every goal.
         hold: A function that returns whether goals have to wait; the tree is not ticked in this time.
-        give_up_reason: A function that is called with the time (ns) at which a waiting goal began. It returns
-            the error code and the message of a goal to abort, or None if the goal continues to wait.
+        keep_waiting: A function that is called in each period in which a goal waits, with the time (ns) at
+            which the goal began. It returns the error code and the message of a goal to abort, or None.
         check_goal: A function that is called with each pose of a new goal. It raises a PlannerError to reject
             the goal.
         slowest: The average speed (m/s) from which on a detour is progress.
@@ -153,7 +153,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, tuple[WaypointStatu
         through: bool = False,
         on_end: Callable[[GoalOutcome], None] | None = None,
         hold: Callable[[], bool] | None = None,
-        give_up_reason: Callable[[int], tuple[Nav2ErrorCode, str] | None] | None = None,
+        keep_waiting: Callable[[int], tuple[Nav2ErrorCode, str] | None] | None = None,
         check_goal: Callable[[Pose2D], None] | None = None,
         slowest: float = MIN_PROGRESS_SPEED,
     ) -> None:
@@ -169,7 +169,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, tuple[WaypointStatu
         self._nodes = nodes
         self._on_end = on_end
         self._hold = hold
-        self._give_up_reason = give_up_reason
+        self._keep_waiting = keep_waiting
         self._check_goal = check_goal
         self._progress = GoalProgress(servers.goal_tolerance, slowest)
         self._plan_failure: ActionResult[object] | None = None
@@ -238,7 +238,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, tuple[WaypointStatu
         if self._hold is not None and self._hold():
             self._progress.pause(elapsed)
             self._defer_feedback(handle, tree, now)
-            reason = self._give_up_reason(self._began) if self._give_up_reason is not None else None
+            reason = self._keep_waiting(self._began) if self._keep_waiting is not None else None
             if reason is not None:
                 self._give_up(handle, *reason, now)
             return

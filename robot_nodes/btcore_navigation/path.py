@@ -94,14 +94,9 @@ class NavPath:
         return self.frame == other.frame and np.array_equal(self.poses, other.poses)
 
 
-def empty_path(stamp: int, frame: str = "map") -> NavPath:
-    """Return a path without poses.
-
-    Args:
-        stamp: The time (ns) of planning.
-        frame: The name of the path's frame.
-    """
-    return NavPath(np.zeros((0, 3)), stamp, frame)
+def empty_path(stamp: int) -> NavPath:
+    """Return a path without poses, planned at *stamp* (ns), in the frame `map`."""
+    return NavPath(np.zeros((0, 3)), stamp, "map")
 
 
 def path_through(points: NDArray[np.float64], goal: Pose2D, stamp: int, frame: str = "map") -> NavPath:

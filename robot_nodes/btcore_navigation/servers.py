@@ -144,9 +144,25 @@ class Servers(NavigationServers):
         here = self.pose()
         return path.remaining(here.x, here.y) if here is not None else 0.0
 
+    @property
+    def by_action(self) -> dict[str, ActionServer[Any, Any, Any]]:
+        """The servers, also those of the navigators, by Nav2's names of their actions."""
+        return {
+            "compute_path_to_pose": self.compute_path,
+            "compute_path_through_poses": self.compute_path,
+            "follow_path": self.follow_path,
+            "spin": self.spin,
+            "backup": self.back_up,
+            "drive_on_heading": self.drive_on_heading,
+            "wait": self.wait,
+            "assisted_teleop": self.assisted_teleop,
+            "smooth_path": self.smooth_path,
+            **self.navigators,
+        }
+
     def send_goal(self, goal: object, action: str, server_name: str = "") -> AnyGoalHandle:
         """Send a goal; see `NavigationServers.send_goal`."""
-        server = self._server(action)
+        server = self.by_action.get(action)
         if server is None:
             return _aborted(
                 goal, Nav2ErrorCode.SEND_GOAL_FAILURE, f"this navigation has no server of {action}"
@@ -155,7 +171,7 @@ class Servers(NavigationServers):
 
     def cancel_goals(self, action: str, server_name: str = "") -> AnyGoalHandle:
         """Cancel the current goal of a server; see `NavigationServers.cancel_goals`."""
-        server = self._server(action)
+        server = self.by_action.get(action)
         current = server.current if server is not None else None
         if current is not None:
             current.cancel()
@@ -216,26 +232,6 @@ class Servers(NavigationServers):
 
     def _recoveries(self) -> tuple[ActionServer[Any, Any, Any], ...]:
         return self.spin, self.back_up, self.drive_on_heading, self.wait, self.assisted_teleop
-
-    def _server(self, action: str) -> ActionServer[Any, Any, Any] | None:
-        match action:
-            case "compute_path_to_pose" | "compute_path_through_poses":
-                return self.compute_path
-            case "follow_path":
-                return self.follow_path
-            case "spin":
-                return self.spin
-            case "backup":
-                return self.back_up
-            case "drive_on_heading":
-                return self.drive_on_heading
-            case "wait":
-                return self.wait
-            case "assisted_teleop":
-                return self.assisted_teleop
-            case "smooth_path":
-                return self.smooth_path
-        return self.navigators.get(action)
 
     def _clear(self, request: ClearCostmap, service_name: str) -> AnyGoalHandle:
         around_pose = request.area is ClearedArea.AROUND_POSE

@@ -179,7 +179,7 @@ class Navigation:
                 through=through,
                 on_end=self._outcomes.append,
                 hold=self.goals_wait,
-                give_up_reason=self.give_up_reason,
+                keep_waiting=self.keep_waiting,
                 check_goal=planner.check_goal,
                 slowest=_DETOUR_SPEED * min(parameters.controller.max_vel_x, robot.base.v_max),
             )
@@ -275,10 +275,10 @@ class Navigation:
         battery = self.robot.battery()
         return battery is not None and battery.level <= 0.0
 
-    def give_up_reason(self, began: int) -> tuple[Nav2ErrorCode, str] | None:
-        """Return error code and message of a goal that stops waiting, or None if the goal continues to wait.
+    def keep_waiting(self, began: int) -> tuple[Nav2ErrorCode, str] | None:
+        """Let a goal wait on, and return None; or return why it gives up: an error code and a message.
 
-        A goal that began after the robot gave up its search makes the robot search again.
+        If the goal began after the robot gave up the search for its pose, the robot searches again.
 
         Args:
             began: The time (ns) at which the goal began.

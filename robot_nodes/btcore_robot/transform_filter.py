@@ -3,18 +3,15 @@
 from collections import deque
 from typing import Generic, Protocol, TypeVar
 
+from btcore_robot.time_limits import Stamped
 from btcore_robot.transforms import TransformTree
 
 MAX_WAITING = 10
 """The number of readings that wait: one second of a laser at 10 Hz."""
 
 
-class FramedReading(Protocol):
+class FramedReading(Stamped, Protocol):
     """A reading with the time of its measurement and the frame of the sensor."""
-
-    @property
-    def stamp(self) -> int:
-        """The time (ns) of the measurement."""
 
     @property
     def frame(self) -> str:

@@ -12,7 +12,6 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 from btcore.clock import NS_PER_S
 from btcore.suggestions import did_you_mean
@@ -21,6 +20,7 @@ from btcore_robot.robot import Phase, Pose2D
 from btcore_sim.clearance_map import BESIDE_HULL, ClearanceMap, Point
 from btcore_sim.errors import SimError
 from btcore_sim.obstacles import FROM_WAYPOINTS, passable
+from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
 from btcore_sim.world_description import WorldDescription, WorldObject
 
@@ -208,25 +208,6 @@ def with_boxes(description: WorldDescription, events: Sequence[Event], spare: in
     return replace(description, objects=(*description.objects, *boxes))
 
 
-class EventTarget(Protocol):
-    """The robot that is affected by events."""
-
-    def true_pose(self) -> Pose2D:
-        """Return the true pose (m, rad)."""
-
-    def ramped_twist(self) -> tuple[float, float]:
-        """Return the velocity (m/s, rad/s) that is commanded to the wheels."""
-
-    def kidnap(self, pose: Pose2D) -> None:
-        """Move the robot to *pose* at once, without a change of its odometry."""
-
-    def carry(self, way: Sequence[Pose2D], speed: float) -> None:
-        """Begin to carry the robot along *way* at *speed* (m/s), without a change of its odometry."""
-
-    def carried_along(self) -> Sequence[Pose2D]:
-        """Return the poses along which the robot is still to be carried; empty if it is not being carried."""
-
-
 class EventRunner:
     """Triggers *events* for *robot*, which has the radius *radius* (m).
 
@@ -238,7 +219,7 @@ class EventRunner:
     def __init__(
         self,
         world: World,
-        robot: EventTarget,
+        robot: SimulatedRobot,
         radius: float,
         events: Sequence[Event],
         floor: ClearanceMap,

@@ -242,8 +242,8 @@ def _crate(size: Size, color: Color) -> list[LookPart]:
     return parts
 
 
-def _round(across: float, high: float, z: float, color: Color, kind: str = "cylinder") -> LookPart:
-    return LookPart(kind, (across, across, high), (0.0, 0.0, z), color)
+def _round(across: float, high: float, z: float, color: Color) -> LookPart:
+    return LookPart("cylinder", (across, across, high), (0.0, 0.0, z), color)
 
 
 def _drum(size: Size, color: Color) -> list[LookPart]:

@@ -33,7 +33,6 @@ def rasterise(
     description: WorldDescription,
     resolution: float = RESOLUTION,
     *,
-    height: float = LASER_HEIGHT,
     movable: bool = False,
 ) -> OccupancyMap:
     """Return the map of the static objects that cut the laser's plane.
@@ -49,11 +48,10 @@ def rasterise(
     Args:
         description: The world.
         resolution: The side length of a cell (m).
-        height: The height of the laser's plane (m).
         movable: Whether to draw movable objects too, at their initial poses.
     """
     if description.walls is not None:
-        return _drawn_on(description.walls.map, description, height, movable)
+        return _drawn_on(description.walls.map, description, movable)
     x0, y0, x1, y1 = world_extent(description)
     origin = _snapped(x0, resolution), _snapped(y0, resolution)
     width = math.ceil((x1 - origin[0]) / resolution - 1e-9) + _MARGIN
@@ -61,34 +59,31 @@ def rasterise(
     occupied = np.zeros((rows, width), dtype=np.bool_)
     glass = np.zeros((rows, width), dtype=np.bool_)
     for item in description.objects:
-        if item.meets(height) and (item.is_static or (movable and item.mass > 0.0)):
+        if item.meets(LASER_HEIGHT) and (item.is_static or (movable and item.mass > 0.0)):
             draw(item, glass if item.is_glass else occupied, origin, resolution)
     cells = np.where(occupied, 100, -1).astype(np.int8)
-    keepout = description.keepout + overhangs(description, height, resolution)
+    keepout = description.keepout + overhangs(description, resolution)
     map = OccupancyMap(cells, round(resolution, 9), origin, keepout)
     cells[_reached(map, glass, description)] = 0
     return map
 
 
-def _drawn_on(map: OccupancyMap, description: WorldDescription, height: float, movable: bool) -> OccupancyMap:
+def _drawn_on(map: OccupancyMap, description: WorldDescription, movable: bool) -> OccupancyMap:
     """Return *map* with the objects of *description* as occupied cells."""
     drawn = np.zeros(map.cells.shape, dtype=np.bool_)
     for item in description.objects:
-        if item.meets(height) and (item.is_static or (movable and item.mass > 0.0)):
+        if item.meets(LASER_HEIGHT) and (item.is_static or (movable and item.mass > 0.0)):
             draw(item, drawn, map.origin, map.resolution)
     cells = np.where(drawn, 100, map.cells).astype(np.int8)
-    keepout = description.keepout + overhangs(description, height, map.resolution)
+    keepout = description.keepout + overhangs(description, map.resolution)
     return OccupancyMap(cells, map.resolution, map.origin, keepout)
 
 
-def overhangs(
-    description: WorldDescription, height: float = LASER_HEIGHT, resolution: float = RESOLUTION
-) -> tuple[Rectangle, ...]:
+def overhangs(description: WorldDescription, resolution: float = RESOLUTION) -> tuple[Rectangle, ...]:
     """Return the outlines of the static objects that the robot can hit but its laser does not detect.
 
     Args:
         description: The world.
-        height: The height of the laser above the floor (m).
         resolution: The length (m) up to which the outlines of prisms and of glass are exact.
 
     Returns:
@@ -98,7 +93,7 @@ def overhangs(
     outlines: list[Rectangle] = []
     for item in description.objects:
         low, high = item.position[2], item.position[2] + item.size[2]
-        unseen = item.is_glass or not item.meets(height)
+        unseen = item.is_glass or not item.meets(LASER_HEIGHT)
         if not (item.is_static and unseen and low < ROBOT_HEIGHT and high > _UNDERFOOT):
             continue
         if item.kind == "prism" or (item.is_glass and item.yaw):

@@ -4,11 +4,14 @@ import math
 from collections.abc import Sequence
 from functools import cached_property
 from statistics import median
+from typing import TYPE_CHECKING
 
 from btcore.clock import NS_PER_S
 from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import GoalOutcome, NavigationReporter, Phase, Pose2D
-from btcore_sim.simulated_robot import SimulatedRobot
+
+if TYPE_CHECKING:
+    from btcore_sim.simulated_robot import SimulatedRobot
 
 FIRST_MEASUREMENT = NS_PER_S
 """Time (ns) of the first measurement: until then every navigator waits for its first scans."""
@@ -73,7 +76,7 @@ class RunMetrics:
     a second. It is searched at the first measurement: the resources of a run are not complete before.
     """
 
-    def __init__(self, body: SimulatedRobot, resources: Sequence[object]) -> None:
+    def __init__(self, body: "SimulatedRobot", resources: Sequence[object]) -> None:
         self._body = body
         self._resources = resources
         self._errors: list[float] = []
@@ -178,7 +181,7 @@ class RunMetrics:
         }
 
 
-def odometry_error(body: SimulatedRobot) -> float:
+def odometry_error(body: "SimulatedRobot") -> float:
     """Return the distance (m) between the true position and the position by odometry from the true start."""
     start, pose, true = body.start_pose, body.odometry().pose, body.true_pose()
     cos, sin = math.cos(start.yaw), math.sin(start.yaw)

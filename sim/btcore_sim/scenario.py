@@ -10,9 +10,10 @@ from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import Pose2D
 from btcore_sim.clearance_map import BESIDE_HULL, ClearanceMap, Point
 from btcore_sim.errors import SimError
-from btcore_sim.events import Event, EventRunner, EventTarget, with_boxes
+from btcore_sim.events import Event, EventRunner, with_boxes
 from btcore_sim.obstacles import with_obstacles
 from btcore_sim.people import PeopleSimulation, with_people
+from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World, random_generator
 from btcore_sim.world_description import WorldDescription
 
@@ -48,13 +49,9 @@ class Scenario:
             )
         if self.people:
             description = with_people(description, self.people, random_generator(seed, "people"))
-        return (
-            with_boxes(description, self.events, self.spare_boxes)
-            if self.events or self.spare_boxes
-            else description
-        )
+        return with_boxes(description, self.events, self.spare_boxes)
 
-    def begin(self, world: World, robot: EventTarget, radius: float) -> EventRunner | None:
+    def begin(self, world: World, robot: SimulatedRobot, radius: float) -> EventRunner | None:
         """Let the people walk, and schedule the events.
 
         Args:

@@ -1,12 +1,18 @@
-"""A robot in a simulated world during a run, with its report."""
+"""A robot in a simulated world during a run, with its report.
+
+This module can be imported without pybullet, to find out whether the robot of a run is simulated.
+"""
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from btcore_robot.robot import Pose2D
-from btcore_sim.events import EventRunner
 from btcore_sim.run_metrics import RunMetrics
-from btcore_sim.simulated_robot import SimulatedRobot
-from btcore_sim.world_description import WorldDescription
+
+if TYPE_CHECKING:
+    from btcore_sim.events import EventRunner
+    from btcore_sim.simulated_robot import SimulatedRobot
+    from btcore_sim.world_description import WorldDescription
 
 
 class Simulation:
@@ -22,9 +28,9 @@ class Simulation:
 
     def __init__(
         self,
-        robot: SimulatedRobot,
-        description: WorldDescription,
-        events: EventRunner | None,
+        robot: "SimulatedRobot",
+        description: "WorldDescription",
+        events: "EventRunner | None",
         resources: Sequence[object],
         known_start: Pose2D | None,
     ) -> None:

@@ -191,7 +191,7 @@ def harnesses(example: node_examples.NodeExample, format: int) -> Iterator[Harne
 def test_no_leaf_of_the_robot_returns_skipped() -> None:
     """node_pages.possible_statuses() leaves SKIPPED out for these leaves, whose classes do not declare it."""
     for manifest in NODES.manifests.values():
-        if manifest.distribution != "btcore" and manifest.type in (NodeType.ACTION, NodeType.CONDITION):
+        if manifest.library != "btcore" and manifest.type in (NodeType.ACTION, NodeType.CONDITION):
             source = inspect.getsource(manifest.function or manifest.cls)
             assert re.search(r"(?<!WaypointState\.)\bSKIPPED\b", source) is None, manifest.id
             assert Status.SKIPPED not in node_pages.possible_statuses(manifest, 4)

@@ -58,7 +58,7 @@ def shipped() -> dict[str, Manifest]:
     return {
         id: manifest
         for id, manifest in nodes.manifests_of(4).items()
-        if manifest.distribution != "btcore"
+        if manifest.library != "btcore"
         and (manifest.type in leaves or (manifest.type is NodeType.DECORATOR and resources_of(manifest)))
     }
 
@@ -235,15 +235,14 @@ class RandomGoal(GoalHandle[Any, Any, Any]):
         self._draw = rng
         self._fate = rng.choice(["ends", "ends", "ends", "silent", "forever"])
 
-    @property
-    def done(self) -> bool:
-        """Whether the goal has ended; it may end when this property is read."""
-        if not super().done and self._fate != "silent":
+    def poll(self) -> bool:
+        """Return whether the goal has ended; it may end at this call."""
+        if not self.done and self._fate != "silent":
             self.status = type(self.status).EXECUTING
             self.feedback = FollowPathFeedback()
             if self._fate == "ends" and self._draw.random() < 0.4:
                 self._draw.choice([self._succeed, self._abort, self.canceled])()
-        return super().done
+        return self.done
 
     def _succeed(self) -> None:
         kinds: dict[type, object] = {CheckPath: PathCheck(self._draw.random() < 0.5, (Pose2D(0, 0, 0),))}
@@ -307,7 +306,7 @@ def random_resources(robot: Any, rng: random.Random, used: list[str], tmp_path: 
     explorer = SimpleNamespace(
         go_to=go_to,
         must_wait=lambda: rng.random() < 0.3,
-        give_up_reason=lambda began: rng.choice([None, (1, "no scan")]),
+        keep_waiting=lambda began: rng.choice([None, (1, "no scan")]),
         goals_wait=lambda: rng.random() < 0.3,
         estimate=lambda: Pose2D(0, 0, 0),
         next_goal=maybe(Pose2D(1, 1, 0)),

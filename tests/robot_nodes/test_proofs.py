@@ -42,7 +42,7 @@ def test_the_nodes_of_the_packages_may_run_twice_from_the_same_state(
     found = [
         manifest
         for manifest in nodes.manifests_of(4).values()
-        if manifest.distribution != "btcore"
+        if manifest.library != "btcore"
         and manifest.type in (NodeType.CONTROL, NodeType.DECORATOR)
         and not resources_of(manifest)
     ]

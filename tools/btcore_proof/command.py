@@ -220,7 +220,7 @@ def _has_libraries(tree: Tree, nodes: Registry, plugins: Sequence[str]) -> bool:
     own = {"btcore", *(Path(plugin).stem if plugin.endswith(".py") else plugin for plugin in plugins)}
     manifests = [nodes.get(node.config.id, node.config.format) for node in tree.nodes]
     return any(
-        manifest.distribution not in own and not issubclass(manifest.cls, MockAction)
+        manifest.library not in own and not issubclass(manifest.cls, MockAction)
         for manifest in manifests
         if manifest is not None
     )

@@ -577,7 +577,7 @@ def with_model_leaves(nodes: Registry, declared: Mapping[str, Mapping[str, objec
             is_decorator = manifest.type is NodeType.DECORATOR and (
                 bool(resources_of(manifest)) or id in declared
             )
-            if not (is_leaf or is_decorator) or manifest.distribution == "btcore" or id in copy.substitutions:
+            if not (is_leaf or is_decorator) or manifest.library == "btcore" or id in copy.substitutions:
                 continue
             model = model_of(manifest, declared.get(id))
             if is_decorator and model.uses:

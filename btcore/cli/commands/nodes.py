@@ -47,7 +47,7 @@ def nodes(ids: Sequence[str], options: PaletteOptions, as_xml: bool, as_json: bo
 
 
 def _print(manifests: Sequence[Manifest]) -> None:
-    several = len({manifest.distribution for manifest in manifests}) > 1
+    several = len({manifest.library for manifest in manifests}) > 1
     table = terminal.new_table()
     table.add_column("node", no_wrap=True)
     table.add_column("description and ports", ratio=1)
@@ -57,14 +57,14 @@ def _print(manifests: Sequence[Manifest]) -> None:
         section = sorted((item for item in manifests if item.type is kind), key=lambda item: item.id)
         for number, manifest in enumerate(section):
             name = terminal.node_symbol(manifest.spec.symbol, kind)
-            url = node_url(manifest.id, manifest.distribution)
+            url = node_url(manifest.id, manifest.library)
             name.append(manifest.id, style=Style(bold=True, link=url))
             first_paragraph = manifest.description.strip().split("\n\n")[0]
             about = Text(" ".join(first_paragraph.split()))
             if manifest.ports:
                 about.append("\n" if about else "")
                 about.append_text(Text("   ").join(_format_port(port) for port in manifest.ports.values()))
-            origin = [manifest.distribution] if several else []
+            origin = [manifest.library] if several else []
             table.add_row(name, about, *origin, end_section=number == len(section) - 1)
     terminal.stdout_console().print(table)
 
@@ -96,6 +96,6 @@ def _to_json_data(manifest: Manifest) -> dict[str, object]:
         },
         "description": manifest.description,
         "metadata": manifest.metadata,
-        "distribution": manifest.distribution,
-        "url": node_url(manifest.id, manifest.distribution),
+        "library": manifest.library,
+        "url": node_url(manifest.id, manifest.library),
     }

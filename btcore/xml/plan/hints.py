@@ -104,7 +104,7 @@ class UnknownNameHints:
         if provided is None:
             return None
         text = (
-            f"the installed library {provided.distribution} provides it: call nodes.add_plugins() of the "
+            f"the installed library {provided.library} provides it: call nodes.add_plugins() of the "
             "registry, and pass nodes=nodes"
         )
         return Hint(text, *_declaration(name))
@@ -114,7 +114,7 @@ class UnknownNameHints:
         if near is not None:
             return Hint(suggestion(f"<{near}>"), Rename(near), *_declaration(name))
         names = {
-            "your program" if manifest.distribution == "__main__" else manifest.distribution
+            "your program" if manifest.library == "__main__" else manifest.library
             for manifest in self._manifests.values()
         }
         searched = f"searched: {', '.join(sorted(names, key=lambda name: (name != 'btcore', name)))}"

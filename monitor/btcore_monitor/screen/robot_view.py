@@ -231,9 +231,8 @@ class _TreePanels:
         self._last_tick_stamp = event.stamp - 1
         self._begin_time = self._current_time
         self._end_time = self._begin_time + LIVE_SPAN_NS
+        self._shown_pane: Pane | None = None
         self._draw_beginning(event, [pattern for pattern, uids in matches.items() if not uids])
-        self._is_layout_outdated = True
-        self._filled_panels = self._list_filled_panels()
 
     def _draw_beginning(self, event: TreeEvent, unmatched_patterns: Sequence[str]) -> None:
         self._show_source(event.source, event.stamp, event.wall)
@@ -288,16 +287,16 @@ class _TreePanels:
 
     def send(self) -> None:
         """Send the buffered rows, and the arrangement of the views if it has changed."""
-        if self._is_layout_outdated:
-            self._is_layout_outdated = False
-            self.robot_layout.show_pane(self.recording, self._create_pane())
+        pane = self._create_pane()
+        if pane != self._shown_pane:
+            self._shown_pane = pane
+            self.robot_layout.show_pane(self.recording, pane)
         self.rows.send()
 
     def close(self) -> None:
         self._end_last_tick()
         if self._current_time - self._begin_time <= MAX_WHOLE_SPAN_NS:
             self._end_time = self._current_time
-            self._invalidate_layout()
         self.statistics_table.update(self._stamp, self._wall)
         self.send()
         self.robot_layout.end_recording(self.recording)
@@ -333,7 +332,6 @@ class _TreePanels:
         if self._current_time > self._end_time:
             # The axes follow the cursor from now on.
             self._end_time = _ENDLESS_NS
-            self._invalidate_layout()
 
     def _show_transition(self, event: TransitionEvent) -> None:
         # First, because the states of the previous tick must not contain this event.
@@ -356,20 +354,14 @@ class _TreePanels:
     def _show_blackboard(self, event: BlackboardEvent) -> None:
         self._move_to(event.stamp, event.wall)
         self.blackboard_table.show(event.stamp, event.wall, event.boards)
-        self._update_filled_panels()
 
     def _show_static_scene(self, event: StaticSceneEvent) -> None:
-        if self.scene_view.draw_static(self._stamp, self._wall, event.data):
-            self._invalidate_layout()
+        self.scene_view.draw_static(self._stamp, self._wall, event.data)
 
     def _show_moving_scene(self, event: MovingSceneEvent) -> None:
         self._move_to(event.stamp, event.wall)
-        had_pictures = self.scene_view.has_pictures
         self.scene_view.draw_moving(event.stamp, event.wall, event.data)
         self.now_panel.keep_notes(event.data)
-        if self.scene_view.has_pictures != had_pictures:
-            self._invalidate_layout()
-        self._update_filled_panels()
 
     def _show_exception(self, event: ExceptionEvent) -> None:
         self._move_to(event.stamp, event.wall)
@@ -393,26 +385,11 @@ class _TreePanels:
         if event.state == "ended":
             self._end_last_tick()
 
-    def _list_filled_panels(self) -> frozenset[str]:
-        """Return the entities of the panels that have data to show."""
-        has = {
+    def _create_pane(self) -> Pane:
+        has_data = {
             BLACKBOARD: self.blackboard_table.has_entries or bool(self.blackboard_table.note),
             SPEED: self.scene_view.has_speed,
         }
-        return frozenset(entity for entity, is_filled in has.items() if is_filled)
-
-    def _update_filled_panels(self) -> None:
-        """Give a panel its place in the window when its first data arrive."""
-        filled = self._list_filled_panels()
-        if filled != self._filled_panels:
-            self._filled_panels = filled
-            self._invalidate_layout()
-
-    def _invalidate_layout(self) -> None:
-        # Sent with the next rows: when a run begins, several panels get their first data at once.
-        self._is_layout_outdated = True
-
-    def _create_pane(self) -> Pane:
         return Pane(
             self._palette,
             self.name,
@@ -423,5 +400,5 @@ class _TreePanels:
             log_level=self.log_level,
             entity_path_prefix=self.entity_path_prefix,
             time_span=(self._begin_time, self._end_time),
-            filled_panels=self._list_filled_panels(),
+            filled_panels=frozenset(entity for entity, is_filled in has_data.items() if is_filled),
         )

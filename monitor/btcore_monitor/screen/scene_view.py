@@ -122,19 +122,16 @@ class SceneView:
         """Whether there are camera pictures to show."""
         return self._cameras.has_pictures
 
-    def draw_static(self, stamp: int, wall: int, data: StaticScene) -> bool:
-        """Draw the static scene.
+    def draw_static(self, stamp: int, wall: int, data: StaticScene) -> None:
+        """Draw the static scene, unless it was drawn before: robots send it again on request.
 
         Args:
             stamp: The time of the tree (ns).
             wall: The wall-clock time (ns since the epoch).
             data: The scene.
-
-        Returns:
-            False if this scene was drawn before; robots send the scene again on request.
         """
         if self.has_scene and data == self._static:
-            return False
+            return
         self._static, self.has_scene = data, True
         log = self._rows.log
         log(ORIGIN, rr.ViewCoordinates.RIGHT_HAND_Z_UP, self._rows.in_frame(self._root), static=True)
@@ -159,7 +156,6 @@ class SceneView:
         if data.grids:
             log(COLOURS, rr.TextDocument(_COLOUR_LEGEND, media_type="text/markdown"), static=True)
         self._cameras.draw_static(data)
-        return True
 
     @property
     def _root(self) -> str:

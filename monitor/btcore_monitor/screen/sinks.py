@@ -36,6 +36,9 @@ FLUSH_FILE_TIMEOUT_S: Final = 1.0
 """Wall time (s) for the file to receive the remaining data if the viewer was closed."""
 FLUSH_STEP_S: Final = 1.0
 """Wall time (s) between two checks whether the disk is full."""
+_VIEWER_PORT: Final = 9876
+"""The preferred port of the viewer, and of the relay for browsers; another port is used if it is taken."""
+
 _MIN_SPACE: Final = 1 << 14
 
 
@@ -157,14 +160,11 @@ def _is_full(file: Path) -> bool:
     return False
 
 
-def open_viewer(
-    memory_limit: str = "25%", port: int = 9876, files: Sequence[Path] = (), verbose: bool = False
-) -> Viewer:
+def open_viewer(memory_limit: str = "25%", files: Sequence[Path] = (), verbose: bool = False) -> Viewer:
     """Start the viewer, or use a viewer that runs already. The viewer stays open when this process ends.
 
     Args:
         memory_limit: The maximum memory of the viewer, such as `2GB` or `25%`.
-        port: The viewer's preferred port; another port is used if another program has it.
         files: Recordings to open.
         verbose: Whether rerun prints its log lines.
 
@@ -176,10 +176,10 @@ def open_viewer(
             "there is no display here. Use --serve-web to watch in a browser, --save FILE.rrd to watch "
             "later, or --screenshot FILE.png for a picture"
         )
-    viewer = Viewer(port)
-    if not _is_viewer(viewer.address, port):
+    viewer = Viewer(_VIEWER_PORT)
+    if not _is_viewer(viewer.address, _VIEWER_PORT):
         options = ["--hide-welcome-screen", "--expect-data-soon", f"--memory-limit={memory_limit}"]
-        process = RerunProcess(*options, port=port, verbose=verbose)
+        process = RerunProcess(*options, port=_VIEWER_PORT, verbose=verbose)
         process.wait_until_drawing()
         viewer = Viewer(process.port, process)
     if files:
@@ -219,7 +219,7 @@ class WebView:
             self._relay.log_file_from_path(file)
 
 
-def serve_web(web_port: int = 9090, grpc_port: int = 9876, memory_limit: str = "25%") -> WebView:
+def serve_web(web_port: int = 9090, grpc_port: int = _VIEWER_PORT, memory_limit: str = "25%") -> WebView:
     """Serve the web viewer to browsers of this machine, without opening a browser.
 
     Args:

@@ -11,6 +11,7 @@ from btcore_monitor.serve.blackboards import BlackboardTracker
 from btcore_monitor.serve.groot1 import Groot1Server
 from btcore_monitor.serve.groot2 import Groot2Server, read_statuses
 from btcore_monitor.serve.hook_controller import HookController
+from btcore_monitor.serve.publisher_sockets import PublisherSockets
 from btcore_monitor.serve.queueing_observer import (
     BlackboardItem,
     EndItem,
@@ -39,24 +40,21 @@ class PublishedTree:
     Args:
         tree: The tree to publish.
         resources: Objects of the robot. Only scene sources among them are used.
-        serves_run_channel: Whether the run channel is served.
-        previous_uid: The last uid of the previous tree in Groot 1's protocol (0: no previous tree), or None
-            if Groot 1 is not served.
+        sockets: The sockets of the publisher, which determine the protocols that are served.
         max_heartbeat_delay: The maximum heartbeat delay of hooks in s, or None without hooks.
-        serves_groot2: Whether Groot 2 is served, too. Then the run channel is next to Groot 2's ports.
+        previous: The tree that this tree replaces, or None.
     """
 
     def __init__(
         self,
         tree: Tree,
         resources: Sequence[object],
-        serves_run_channel: bool,
-        previous_uid: int | None = None,
-        max_heartbeat_delay: float | None = None,
-        *,
-        serves_groot2: bool = True,
+        sockets: PublisherSockets,
+        max_heartbeat_delay: float | None,
+        previous: "PublishedTree | None" = None,
     ) -> None:
         self.tree = tree
+        serves_run_channel = sockets.run_channel is not None
         tree_uuid = uuid.uuid4()
         self.tree_id = tree_uuid.hex
         self._scene_sources = (
@@ -72,11 +70,13 @@ class PublishedTree:
         self.groot2_server = Groot2Server(
             tree, xml + ending, self._create_boards_reply, tree_uuid, hook_controller
         )
-        self.groot1_server = (
-            None
-            if previous_uid is None
-            else Groot1Server(tree, previous_uid, ending=b"" if serves_groot2 else ending)
-        )
+        self.groot1_server: Groot1Server | None = None
+        if sockets.groot1 is not None:
+            # Groot 1 notices a new tree by its uids, so they continue after those of the previous tree.
+            before = None if previous is None else previous.groot1_server
+            offset = 0 if before is None else before.end
+            # With Groot 2, the run channel is next to Groot 2's ports, and only Groot 2's reply announces it.
+            self.groot1_server = Groot1Server(tree, offset, ending=b"" if sockets.serves_groot2 else ending)
         self.run_channel_server: RunChannelServer | None = None
         if serves_run_channel:
             parts = [source.static_scene() for source in self._scene_sources]

@@ -69,7 +69,9 @@ class Publisher(Closeable):
         self._resources = resources
         self._max_heartbeat_delay = max_heartbeat_delay
         # After `replace_tree`, the previous tree stays `_published_tree` until its queue is drained.
-        self._ticking_tree = self._published_tree = self._create_tree(tree, previous_uid=0)
+        self._ticking_tree = self._published_tree = PublishedTree(
+            tree, resources, sockets, max_heartbeat_delay
+        )
         self._replacement_trees: deque[PublishedTree] = deque()
         self._clients_changed = threading.Condition()
         self._client_count = 0
@@ -78,16 +80,6 @@ class Publisher(Closeable):
         self._ticking_tree.subscribe()
         self._thread = threading.Thread(target=self._run, name="btcore-publisher", daemon=True)
         self._thread.start()
-
-    def _create_tree(self, tree: Tree, previous_uid: int) -> PublishedTree:
-        return PublishedTree(
-            tree,
-            self._resources,
-            self._sockets.run_channel is not None,
-            previous_uid=previous_uid if self._sockets.groot1 is not None else None,
-            max_heartbeat_delay=self._max_heartbeat_delay,
-            serves_groot2=self._sockets.serves_groot2,
-        )
 
     @property
     def tree_id(self) -> str:
@@ -133,9 +125,9 @@ class Publisher(Closeable):
             return
         if resources is not None:
             self._resources = resources
-        # Groot 1 notices the new tree by its uids, so they continue after the previous tree.
-        groot1_server = self._ticking_tree.groot1_server
-        new_tree = self._create_tree(tree, previous_uid=0 if groot1_server is None else groot1_server.end)
+        new_tree = PublishedTree(
+            tree, self._resources, self._sockets, self._max_heartbeat_delay, self._ticking_tree
+        )
         # In this order: when the publisher's thread finds the new tree, the old tree's queue is complete.
         self._ticking_tree.unsubscribe()
         new_tree.subscribe()

@@ -93,24 +93,17 @@ def bind_consecutive(
         raise ServeError(f"port {port} is out of range: choose one from 1 to {65536 - count}")
     address = _resolve_interface(host)
     is_used = [socket is not None for socket in sockets]
-    if port:
-        listeners = _listen(is_used, host, address, port, count, setting)
-    else:
-        port, listeners = _listen_at_free_ports(is_used, host, address, count, setting)
-    for listener, target in zip(listeners, filter(None, sockets), strict=True):
-        gateway.add_port(listener, target)
-    return port
-
-
-def _listen_at_free_ports(
-    is_used: Sequence[bool], host: str, address: str, count: int, setting: str
-) -> tuple[int, list[socket.socket]]:
     for _ in range(_ATTEMPTS):
-        base = random.SystemRandom().randrange(_FREE_FROM, _FREE_TO, count)
+        first = port or random.SystemRandom().randrange(_FREE_FROM, _FREE_TO, count)
         try:
-            return base, _listen(is_used, host, address, base, count, setting)
+            listeners = _listen(is_used, host, address, first, count, setting)
         except PortInUseError:
+            if port:
+                raise
             continue
+        for listener, target in zip(listeners, filter(None, sockets), strict=True):
+            gateway.add_port(listener, target)
+        return first
     raise ServeError(
         f"no {count} consecutive free ports were found from {_FREE_FROM} to {_FREE_TO}: choose a port with "
         f"{_option(setting)}"

@@ -12,7 +12,7 @@ from btcore_monitor.wire.groot2 import DEFAULT_PORT
 
 _FORM: Final = re.compile(
     r"(?:tcp://)?(?P<host>\[[0-9A-Fa-f:.%\w]+\]|[^:/\s\[\]]*)(?::(?P<port>[0-9]{1,5}))?"
-    r"/?(?P<publish>(?<=/)[0-9]{1,5})?"
+    r"/?(?P<updates>(?<=/)[0-9]{1,5})?"
 )
 
 
@@ -21,11 +21,11 @@ class AddressError(MonitorError, ValueError):
 
 
 class Address(NamedTuple):
-    """A host (IPv6 in brackets), the port of requests, and the port of Groot 1's updates (0: default)."""
+    """A host (IPv6 in brackets), the port of requests, and the port of Groot 1's updates."""
 
     host: str
     port: int
-    publish: int = 0
+    updates_port: int
 
     def at(self, offset: int = 0) -> str:
         """Return the ZeroMQ endpoint *offset* ports above the port of requests."""
@@ -33,10 +33,10 @@ class Address(NamedTuple):
 
     def published(self) -> str:
         """Return the ZeroMQ endpoint of Groot 1's updates."""
-        return f"tcp://{self.host}:{self.publish or self.port - 1}"
+        return f"tcp://{self.host}:{self.updates_port}"
 
     def __str__(self) -> str:
-        return self.at() + (f"/{self.publish}" if self.publish else "")
+        return self.at() + ("" if self.updates_port == self.port - 1 else f"/{self.updates_port}")
 
 
 def parse_address(text: str) -> Address:
@@ -58,7 +58,7 @@ def parse_address(text: str) -> Address:
     port = int(match["port"] or DEFAULT_PORT)
     if not 1 <= port <= 65533:  # the two ports above carry notifications and the run channel
         raise AddressError(f"port {port} is out of range: a robot's port is from 1 to 65533")
-    publish = int(match["publish"] or 0)
-    if publish > 65535:
-        raise AddressError(f"port {publish} is out of range: the port of updates is from 1 to 65535")
-    return Address(match["host"] or "127.0.0.1", port, publish)
+    updates_port = int(match["updates"] or port - 1)
+    if updates_port > 65535:
+        raise AddressError(f"port {updates_port} is out of range: the port of updates is from 1 to 65535")
+    return Address(match["host"] or "127.0.0.1", port, updates_port)

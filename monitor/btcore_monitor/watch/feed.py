@@ -144,6 +144,7 @@ class Feed(Closeable):
         # updates until then; otherwise None.
         self._groot1_feed: Groot1Feed | None = None
         self._groot1_events: list[Event] = []
+        self._events: list[Event] = []  # of the present call of `_collect_events`
         self._stopped = threading.Event()
         self._connection_state: ConnectionState | None = None
         # Time of the reply that ended the state SEARCHING.
@@ -205,96 +206,96 @@ class Feed(Closeable):
         self._close_groot1()
 
     def _collect_events(self) -> list[Event]:
-        events: list[Event] = []
+        self._events = []
         if self._connection_state is None:
-            self._report_connection(events, "waiting", f"waiting for the robot at {self.address}")
+            self._report_connection("waiting", f"waiting for the robot at {self.address}")
         for message in self._run_channel_client.read():
-            self._add_events(message, events)
+            self._add_events(message)
         now = time.monotonic()
-        self._report_errors(now, events)
+        self._report_errors(now)
         silence = now - self._run_channel_client.last_message_at
         if silence < SILENT_AFTER_S and self._run_channel_client.tree_id:
             self._change_state(_State.RUN_CHANNEL)
             if self._connection_state == "lost":
-                self._report_connection(events, "connected", f"{self.address} is back")
+                self._report_connection("connected", f"{self.address} is back")
         elif self._state is _State.RUN_CHANNEL:
             self._change_state(_State.SEARCHING)
             self._groot2_feed.reset()
             if self._connection_state == "connected":
                 self._report_connection(
-                    events, "lost", f"no sign of life from {self.address} for {SILENT_AFTER_S:g} s"
+                    "lost", f"no sign of life from {self.address} for {SILENT_AFTER_S:g} s"
                 )
         else:
             waited = now - self._groot_replied_at
             if self._state is _State.ANNOUNCED and waited >= ANNOUNCED_RUN_CHANNEL_WAIT_S:
                 self._abandon_run_channel()
             if self._state is _State.GROOT1:
-                self._read_groot1(now, events)
+                self._read_groot1(now)
             elif self._state is not _State.ANNOUNCED:
-                self._read_groot2(now, events)
-        return events
+                self._read_groot2(now)
+        return self._events
 
     def _change_state(self, state: _State) -> None:
         self._state = state
         if state not in (_State.ANNOUNCED, _State.GROOT1):
             self._close_groot1()
 
-    def _report_connection(self, events: list[Event], state: ConnectionState, detail: str) -> None:
+    def _report_connection(self, state: ConnectionState, detail: str) -> None:
         if state != self._connection_state:
             self._connection_state = state
-            events.append(ConnectionEvent(state, _shorten(detail)))
+            self._events.append(ConnectionEvent(state, _shorten(detail)))
 
-    def _report_errors(self, now: float, events: list[Event]) -> None:
+    def _report_errors(self, now: float) -> None:
         """Report messages of the run channel that are invalid, at most once in REPORT_INTERVAL_S."""
         if self._run_channel_client.error_count == self._reported_error_count:
             return
         if not self._run_channel_client.tree_id:
             self._reported_error_count = self._run_channel_client.error_count
-            self._report_connection(events, "lost", self._run_channel_client.last_error)
+            self._report_connection("lost", self._run_channel_client.last_error)
         elif now - self._reported_at >= REPORT_INTERVAL_S:
             count = self._run_channel_client.error_count - self._reported_error_count
             self._reported_error_count, self._reported_at = self._run_channel_client.error_count, now
             reason = f"{count} invalid, the last because: {_shorten(self._run_channel_client.last_error)}"
             stamp, wall = self._latest_times
-            events.append(MissingDataEvent(stamp, wall, since=stamp, kind="messages", reason=reason))
+            self._events.append(MissingDataEvent(stamp, wall, since=stamp, kind="messages", reason=reason))
 
-    def _add_events(self, message: run_channel.Message, events: list[Event]) -> None:
+    def _add_events(self, message: run_channel.Message) -> None:
         if isinstance(message, run_channel.StreamMessage):
             self._latest_times = message.stamp, message.wall
         if isinstance(message, run_channel.TreeMessage):
             try:
                 tree = read_fulltree(message.xml, message.tree_id)
             except ProtocolError as error:
-                self._report_connection(events, "lost", str(error))
+                self._report_connection("lost", str(error))
                 return
             self._next_number = None
-            self._report_connection(events, "connected", f"{self.address}, by btcore's run channel")
+            self._report_connection("connected", f"{self.address}, by btcore's run channel")
             statuses = {node.uid: 0 for node in tree.nodes} | message.statuses
-            events.append(TreeEvent(tree, message.stamp, message.wall, statuses))
+            self._events.append(TreeEvent(tree, message.stamp, message.wall, statuses))
         elif isinstance(message, run_channel.StaticSceneMessage):
-            events.append(StaticSceneEvent(message.data))
+            self._events.append(StaticSceneEvent(message.data))
         elif isinstance(message, run_channel.TransitionsMessage):
-            self._add_transitions(message, events)
+            self._add_transitions(message)
         elif isinstance(message, run_channel.MovingSceneMessage):
-            events.append(MovingSceneEvent(message.stamp, message.wall, message.data))
+            self._events.append(MovingSceneEvent(message.stamp, message.wall, message.data))
         elif isinstance(message, run_channel.BlackboardMessage):
-            events.append(BlackboardEvent(message.stamp, message.wall, message.boards))
+            self._events.append(BlackboardEvent(message.stamp, message.wall, message.boards))
         elif isinstance(message, run_channel.ExceptionMessage):
-            events.append(ExceptionEvent(message.stamp, message.wall, message.path, message.message))
+            self._events.append(ExceptionEvent(message.stamp, message.wall, message.path, message.message))
         elif isinstance(message, run_channel.EndMessage):
-            self._report_connection(events, "ended", f"the run at {self.address} is over")
+            self._report_connection("ended", f"the run at {self.address} is over")
 
-    def _add_transitions(self, message: run_channel.TransitionsMessage, events: list[Event]) -> None:
+    def _add_transitions(self, message: run_channel.TransitionsMessage) -> None:
         number = message.first
         if message.transitions:
             if self._next_number is not None and number > self._next_number:
-                events.append(LostTransitionsEvent(self._next_number, number - 1))
+                self._events.append(LostTransitionsEvent(self._next_number, number - 1))
             self._next_number = number + len(message.transitions)
         for stamp, wall, tick, uid, previous, status in message.transitions:
-            events.append(TransitionEvent(number, stamp, wall, tick, uid, previous, status))
+            self._events.append(TransitionEvent(number, stamp, wall, tick, uid, previous, status))
             number += 1
         if message.ended:
-            events.append(
+            self._events.append(
                 TickEvent(message.tick, message.stamp, message.wall, message.duration, message.status)
             )
 
@@ -318,8 +319,8 @@ class Feed(Closeable):
         """The state in which the robot's version of Groot's protocol is used."""
         return _State.GROOT2 if self._groot1_feed is None else _State.GROOT1
 
-    def _read_groot2(self, now: float, events: list[Event]) -> None:
-        """Send requests of Groot 2, and append *events* only after the run channel had time to connect."""
+    def _read_groot2(self, now: float) -> None:
+        """Send requests of Groot 2, and add their events only after the run channel had time to connect."""
         if self._state is _State.SEARCHING and self._groot2_feed.tree is not None:
             self._end_search(self._groot2_feed.tree.xml, now)
             return
@@ -333,7 +334,7 @@ class Feed(Closeable):
             self._groot1_feed = Groot1Feed(self.address, MAX_REPLY_TIMEOUT_S, self._keys)
             self._end_search(detected.reply, now)
             if self._connection_state == "connected":
-                self._report_connection(events, "lost", str(detected))
+                self._report_connection("lost", str(detected))
             return
         except (NoReplyError, ProtocolError) as error:
             is_invalid = isinstance(error, ProtocolError)
@@ -341,32 +342,30 @@ class Feed(Closeable):
             self._change_state(_State.SEARCHING)
             # A robot that has not answered yet may be starting.
             if self._connection_state == "connected" or is_invalid:
-                self._report_connection(events, "lost", str(error))
+                self._report_connection("lost", str(error))
             return
         if self._groot2_feed.is_following:
-            self._report_connection(
-                events, "connected", f"{self.address}, by Groot 2's protocol{self._groot_reason}"
-            )
-        events.extend(sampled)
+            self._report_connection("connected", f"{self.address}, by Groot 2's protocol{self._groot_reason}")
+        self._events.extend(sampled)
 
-    def _read_groot1(self, now: float, events: list[Event]) -> None:
-        """Read updates of Groot 1, and append *events* only after the run channel had time to connect."""
+    def _read_groot1(self, now: float) -> None:
+        """Read updates of Groot 1, and add their events only after the run channel had time to connect."""
         feed = self._groot1_feed
         assert feed is not None
         try:
             self._groot1_events += feed.step()
         except NoReplyError as error:
             if self._connection_state == "connected":
-                self._report_connection(events, "lost", str(error))
+                self._report_connection("lost", str(error))
         except ProtocolError as error:
             self._change_state(_State.SEARCHING)
-            self._report_connection(events, "lost", str(error))
+            self._report_connection("lost", str(error))
             return
         if now - self._groot_replied_at < RUN_CHANNEL_WAIT_S:
             return
         if self._groot1_events or feed.is_back:
-            self._report_connection(events, "connected", f"{feed}{self._groot_reason}")
-        events += self._groot1_events
+            self._report_connection("connected", f"{feed}{self._groot_reason}")
+        self._events += self._groot1_events
         self._groot1_events = []
 
     def _close_groot1(self) -> None:

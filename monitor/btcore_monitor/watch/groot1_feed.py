@@ -85,6 +85,7 @@ class Groot1Feed:
             keys.secure(self._update_socket)
         # Everything: updates have no topic, their first bytes are a size.
         self._update_socket.subscribe(b"")
+        self._events: list[Event] = []  # those of the present step
         self._connection_events = self._update_socket.get_monitor_socket(
             zmq.EVENT_HANDSHAKE_SUCCEEDED | zmq.EVENT_DISCONNECTED
         )
@@ -137,13 +138,13 @@ class Groot1Feed:
             NoReplyError: The robot does not reply. It may come back, so the caller should continue to step.
             ProtocolError: The program at the address does not use this protocol.
         """
-        events: list[Event] = []
+        self._events = []
         self._read_updates()
-        self._process_updates(events)
+        self._process_updates()
         self._read_connection_events()
         self._request()
-        self._process_updates(events)
-        return events
+        self._process_updates()
+        return self._events
 
     def close(self) -> None:
         """Free the sockets."""
@@ -220,18 +221,18 @@ class Groot1Feed:
 
     # Events
 
-    def _process_updates(self, events: list[Event]) -> None:
+    def _process_updates(self) -> None:
         if self._observed is None or self._has_restarted:
             return
         if not self._is_tree_reported and (self._waiting_updates or time.monotonic() >= self._report_tree_at):
-            self._report_tree(events)
+            self._report_tree()
         while self._waiting_updates and self._is_tree_reported:
             if not self._is_known(self._waiting_updates[0]):
                 self._needs_tree = True
                 return
-            self._apply(self._waiting_updates.popleft(), events)
+            self._apply(self._waiting_updates.popleft())
 
-    def _report_tree(self, events: list[Event]) -> None:
+    def _report_tree(self) -> None:
         """Add an event for the tree, with the statuses of the first update or else of the reply."""
         assert self._observed is not None
         self._statuses = dict(self._observed.statuses)
@@ -245,10 +246,10 @@ class Groot1Feed:
             if update.transitions:
                 self._compare_clocks(update)
                 wall = update.transitions[0].wall
-                events.append(self._create_tree_event(self._to_stamp(wall), wall))
+                self._events.append(self._create_tree_event(self._to_stamp(wall), wall))
                 return
         self._last_stamp = max(self._last_stamp, self._read_clock())
-        events.append(self._create_tree_event(self._last_stamp, wall))
+        self._events.append(self._create_tree_event(self._last_stamp, wall))
 
     def _create_tree_event(self, stamp: int, wall: int) -> TreeEvent:
         assert self._observed is not None
@@ -267,46 +268,46 @@ class Groot1Feed:
         assert self._observed is not None
         return {self._observed.uids[uid]: status for uid, status in update.statuses.items()}
 
-    def _apply(self, update: Update, events: list[Event]) -> None:
+    def _apply(self, update: Update) -> None:
         if not update.transitions:
             return
         self._compare_clocks(update)
         first = update.transitions[0].wall
-        self._compare(self._map_to_own_uids(update), self._to_stamp(first), first, events)
+        self._compare(self._map_to_own_uids(update), self._to_stamp(first), first)
         for transition in update.transitions:
-            self._add_transition(transition, events)
+            self._add_transition(transition)
 
-    def _compare(self, received: dict[int, int], stamp: int, wall: int, events: list[Event]) -> None:
+    def _compare(self, received: dict[int, int], stamp: int, wall: int) -> None:
         """Compare the known statuses with the *received* statuses, and correct the known statuses."""
         different = {uid: status for uid, status in received.items() if self._statuses[uid] != status}
         if self._is_certain and not any(different.values()):
             # A robot can be configured not to publish transitions to IDLE: StatusChangeLogger's
             # enableTransitionToIdle(false). Then this is not a gap.
             for uid in different:
-                self._report(uid, IDLE, stamp, wall, events)
+                self._report(uid, IDLE, stamp, wall)
         elif different:
             if self._is_certain:
-                events.append(self._create_gap(stamp, wall))
+                self._events.append(self._create_gap(stamp, wall))
             self._statuses |= different
-            events.append(self._create_tree_event(stamp, wall))
+            self._events.append(self._create_tree_event(stamp, wall))
         self._is_certain = True
 
-    def _add_transition(self, transition: WireTransition, events: list[Event]) -> None:
+    def _add_transition(self, transition: WireTransition) -> None:
         assert self._observed is not None
         uid, stamp = self._observed.uids[transition.uid], self._to_stamp(transition.wall)
         if transition.previous != self._statuses[uid]:
             if transition.previous != IDLE:
-                events.append(self._create_gap(stamp, transition.wall))
-            self._report(uid, transition.previous, stamp, transition.wall, events)
+                self._events.append(self._create_gap(stamp, transition.wall))
+            self._report(uid, transition.previous, stamp, transition.wall)
         if transition.status != transition.previous:
-            self._report(uid, transition.status, stamp, transition.wall, events)
+            self._report(uid, transition.status, stamp, transition.wall)
 
-    def _report(self, uid: int, status: int, stamp: int, wall: int, events: list[Event]) -> None:
+    def _report(self, uid: int, status: int, stamp: int, wall: int) -> None:
         self._last_number += 1
         previous, self._statuses[uid] = self._statuses[uid], status
         self._reported_up_to = stamp
         # Tick 0: the protocol has no numbers of ticks.
-        events.append(TransitionEvent(self._last_number, stamp, wall, 0, uid, previous, status))
+        self._events.append(TransitionEvent(self._last_number, stamp, wall, 0, uid, previous, status))
 
     def _create_gap(self, stamp: int, wall: int) -> MissingDataEvent:
         return MissingDataEvent(

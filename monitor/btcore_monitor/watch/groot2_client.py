@@ -12,9 +12,7 @@ from typing import Final
 
 import zmq
 
-from btcore_monitor.keys import ClientKeys
-from btcore_monitor.watch.address import Address
-from btcore_monitor.watch.request_client import TIMEOUT_S, RequestClient
+from btcore_monitor.watch.request_client import RequestClient
 from btcore_monitor.wire import groot2
 from btcore_monitor.wire.errors import ProtocolError, RobotRefusedError
 from btcore_monitor.wire.groot1_tree import find_tree
@@ -38,17 +36,8 @@ class Groot1DetectedError(ProtocolError):
 class Groot2Client(RequestClient):
     """A client of one robot. See `RequestClient` for the parameters."""
 
-    def __init__(
-        self,
-        address: Address,
-        timeout: float = TIMEOUT_S,
-        max_timeout: float = 0.0,
-        keys: ClientKeys | None = None,
-    ) -> None:
-        super().__init__(address, timeout, max_timeout, keys)
-        self._pending_kind = Request.FULLTREE
-        self._random = random.Random()
-        self._unique_id = 0
+    _pending_kind = Request.FULLTREE
+    _unique_id = 0
 
     def request(self, kind: Request, body: bytes | None = None) -> Reply:
         """Send a request and return the robot's reply.
@@ -76,7 +65,7 @@ class Groot2Client(RequestClient):
     def send_request(self, kind: Request, body: bytes | None = None) -> None:
         """Send a request. A pending request is abandoned."""
         self._pending_kind = kind
-        self._unique_id = self._random.getrandbits(32)
+        self._unique_id = random.getrandbits(32)
         self.send(groot2.encode_request(kind, self._unique_id, body))
 
     def receive_reply(self) -> Reply | None:

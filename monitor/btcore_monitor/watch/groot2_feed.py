@@ -92,6 +92,7 @@ class Groot2Feed:
         self._retry_at = float("inf")
         self._retry_after = RETRY_AFTER_S
         self._tree_id = ""
+        self._events: list[Event] = []  # those of the present step
         self._hooks_tree_id = ""
         self._needs_hooks = False
         self._records: dict[int, StatusRecord] | None = None
@@ -162,32 +163,32 @@ class Groot2Feed:
             Groot1DetectedError: The robot replied in Groot 1's protocol.
             ProtocolError: A reply is invalid.
         """
-        events: list[Event] = []
+        self._events = []
         if self.client.is_reply_pending:
             request = self._pending_request
             try:
                 reply = self.client.receive_reply()
             except RobotRefusedError as error:
                 self._pending_request = None
-                if not self._continue_without(request, str(error), events):
+                if not self._continue_without(request, str(error)):
                     raise
             else:
                 if reply is None:
-                    return events
+                    return []
                 self._pending_request = None
                 self._requested_at = self._sent_at
                 # While a reply is processed, a fast robot overwrites transitions. So the request that will
                 # follow in any case is sent before.
                 self._request_early(reply)
                 try:
-                    self._process_reply(reply, events)
+                    self._process_reply(reply)
                 except ProtocolError as error:
                     reason = f"{self.client.address} sent an invalid reply: {error}"
-                    if not self._continue_without(request, reason, events):
+                    if not self._continue_without(request, reason):
                         raise
         if not self.client.is_reply_pending:
             self._request(tree_only)
-        return events
+        return self._events
 
     def stop_recording(self) -> None:
         """Stop the recording that this feed started, without waiting for the reply."""
@@ -242,7 +243,7 @@ class Groot2Feed:
 
     # Replies
 
-    def _process_reply(self, reply: Reply, events: list[Event]) -> None:
+    def _process_reply(self, reply: Reply) -> None:
         # Every reply has the tree's ID. Another ID means that the robot has restarted or replaced its tree.
         if self.tree is None or reply.tree_id != self.tree.tree_id:
             self.reset()
@@ -251,20 +252,20 @@ class Groot2Feed:
                 self._paused_until = 0.0
             return
         if reply.kind == Request.STATUS:
-            self._process_statuses(decode_statuses(reply.body), events)
+            self._process_statuses(decode_statuses(reply.body))
         elif reply.kind == Request.BLACKBOARD:
             boards = self._blackboard_poller.store_reply(reply.body)
             if boards is not None:
                 wall = self._clock.wall()
-                events.append(BlackboardEvent(self._clock.stamp(wall), wall, boards))
+                self._events.append(BlackboardEvent(self._clock.stamp(wall), wall, boards))
         elif reply.kind == Request.GET_TRANSITIONS:
             # Until the transitions are decoded, because the robot no longer has them.
             self._is_reply_lost, lost = True, self._is_reply_lost
             batch = decode_transitions(reply.body)
             self._is_reply_lost = lost
-            self._process_batch(batch, events)
+            self._process_batch(batch)
         elif reply.kind == Request.HOOKS_DUMP:
-            self._warn_of_hooks(reply.body, events)
+            self._warn_of_hooks(reply.body)
         elif reply.kind == Request.TOGGLE_RECORDING and reply.body:
             # µs on the wire, ns in events
             self._begin_recording(1000 * decode_recording_start(reply.body))
@@ -285,16 +286,16 @@ class Groot2Feed:
         self._retry_at, self._retry_after = float("inf"), RETRY_AFTER_S
         self._clock.begin(self._clock.wall())
 
-    def _process_statuses(self, observed: dict[int, StatusRecord], events: list[Event]) -> None:
+    def _process_statuses(self, observed: dict[int, StatusRecord]) -> None:
         assert self.tree is not None
         observed = {uid: record for uid, record in observed.items() if uid in self.tree.by_uid}
         before, self._records = self._records, observed
         if self._validator is not None:
             self._observed = observed
         elif before is not None:
-            self._report_differences(before, observed, events)
+            self._report_differences(before, observed)
         elif not self._is_recording_wanted:
-            self._report_tree(self._clock.wall(), observed, events)
+            self._report_tree(self._clock.wall(), observed)
 
     def _begin_recording(self, wall: int) -> None:
         """Begin a recording that starts at *wall* (ns, robot's clock). The first batch shows the tree."""
@@ -311,7 +312,7 @@ class Groot2Feed:
         self._validator = RecordingValidator(self._records)
         self._next_status_at = 0.0
 
-    def _report_tree(self, wall: int, records: Mapping[int, StatusRecord], events: list[Event]) -> None:
+    def _report_tree(self, wall: int, records: Mapping[int, StatusRecord]) -> None:
         assert self.tree is not None
         statuses = {node.uid: 0 for node in self.tree.nodes}
         statuses |= {uid: record.status for uid, record in records.items()}
@@ -319,7 +320,7 @@ class Groot2Feed:
         results = {
             uid: record.previous for uid, record in records.items() if record.status == 0 and record.previous
         }
-        events.append(
+        self._events.append(
             TreeEvent(self.tree, self._reported_up_to, wall, statuses, False, self._create_source(), results)
         )
         if self._hooks_tree_id != self._tree_id:
@@ -345,7 +346,7 @@ class Groot2Feed:
 
     # Events
 
-    def _warn_of_hooks(self, dump: bytes, events: list[Event]) -> None:
+    def _warn_of_hooks(self, dump: bytes) -> None:
         """Report hooks in the robot. The feed sets no hooks, so other clients have set all of them."""
         assert self.tree is not None
         nodes = self.tree.by_uid
@@ -360,10 +361,10 @@ class Groot2Feed:
                 hooks, lambda uid: nodes[uid].path if uid in nodes else f"node {uid}", self.client.address
             )
         wall = self._clock.wall()
-        events.append(HooksEvent(self._clock.stamp(wall), wall, warning))
+        self._events.append(HooksEvent(self._clock.stamp(wall), wall, warning))
 
     def _report_differences(
-        self, before: Mapping[int, StatusRecord], observed: Mapping[int, StatusRecord], events: list[Event]
+        self, before: Mapping[int, StatusRecord], observed: Mapping[int, StatusRecord]
     ) -> None:
         wall = self._clock.wall()
         for uid, record in observed.items():
@@ -375,18 +376,16 @@ class Groot2Feed:
                 steps.insert(1, record.previous)  # the node had this status between the two requests
             for previous, status in pairwise(steps):
                 if status != previous:
-                    self._report_transition(wall, uid, previous, status, events)
+                    self._report_transition(wall, uid, previous, status)
 
-    def _report_transition(
-        self, wall: int, uid: int, previous: int, status: int, events: list[Event]
-    ) -> None:
+    def _report_transition(self, wall: int, uid: int, previous: int, status: int) -> None:
         self._last_number += 1
         self._reported_up_to = max(self._reported_up_to, self._clock.stamp(wall))
-        events.append(
+        self._events.append(
             TransitionEvent(self._last_number, self._reported_up_to, wall, 0, uid, previous, status)
         )
 
-    def _process_batch(self, batch: list[RecordedTransition], events: list[Event]) -> None:
+    def _process_batch(self, batch: list[RecordedTransition]) -> None:
         """Process the transitions that the robot recorded since the previous batch."""
         assert self._validator is not None
         assert self._observed is not None
@@ -395,7 +394,7 @@ class Groot2Feed:
         if batch and self._recording_start + 1000 * batch[0].offset < drained_at - self._max_clock_error:
             # Offsets count from the start of the recording, which another client's `start` moves.
             reason = "another client began a recording of this robot, or its clock was set"
-            self._leave_recording(observed, reason, events)
+            self._leave_recording(observed, reason)
             return
         known = self._validator.statuses
         checked = self._validator.apply(observed, batch)
@@ -403,21 +402,21 @@ class Groot2Feed:
         # The time of the first transition: statuses of nodes that changed in a gap are shown just before it.
         wall = self._recording_start + 1000 * batch[0].offset if batch else self._requested_at
         if self._is_first_batch:
-            self._report_tree(wall if checked.is_overflow else self._recording_start, checked.before, events)
+            self._report_tree(wall if checked.is_overflow else self._recording_start, checked.before)
         elif not checked.is_complete:
-            if not self._report_missing(checked, wall, events):
+            if not self._report_missing(checked, wall):
                 return
         elif self._was_sampled:
-            self._report_gap("short changes before this time were not seen in the samples", wall, events)
-            self._report_tree(wall, checked.before, events)
+            self._report_gap("short changes before this time were not seen in the samples", wall)
+            self._report_tree(wall, checked.before)
         else:
             for uid, record in checked.before.items():
                 if record.status != known[uid].status:
-                    self._report_transition(drained_at, uid, known[uid].status, record.status, events)
+                    self._report_transition(drained_at, uid, known[uid].status, record.status)
         self._is_first_batch = self._was_sampled = self._is_reply_lost = False
         for transition, previous in checked.steps:
             at = self._recording_start + 1000 * transition.offset
-            self._report_transition(at, transition.uid, previous, transition.status, events)
+            self._report_transition(at, transition.uid, previous, transition.status)
         if checked.is_complete:
             self._complete_batches += bool(checked.steps)
             if self._complete_batches >= _FORGIVEN_AFTER_BATCHES:
@@ -436,7 +435,7 @@ class Groot2Feed:
         elif now - self._big_batch_at > _SLOWER_AFTER_S:
             self._status_interval = min(STATUS_INTERVAL_S, 2 * self._status_interval)
 
-    def _report_missing(self, checked: CheckedBatch, wall: int, events: list[Event]) -> bool:
+    def _report_missing(self, checked: CheckedBatch, wall: int) -> bool:
         """Report that transitions are missing. Return false if the feed leaves the recording."""
         assert self._validator is not None
         if self._is_reply_lost:
@@ -451,18 +450,16 @@ class Groot2Feed:
             self._complete_batches = 0
             reason = "another client reads this robot's recording too"
             if self._gap_count >= MAX_GAPS:
-                self._leave_recording(self._validator.statuses, reason, events)
+                self._leave_recording(self._validator.statuses, reason)
                 return False
-        self._report_gap(reason, wall, events)
-        self._report_tree(wall, checked.before, events)
+        self._report_gap(reason, wall)
+        self._report_tree(wall, checked.before)
         return True
 
-    def _leave_recording(self, records: dict[int, StatusRecord], reason: str, events: list[Event]) -> None:
+    def _leave_recording(self, records: dict[int, StatusRecord], reason: str) -> None:
         """Leave the recording to another client, and continue with statuses only until the next retry."""
         self._no_recording_reason = f"{reason}; next attempt to read it in {self._retry_after:g} s"
-        self._report_gap(
-            f"{reason}: statuses are sampled for {self._retry_after:g} s", self._requested_at, events
-        )
+        self._report_gap(f"{reason}: statuses are sampled for {self._retry_after:g} s", self._requested_at)
         self._retry_at = time.monotonic() + self._retry_after
         self._retry_after = min(_MAX_RETRY_AFTER_S, 2 * self._retry_after)
         # The next gap because of another client ends the retry.
@@ -471,22 +468,22 @@ class Groot2Feed:
         self._is_recording_wanted = False
         self._validator = None
         self._records = records
-        self._report_tree(self._requested_at, records, events)
+        self._report_tree(self._requested_at, records)
         self._is_first_batch = False
 
-    def _report_gap(self, reason: str, wall: int, events: list[Event]) -> None:
+    def _report_gap(self, reason: str, wall: int) -> None:
         """Report that transitions before *wall* (ns, robot's clock) are missing."""
         if not self._is_first_batch:
             stamp = max(self._reported_up_to, self._clock.stamp(wall))
-            events.append(MissingDataEvent(stamp, wall, self._reported_up_to, "transitions", reason))
+            self._events.append(MissingDataEvent(stamp, wall, self._reported_up_to, "transitions", reason))
 
-    def _continue_without(self, request: Request | None, reason: str, events: list[Event]) -> bool:
+    def _continue_without(self, request: Request | None, reason: str) -> bool:
         """Continue without data that the robot does not send. Return false if the data is necessary."""
         if request is Request.BLACKBOARD:
             wall = self._clock.wall()
             stamp = self._clock.stamp(wall)
             names = self._blackboard_poller.adapt_to_rejection()
-            events.extend(
+            self._events.extend(
                 MissingDataEvent(stamp, wall, stamp, "blackboard", f"{name} isn't shown: {reason}")
                 for name in names
             )
@@ -494,7 +491,7 @@ class Groot2Feed:
             self._is_recording_wanted = False
             self._validator = self._observed = None
             self._no_recording_reason = reason
-            self._report_tree(self._clock.wall(), self._records, events)
+            self._report_tree(self._clock.wall(), self._records)
         else:
             # A robot may refuse to list its hooks, for example a btcore robot without control.
             return request is Request.HOOKS_DUMP

@@ -14,14 +14,14 @@ class RobotRefusedError(ProtocolError):
     """The robot answered a request with an error. The message is the text that the robot sent."""
 
 
-def describe_bytes(data: bytes, limit: int = 24) -> str:
-    """Return *data* for an error message: its length, and its first *limit* bytes in hexadecimal."""
+def describe_bytes(data: bytes) -> str:
+    """Return *data* for an error message: its length, and its first 24 bytes in hexadecimal."""
     if not data:
         return "nothing"
-    dots = " …" if len(data) > limit else ""
-    return f"{len(data)} bytes ({data[:limit].hex(' ')}{dots})"
+    dots = " …" if len(data) > 24 else ""
+    return f"{len(data)} bytes ({data[:24].hex(' ')}{dots})"
 
 
-def describe_value(value: object, limit: int = 40) -> str:
-    """Return a received *value* for an error message: at most *limit* characters, or the name of its type."""
-    return repr(value)[:limit] if isinstance(value, str | int | float | None) else type(value).__name__
+def describe_value(value: object) -> str:
+    """Return a received *value* for an error message: at most 40 characters, or the name of its type."""
+    return repr(value)[:40] if isinstance(value, str | int | float | None) else type(value).__name__

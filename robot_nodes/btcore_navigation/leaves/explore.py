@@ -37,14 +37,11 @@ class Explorer(Protocol):
         Its pose is not known, a sensor has no readings, or the battery is empty.
         """
 
-    def give_up_reason(self, began: int) -> tuple[int, str] | None:
-        """Return why waiting has no purpose, or None if the robot may still be able to drive later.
+    def keep_waiting(self, began: int) -> tuple[int, str] | None:
+        """Wait on and return None, or return why waiting has no purpose: Nav2's error code, and a message.
 
         Args:
             began: The time (ns) at which the wait began.
-
-        Returns:
-            An error code of Nav2, and a message.
         """
 
     def estimate(self) -> Pose2D | None:
@@ -121,7 +118,7 @@ class Explore(StatefulAction):
         now = self.clock.now()
         if self.handle is None:
             return self.send_next_goal()
-        if not self.handle.done:
+        if not self.handle.poll():
             return self.check_goal(now)
         if self.handle.status is GoalStatus.ABORTED:
             result = self.handle.result
@@ -166,7 +163,7 @@ class Explore(StatefulAction):
         self.last_check, self.arrived = now, None
         if self.explorer.must_wait():
             self.waits_since = now if self.waits_since is None else self.waits_since
-            reason = self.explorer.give_up_reason(self.waits_since)
+            reason = self.explorer.keep_waiting(self.waits_since)
             if reason is None:
                 return RUNNING
             log.warning("%s: the exploration ends: %s", self.config.path, reason[1])

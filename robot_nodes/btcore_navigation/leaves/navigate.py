@@ -56,13 +56,13 @@ class Move(StatefulAction):
         handle = self.handle
         if handle is None:
             return FAILURE
-        done = handle.done  # takes what has arrived
+        has_ended = handle.poll()
         limit = SERVER_TIMEOUT_NS + handle.discovery_ns
         if handle.status is GoalStatus.UNKNOWN and self.clock.now() - self.sent > limit:
             handle.cancel()
             # 9000 is UNKNOWN of Nav2's action NavigateToPose.
             return self.fail(9000, handle.missing_acceptance)
-        if not done:
+        if not has_ended:
             return RUNNING
         self.handle = None
         if handle.status is GoalStatus.ABORTED:

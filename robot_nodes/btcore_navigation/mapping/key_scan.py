@@ -23,6 +23,7 @@ MAX_RANGE = 10.0
 SPACING = 0.06
 """The minimum distance (m) between matched points, so that near walls do not outweigh the others."""
 _NEIGHBOURS = 3  # number of points on each side that determine the direction of a wall
+_MARGIN = 0.05  # m: the last part of a ray before an obstacle, which does not count as free floor
 _MAX_SPAN = 4 * _NEIGHBOURS * SPACING  # m; points farther apart are not on the same wall
 
 
@@ -53,7 +54,7 @@ class LocalisedScan:
     odometry: Pose2D
 
 
-def key_scan(scans: Sequence[LocalisedScan], travelled: float, *, margin: float = 0.05) -> KeyScan:
+def key_scan(scans: Sequence[LocalisedScan], travelled: float) -> KeyScan:
     """Return a key scan from the last of *scans*; the scans just before it reduce the noise.
 
     The outline to match contains the points of all scans. The end points and the free floor are those of the
@@ -63,7 +64,6 @@ def key_scan(scans: Sequence[LocalisedScan], travelled: float, *, margin: float 
     Args:
         scans: At least one scan, oldest first.
         travelled: The distance (m) driven so far.
-        margin: The last part (m) of a ray before an obstacle, which does not count as free floor.
     """
     last = scans[-1]
     outlines = []
@@ -77,7 +77,7 @@ def key_scan(scans: Sequence[LocalisedScan], travelled: float, *, margin: float 
         base_pose = relative_pose(pose_to_row(last.odometry), pose_to_row(localised.odometry))
         outlines.append(_outline(ends).at(compose(base_pose, laser_pose)))
     # The free part of each ray: up to the obstacle, up to the maximum range, or none if the echo is too near.
-    free = np.where(hit, np.maximum(ranges - margin, 0.0), np.where(ranges >= MAX_RANGE, MAX_RANGE, 0.0))
+    free = np.where(hit, np.maximum(ranges - _MARGIN, 0.0), np.where(ranges >= MAX_RANGE, MAX_RANGE, 0.0))
     return KeyScan(
         # `ends`, `rays` and `ranges` are now those of the last scan, whose pose is the origin.
         last.odometry,

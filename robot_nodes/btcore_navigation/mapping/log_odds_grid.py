@@ -16,6 +16,7 @@ HIT, FREE = 0.85, -0.4
 MIN_HITS = 2
 """The minimum number of scans that hit an occupied cell; a single hit may be noise."""
 _GROWTH = 5.0  # m by which the grid grows at least
+_MARGIN = 4  # unknown rows and columns that a trimmed map keeps at each edge
 _SHIFT = 4  # bits for the fractions of pixel coordinates in OpenCV's drawing functions
 
 
@@ -129,12 +130,11 @@ class LogOddsGrid:
             self._low_cell = (x0 - west, y0 - south)
 
 
-def trim_map(map: OccupancyMap, margin: int = 4) -> OccupancyMap:
-    """Return a map without unknown rows and columns at its edges.
+def trim_map(map: OccupancyMap) -> OccupancyMap:
+    """Return a map with only four unknown rows and columns at each edge.
 
     Args:
         map: The map to trim. A map without known cells and keep-outs is returned unchanged.
-        margin: The number of unknown rows and columns to keep at each edge.
     """
     known = map.cells != -1
     for xmin, ymin, xmax, ymax in map.keepout:
@@ -145,8 +145,8 @@ def trim_map(map: OccupancyMap, margin: int = 4) -> OccupancyMap:
         return map
     rows: NDArray[np.intp] = np.flatnonzero(known.any(axis=1))
     cols: NDArray[np.intp] = np.flatnonzero(known.any(axis=0))
-    low_row, low_col = max(0, int(rows[0]) - margin), max(0, int(cols[0]) - margin)
-    cells = map.cells[low_row : int(rows[-1]) + 1 + margin, low_col : int(cols[-1]) + 1 + margin]
+    low_row, low_col = max(0, int(rows[0]) - _MARGIN), max(0, int(cols[0]) - _MARGIN)
+    cells = map.cells[low_row : int(rows[-1]) + 1 + _MARGIN, low_col : int(cols[-1]) + 1 + _MARGIN]
     x = round(map.origin[0] + low_col * map.resolution, 9)
     y = round(map.origin[1] + low_row * map.resolution, 9)
     return OccupancyMap(np.ascontiguousarray(cells), map.resolution, (x, y), map.keepout)

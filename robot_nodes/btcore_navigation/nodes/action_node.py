@@ -91,14 +91,14 @@ class BtActionNode(StatefulAction):
     def on_start(self) -> Status:
         """Send the goal."""
         handle = self.send(self.make_goal())
-        return self.on_running() if handle.done else RUNNING
+        return self.on_running() if handle.poll() else RUNNING
 
     def on_running(self) -> Status:
         """Check whether the server accepted or ended the goal."""
         handle = self.handle
         if handle is None:
             return FAILURE
-        if not handle.done:
+        if not handle.poll():
             # UNKNOWN: the server has not accepted the goal yet.
             if handle.status is GoalStatus.UNKNOWN and self.acceptance_timed_out():
                 handle.cancel()
@@ -194,7 +194,7 @@ class BtServiceNode(StatefulAction):
         handle = self.handle
         if handle is None:
             return FAILURE
-        if not handle.done:
+        if not handle.poll():
             if not self.has_passed(self.sent + server_timeout_ns(self) + handle.discovery_ns + 1):
                 return RUNNING
             handle.cancel()

@@ -147,20 +147,15 @@ def _obstacle(ctx: click.Context, settings: GivenSettings, program: str, name: s
     return run_components(ctx, settings, name, create)
 
 
-_DETECTOR_OPTIONS = [add_options(DetectorSettings)]
-
-
-@world_command(
-    book, "obstacle-detector", "An obstacle as a frame below the laser (chapter 4).", _DETECTOR_OPTIONS
-)
+@world_command(book, "obstacle-detector", "An obstacle as a frame below the laser (chapter 4).")
+@add_options(DetectorSettings)
 def obstacle_detector(ctx: click.Context, /, settings: GivenSettings) -> int:
     """Publish the obstacle ahead as a static frame below the laser's frame, which moves with the robot."""
     return _obstacle(ctx, settings, "obstacle_detector", "ObstacleDetector")
 
 
-@world_command(
-    book, "obstacle-detector-improved", "An obstacle as a frame below odom (chapter 4).", _DETECTOR_OPTIONS
-)
+@world_command(book, "obstacle-detector-improved", "An obstacle as a frame below odom (chapter 4).")
+@add_options(DetectorSettings)
 def obstacle_detector_improved(ctx: click.Context, /, settings: GivenSettings) -> int:
     """Publish the obstacle ahead as a frame below odom, which stays in place when the robot drives."""
     return _obstacle(ctx, settings, "obstacle_detector_improved", "ObstacleDetectorImproved")

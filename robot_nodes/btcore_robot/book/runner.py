@@ -55,7 +55,7 @@ _WORLD_OPTIONS: Sequence[Callable[[Any], Any]] = (
 
 
 def world_command(
-    group: click.Group, name: str, help_line: str, options: Sequence[Callable[[Any], Any]] = ()
+    group: click.Group, name: str, help_line: str
 ) -> Callable[[Callable[..., int]], click.Command]:
     """Return a decorator that adds a function to a group, as a command that runs in a robot's world.
 
@@ -63,11 +63,10 @@ def world_command(
         group: The group to which the command is added.
         name: The name of the command.
         help_line: The line that describes the command in the group's help.
-        options: Decorators that add further options to the command, besides the options for all worlds.
     """
 
     def decorate(function: Callable[..., int]) -> click.Command:
-        for decorator in (*reversed(options), *reversed(_WORLD_OPTIONS)):
+        for decorator in reversed(_WORLD_OPTIONS):
             function = decorator(function)
         command = click.pass_context(function)
         return group.command(name, cls=ProviderCommand, short_help=help_line)(command)

@@ -62,9 +62,7 @@ class TopView:
         centre = self._pixels([(x, y)])[0].tolist()
         cv2.circle(self.image, centre, round(radius * self.scale * 16), colour, width, cv2.LINE_AA, _SHIFT)
 
-    def arrow(
-        self, start: tuple[float, float], end: tuple[float, float], colour: Colour, width: int = 3
-    ) -> None:
+    def arrow(self, start: tuple[float, float], end: tuple[float, float], colour: Colour) -> None:
         """Draw an arrow from *start* to *end* (m). The size of its head does not depend on its length."""
         pixels = self._pixels([start, end]).astype(np.float64)
         length = float(np.hypot(*(pixels[1] - pixels[0]))) / 16
@@ -73,7 +71,7 @@ class TopView:
         # `arrowedLine` expects the length of the head as a fraction of the arrow.
         tip = min(14.0 / length, 0.6)
         first, last = pixels.astype(np.int32).tolist()
-        cv2.arrowedLine(self.image, first, last, colour, width, cv2.LINE_AA, _SHIFT, tip)
+        cv2.arrowedLine(self.image, first, last, colour, 3, cv2.LINE_AA, _SHIFT, tip)
 
     def robot(self, pose: Pose2D, radius: float) -> None:
         """Draw the robot at *pose* as a circle of *radius* (m) with a line towards its heading."""

@@ -78,8 +78,9 @@ class Recharge(StatefulAction):
         self.ticks = 0
 
     def on_start(self) -> Status:
-        """Charge for one tick."""
-        return self.on_running()
+        """Charge for one tick, and for one more if the charging was interrupted right before its end."""
+        self.ticks += 1
+        return RUNNING
 
     def on_running(self) -> Status:
         """Charge for one more tick."""

@@ -26,6 +26,8 @@ __all__ = [
     "detect_each",
 ]
 
+MIN_PIXELS = 20
+"""The minimum size (pixels) of a separate patch of a colour."""
 MIN_AREA = 1e-6
 """The minimum area (pixels) of an object."""
 
@@ -97,13 +99,14 @@ def detect_colour(image: CameraImage, colours: ColourRange) -> Detection | None:
     return _detection(colour_mask(image, colours), image)
 
 
-def detect_each(image: CameraImage, colours: ColourRange, min_pixels: int = 20) -> list[Detection]:
+def detect_each(image: CameraImage, colours: ColourRange) -> list[Detection]:
     """Return a detection for every separate patch of pixels within a range of colours, the largest first.
+
+    Patches of less than `MIN_PIXELS` are ignored.
 
     Args:
         image: The camera image.
         colours: The range of colours.
-        min_pixels: The minimum size (pixels) of a patch; smaller patches are ignored.
     """
     mask = colour_mask(image, colours)
     count, _, stats, centres = cv2.connectedComponentsWithStats(mask)
@@ -111,7 +114,7 @@ def detect_each(image: CameraImage, colours: ColourRange, min_pixels: int = 20) 
     patches = [
         (int(stats[label, cv2.CC_STAT_AREA]), label)
         for label in range(1, count)
-        if stats[label, cv2.CC_STAT_AREA] >= min_pixels
+        if stats[label, cv2.CC_STAT_AREA] >= MIN_PIXELS
     ]
     return [
         Detection(

@@ -4,15 +4,8 @@ from importlib import import_module
 
 import click
 
-COMMANDS: dict[str, str] = {
-    "doctor": "doctor",
-    "messages": "messages",
-    "navigation": "navigation",
-    "serve": "serve",
-    "navigator": "navigator",
-    "sim": "sim",
-}
-"""The module of each command, relative to this package; it contains a click command of the same name."""
+COMMANDS = ("doctor", "messages", "navigation", "navigator", "serve", "sim")
+"""The commands; the module of the same name in this package contains the click command."""
 
 
 class RosGroup(click.Group):
@@ -20,14 +13,13 @@ class RosGroup(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of the commands."""
-        return sorted(COMMANDS)
+        return list(COMMANDS)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return the command *cmd_name*, or None."""
-        module = COMMANDS.get(cmd_name)
-        if module is None:
+        if cmd_name not in COMMANDS:
             return None
-        command: click.Command = getattr(import_module(f"{__name__}.{module}"), module)
+        command: click.Command = getattr(import_module(f"{__name__}.{cmd_name}"), cmd_name)
         return command
 
 

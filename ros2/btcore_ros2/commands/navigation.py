@@ -42,7 +42,9 @@ def _run(ctx: click.Context, session: RosSession, settings: GivenSettings, *, na
     from btcore_navigation.stack import Navigation
     from btcore_ros2.nav2.navigation_topics import NavigationTopics
     from btcore_ros2.nav2.served_navigation import ServedNavigation
+    from btcore_ros2.simulation.services import offer_services
     from btcore_sim.providers import SpareBoxes
+    from btcore_sim.simulation import Simulation
 
     program = TreelessProgram("Navigation")
     # With spare boxes the simulated robot has the events of btcore ros2 sim.
@@ -55,12 +57,8 @@ def _run(ctx: click.Context, session: RosSession, settings: GivenSettings, *, na
             robot.schedule.add_task(DRAIN_RATE, Phase.SENSORS, lambda now: session.drain())
         served = ServedNavigation(session, stack, navigates=navigates)
         NavigationTopics(session, stack, navigates=navigates)
-        if type(robot).__module__.startswith("btcore_sim."):  # the simulator need not be installed
-            from btcore_ros2.simulation.services import offer_services
-            from btcore_sim.simulation import Simulation
-
-            simulated = run.find(Simulation)
-            assert simulated is not None
+        simulated = run.find(Simulation)
+        if simulated is not None:
             offer_services(session, simulated)
         session.node.get_logger().info("navigation is ready: the actions, services and topics of Nav2")
         program.keep_running = lambda: not served.is_shut_down

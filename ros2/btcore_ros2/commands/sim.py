@@ -42,10 +42,10 @@ def sim(ctx: click.Context, /, settings: GivenSettings, wait_limit: float, as_js
     The topics are those of the real robot: scan_raw, mobile_base_controller/odom, cmd_vel and so on. Events
     and the figures of the run are services below sim/. Ctrl-C ends the simulation.
     """
-    if RosRobotSettings in settings:
+    if RosRobotSettings in settings.classes:
         raise click.UsageError("--ros2 does not belong here: this command simulates its own robot")
     ros = settings[RosSettings]
-    settings[RunSettings] = msgspec.structs.replace(settings[RunSettings], fast=ros.lockstep)
+    settings.replace(msgspec.structs.replace(settings[RunSettings], fast=ros.lockstep))
     # --lockstep is for the clients: the session of the simulation itself waits for nothing.
     with open_session(RosSettings(ros.ros_args), name="simulation") as session:
         return _run(ctx, session, settings, wait_limit if ros.lockstep else None, as_json)

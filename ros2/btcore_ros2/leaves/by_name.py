@@ -69,6 +69,11 @@ class NoCodeLeaf:
     config: Any
     get_input: Any
 
+    @staticmethod
+    def metadata() -> dict[str, str]:
+        """Return that the error is written whatever the result is, for proofs."""
+        return {"writes": "error"}
+
     @property
     def default_name(self) -> str:
         """The name of the action, service or topic if its port is empty: the instance name in the XML."""
@@ -217,11 +222,6 @@ class RosServiceCall(NoCodeLeaf, RosService):
             error_output("why the call failed, or an empty text"),
         ]
 
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that the error is written whatever the result is, for proofs."""
-        return {"writes": "error"}
-
     @classmethod
     def check_literals(cls, literals: Mapping[str, str]) -> Iterable[LiteralProblem]:
         """Return the problems of the request and of the field."""
@@ -309,11 +309,6 @@ class RosTopicPublish(_TopicLeaf):
             message_input("message", "the message"),
             error_output("why no subscriber gets the message, or an empty text"),
         ]
-
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that the error is written whatever the result is, for proofs."""
-        return {"writes": "error"}
 
     @classmethod
     def check_literals(cls, literals: Mapping[str, str]) -> Iterable[LiteralProblem]:
@@ -416,11 +411,6 @@ class RosTopicRead(_TopicLeaf):
             field_input("field", "message"),
             error_output("why there is no message, or an empty text"),
         ]
-
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that the error is written whatever the result is, for proofs."""
-        return {"writes": "error"}
 
     @classmethod
     def check_literals(cls, literals: Mapping[str, str]) -> Iterable[LiteralProblem]:

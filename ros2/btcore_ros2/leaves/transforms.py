@@ -103,11 +103,6 @@ class _LookUp(_TransformLeaf, StatefulAction):
     max_age: Annotated[In[float], "the maximum time (s) since the transform arrived; 0 = no limit"] = 0.0
     spec = NodeSpec(symbol="⌖", state_fields=None, may_complete_on_start=True)
 
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that the error is written whatever the result is, for proofs."""
-        return {"writes": "error"}
-
     def __init__(self, session: RosSession) -> None:
         self.session = session
         self._deadline = 0
@@ -302,11 +297,6 @@ class RosTransformPublish(_TransformLeaf, SyncAction):
             message_input("pose", "the pose"),
             error_output("why nothing was published, or an empty text"),
         ]
-
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that the error is written whatever the result is, for proofs."""
-        return {"writes": "error"}
 
     def __init__(self, session: RosSession, board: Blackboard) -> None:
         self.session = session

@@ -4,7 +4,8 @@
 """
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from importlib import import_module
 from typing import TYPE_CHECKING, Any, Final
 
@@ -48,6 +49,10 @@ MAP: Final = "map"
 THROUGH_OFFSET = 100
 """The difference between the error codes of NavigateThroughPoses and NavigateToPose."""
 
+_ALLOWANCE: Final = {"time_allowance": "time_allowance"}
+_LIMITS: Final = {**_ALLOWANCE, "disable_collision_checks": "disable_collision_checks"}
+"""Attributes of goals, and the fields of the same names in the messages."""
+
 
 class FrameError(RosError):
     """A pose is in another frame than the receiver needs."""
@@ -86,15 +91,12 @@ def pose_to_message(pose: Pose2D) -> Pose:
     )
 
 
-def pose_to_stamped(pose: Pose2D, frame: str = MAP, stamp: Time | None = None) -> PoseStamped:
-    """Return *pose* as a `geometry_msgs/PoseStamped`.
+def pose_to_stamped(pose: Pose2D, frame: str = MAP) -> PoseStamped:
+    """Return *pose* in *frame* as a `geometry_msgs/PoseStamped`.
 
-    Args:
-        pose: The pose.
-        frame: The name of its frame.
-        stamp: The stamp; None = zero, which stands for the newest transform.
+    Its stamp is zero, which stands for the newest transform.
     """
-    return PoseStamped(header=_header(frame, stamp), pose=pose_to_message(pose))
+    return PoseStamped(header=Header(frame_id=frame), pose=pose_to_message(pose))
 
 
 def pose_from_message(message: Pose) -> Pose2D:
@@ -131,24 +133,21 @@ def pose_from_stamped(message: PoseStamped, frame: str = MAP, default: str = "")
     return pose_from_message(message.pose)
 
 
-def poses_to_goals(poses: Iterable[Pose2D], frame: str = MAP, stamp: Time | None = None) -> "Goals":
-    """Return *poses* as a `nav_msgs/Goals` in *frame*, with *stamp* (None = zero)."""
+def poses_to_goals(poses: Iterable[Pose2D]) -> "Goals":
+    """Return *poses* in the frame `map` as a `nav_msgs/Goals`, with the stamp zero."""
     from nav_msgs.msg import Goals  # Jazzy does not have this message
 
-    header = _header(frame, stamp)
-    return Goals(
-        header=header, goals=[PoseStamped(header=header, pose=pose_to_message(pose)) for pose in poses]
-    )
+    return Goals(header=Header(frame_id=MAP), goals=list(map(pose_to_stamped, poses)))
 
 
-def poses_from_goals(message: "Goals", frame: str = MAP) -> tuple[Pose2D, ...]:
+def poses_from_goals(message: "Goals") -> tuple[Pose2D, ...]:
     """Return the poses of a `nav_msgs/Goals`.
 
     Raises:
-        RosError: A pose is not in *frame*, or a number is not finite.
+        RosError: A pose is not in the frame `map`, or a number is not finite.
     """
     default = message.header.frame_id
-    return tuple(pose_from_stamped(goal, frame, default) for goal in message.goals)
+    return tuple(pose_from_stamped(goal, MAP, default) for goal in message.goals)
 
 
 def path_to_message(path: NavPath, stamp: Time | None = None) -> Path:
@@ -159,7 +158,7 @@ def path_to_message(path: NavPath, stamp: Time | None = None) -> Path:
         stamp: The stamp; None = zero, which stands for the newest transform. The stamp of *path* itself may
             belong to another clock.
     """
-    header = _header(path.frame, stamp)
+    header = Header(frame_id=path.frame, stamp=stamp or Time())
     return Path(
         header=header,
         poses=[
@@ -202,10 +201,6 @@ def seconds_to_duration(seconds: float) -> Duration:
 def duration_to_seconds(message: Duration) -> float:
     """Return a duration in s."""
     return time_to_ns(message) / NS_PER_S
-
-
-def _header(frame: str, stamp: Time | None) -> Header:
-    return Header(frame_id=frame) if stamp is None else Header(frame_id=frame, stamp=stamp)
 
 
 class ActionConverter:
@@ -365,85 +360,56 @@ class _SmoothPath(ActionConverter):
         return SmoothedPath(path_from_message(message.path), duration, message.was_completed)
 
 
-class _Spin(ActionConverter):
-    name, type_name, goal_type = "spin", "Spin", SpinGoal
+class _Behaviour(ActionConverter):
+    """An action of the behaviour server. Its feedback is the progress, a number; durations are in s.
 
-    def write_goal(self, goal: SpinGoal, message: Any) -> None:
-        message.target_yaw = goal.dist
-        message.time_allowance = seconds_to_duration(goal.time_allowance)
-        message.disable_collision_checks = goal.disable_collision_checks
+    *fields* are the fields of the goal message, by the attributes of our goal, and *progress* is the field of
+    the feedback.
+    """
 
-    def read_goal(self, message: Any) -> SpinGoal:
-        allowance = duration_to_seconds(message.time_allowance)
-        return SpinGoal(message.target_yaw, allowance, message.disable_collision_checks)
-
-    def write_feedback(self, feedback: BehaviourFeedback, message: Any) -> None:
-        message.angular_distance_traveled = feedback.progress
-
-    def read_feedback(self, message: Any) -> BehaviourFeedback:
-        return BehaviourFeedback(message.angular_distance_traveled)
-
-
-class _Straight(ActionConverter):
     def __init__(
-        self, name: str, type_name: str, goal_type: type[BackUpGoal] | type[DriveOnHeadingGoal]
+        self, name: str, type_name: str, goal_type: type, fields: Mapping[str, str], progress: str
     ) -> None:
         self.name, self.type_name, self.goal_type = name, type_name, goal_type
+        self._fields, self._progress = fields, progress
+
+    def write_goal(self, goal: Any, message: Any) -> None:
+        for attribute, field in self._fields.items():
+            _write_number(message, field, getattr(goal, attribute))
+
+    def read_goal(self, message: Any) -> Any:
+        return self.goal_type(**{name: _read_number(message, field) for name, field in self._fields.items()})
+
+    def write_feedback(self, feedback: BehaviourFeedback, message: Any) -> None:
+        _write_number(message, self._progress, feedback.progress)
+
+    def read_feedback(self, message: Any) -> BehaviourFeedback:
+        return BehaviourFeedback(_read_number(message, self._progress))
+
+
+def _write_number(message: Any, field: str, value: float) -> None:
+    is_duration = isinstance(getattr(message, field), Duration)
+    setattr(message, field, seconds_to_duration(value) if is_duration else value)
+
+
+def _read_number(message: Any, field: str) -> float:
+    value: Any = getattr(message, field)
+    return duration_to_seconds(value) if isinstance(value, Duration) else value
+
+
+class _Straight(_Behaviour):
+    def __init__(self, name: str, type_name: str, goal_type: type) -> None:
+        super().__init__(name, type_name, goal_type, {"speed": "speed", **_LIMITS}, "distance_traveled")
 
     def write_goal(self, goal: BackUpGoal | DriveOnHeadingGoal, message: Any) -> None:
+        super().write_goal(goal, message)
         message.target = Point(x=goal.dist)
-        message.speed = goal.speed
-        message.time_allowance = seconds_to_duration(goal.time_allowance)
-        message.disable_collision_checks = goal.disable_collision_checks
 
-    def read_goal(self, message: Any) -> BackUpGoal | DriveOnHeadingGoal:
-        if message.target.y != 0.0 or message.target.z != 0.0:
+    def read_goal(self, message: Any) -> Any:
+        target = message.target
+        if target.y != 0.0 or target.z != 0.0:
             raise RosError(f"{self.name}: the target must be on the x axis, but its y or z is not 0")
-        goal: BackUpGoal | DriveOnHeadingGoal = self.goal_type(
-            message.target.x,
-            message.speed,
-            duration_to_seconds(message.time_allowance),
-            message.disable_collision_checks,
-        )
-        return goal
-
-    def write_feedback(self, feedback: BehaviourFeedback, message: Any) -> None:
-        message.distance_traveled = feedback.progress
-
-    def read_feedback(self, message: Any) -> BehaviourFeedback:
-        return BehaviourFeedback(message.distance_traveled)
-
-
-class _Wait(ActionConverter):
-    name, type_name, goal_type = "wait", "Wait", WaitGoal
-
-    def write_goal(self, goal: WaitGoal, message: Any) -> None:
-        message.time = seconds_to_duration(goal.duration)
-
-    def read_goal(self, message: Any) -> WaitGoal:
-        return WaitGoal(duration_to_seconds(message.time))
-
-    def write_feedback(self, feedback: BehaviourFeedback, message: Any) -> None:
-        message.time_left = seconds_to_duration(feedback.progress)
-
-    def read_feedback(self, message: Any) -> BehaviourFeedback:
-        return BehaviourFeedback(duration_to_seconds(message.time_left))
-
-
-class _AssistedTeleop(ActionConverter):
-    name, type_name, goal_type = "assisted_teleop", "AssistedTeleop", AssistedTeleopGoal
-
-    def write_goal(self, goal: AssistedTeleopGoal, message: Any) -> None:
-        message.time_allowance = seconds_to_duration(goal.time_allowance)
-
-    def read_goal(self, message: Any) -> AssistedTeleopGoal:
-        return AssistedTeleopGoal(duration_to_seconds(message.time_allowance))
-
-    def write_feedback(self, feedback: BehaviourFeedback, message: Any) -> None:
-        message.current_teleop_duration = seconds_to_duration(feedback.progress)
-
-    def read_feedback(self, message: Any) -> BehaviourFeedback:
-        return BehaviourFeedback(duration_to_seconds(message.current_teleop_duration))
+        return replace(super().read_goal(message), dist=target.x)
 
 
 class _ComputeRoute(ActionConverter):
@@ -564,11 +530,13 @@ ACTIONS: Final[dict[str, ActionConverter]] = {
         _ComputePath("compute_path_through_poses", "ComputePathThroughPoses", through=True),
         _FollowPath(),
         _SmoothPath(),
-        _Spin(),
+        _Behaviour("spin", "Spin", SpinGoal, {"dist": "target_yaw", **_LIMITS}, "angular_distance_traveled"),
         _Straight("backup", "BackUp", BackUpGoal),
         _Straight("drive_on_heading", "DriveOnHeading", DriveOnHeadingGoal),
-        _Wait(),
-        _AssistedTeleop(),
+        _Behaviour("wait", "Wait", WaitGoal, {"duration": "time"}, "time_left"),
+        _Behaviour(
+            "assisted_teleop", "AssistedTeleop", AssistedTeleopGoal, _ALLOWANCE, "current_teleop_duration"
+        ),
         _ComputeRoute(),
         _FollowWaypoints(),
         _Navigate("navigate_to_pose", "NavigateToPose", through=False),
@@ -576,12 +544,3 @@ ACTIONS: Final[dict[str, ActionConverter]] = {
     )
 }
 """The converters of Nav2's actions, by the name under which Nav2 serves the action."""
-
-
-def action_of(goal: object) -> ActionConverter:
-    """Return the converter for *goal*. Raises RosError for an object that is not a goal of Nav2's actions."""
-    through = getattr(goal, "through", None)
-    for converter in ACTIONS.values():
-        if type(goal) is converter.goal_type and getattr(converter, "through", None) == through:
-            return converter
-    raise RosError(f"Nav2 has no action for a goal of the type {type(goal).__name__}")

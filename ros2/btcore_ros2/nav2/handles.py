@@ -65,14 +65,12 @@ class _SessionHandle(GoalHandle[Any, Any, Any]):
         self.discovery_ns = max(0, named.created + named.discovery_ns - self._began)
         self._stop_watching: Callable[[], None] | None = None
 
-    @property
-    def done(self) -> bool:
-        """Whether the goal has ended, by what has arrived until now."""
-        if super().done:
-            return True
-        # For programs that tick a tree without waiting on the clock of the session.
-        self._session.refresh()
-        return super().done
+    def poll(self) -> bool:
+        """Take what has arrived from the server, and return whether the goal has ended."""
+        if not self.done:
+            # For programs that tick a tree without waiting on the clock of the session.
+            self._session.refresh()
+        return self.done
 
     def on_server_found(self) -> None:
         """Let the time for the acceptance begin now."""
@@ -82,16 +80,16 @@ class _SessionHandle(GoalHandle[Any, Any, Any]):
         """Call `advance` after each drain, from now on."""
         if self._stop_watching is not None:
             self._stop_watching()
-        self._stop_watching = None if super().done else self._session.after_drain(self._advance_until_end)
+        self._stop_watching = None if self.done else self._session.after_drain(self._advance_until_end)
 
     def advance(self) -> None:
         """Process what has arrived."""
         raise NotImplementedError
 
     def _advance_until_end(self) -> None:
-        if not super().done:
+        if not self.done:
             self.advance()
-        if super().done and self._stop_watching is not None:
+        if self.done and self._stop_watching is not None:
             self._stop_watching()
             self._stop_watching = None
 
@@ -208,7 +206,7 @@ class Nav2RequestHandle(_SessionHandle):
     def cancel(self) -> None:
         """Ignore the response when it arrives."""
         super().cancel()
-        if not super().done:
+        if not self.done:
             if self._response is not None:
                 self._client.remove_pending_request(self._response)
             self.canceled()

@@ -73,10 +73,11 @@ class NavigatorServer:
         trees = folder() / TREES
         self._to_pose = self._navigator(to_pose or trees / TO_POSE, nodes, through=False)
         self._through_poses = self._navigator(through_poses or trees / THROUGH_POSES, nodes, through=True)
-        self._served = (
-            self._serve(self._to_pose, self._through_poses),
-            self._serve(self._through_poses, self._to_pose),
-        )
+        both = (self._to_pose, self._through_poses)
+        self._served = [
+            ServedAction(session, ACTIONS[navigator.name], navigator, other)
+            for navigator, other in zip(both, reversed(both), strict=True)
+        ]
         self._manager = LifecycleManager(
             session, "lifecycle_manager_navigator", {"bt_navigator": ServedNode(self._set_active)}
         )
@@ -112,19 +113,7 @@ class NavigatorServer:
             resources=[self.session],
             through=through,
             hold=self._must_wait,
-            give_up_reason=self._give_up_reason,
-        )
-
-    def _serve(self, navigator: Navigator, other: Navigator) -> ServedAction:
-        def reject_reason(message: Any) -> str:
-            return f"{other.name} has a goal in progress" if other.busy else ""
-
-        return ServedAction(
-            self.session,
-            ACTIONS[navigator.name],
-            navigator,
-            reject_reason=reject_reason,
-            refusal=lambda goal: refusal_reason(navigator, goal),
+            keep_waiting=self._keep_waiting,
         )
 
     def _set_active(self, active: bool) -> None:
@@ -153,7 +142,7 @@ class NavigatorServer:
         self._was_pose_known |= known
         return not known
 
-    def _give_up_reason(self, began: int) -> tuple[Nav2ErrorCode, str] | None:
+    def _keep_waiting(self, began: int) -> tuple[Nav2ErrorCode, str] | None:
         patience = POSE_PATIENCE_S if self._was_pose_known else FIRST_POSE_PATIENCE_S
         if self.session.clock.now() - began < patience * NS_PER_S:
             return None

@@ -1,6 +1,5 @@
 """An action server of our navigation, offered under the name and the types of Nav2's action."""
 
-from collections.abc import Callable
 from typing import Any
 
 from btcore.clock import NS_PER_S
@@ -29,11 +28,8 @@ class ServedAction:
         session: The session.
         converter: The converter of the action.
         server: The server.
-        name: The name of the action; "" = that of *converter*.
-        reject_reason: Called with a goal message; it returns why the goal is rejected, or "". Without a call,
-            the goals of a server that is not active are rejected.
-        refusal: Called with a goal; it returns why an accepted goal is aborted at once, or "". The goal in
-            progress continues.
+        other: A server that excludes this one: while it has a goal, goals are rejected. The goals of a server
+            that is not active are rejected, too.
     """
 
     def __init__(
@@ -41,19 +37,15 @@ class ServedAction:
         session: RosSession,
         converter: ActionConverter,
         server: ActionServer[Any, Any, Any],
-        name: str = "",
-        *,
-        reject_reason: Callable[[Any], str] = lambda message: "",
-        refusal: Callable[[Any], str] = lambda goal: "",
+        other: ActionServer[Any, Any, Any] | None = None,
     ) -> None:
         self._session = session
         self._converter = converter
         self._server = server
-        self._reason = reject_reason
-        self._refusal = refusal
+        self._other = other
         self._type = converter.type
         self._ros: RosActionServer[Any, Any, Any] = RosActionServer(
-            session, self._type, name or converter.name, reject_reason=self._reject_reason
+            session, self._type, converter.name, reject_reason=self._reject_reason
         )
         self._goals: list[tuple[ServerGoal[Any, Any, Any], GoalHandle[Any, Any, Any], int]] = []
         """The goals and the times (ns) at which they began."""
@@ -93,7 +85,10 @@ class ServedAction:
         self._ros.close()
 
     def _reject_reason(self, request: Any) -> str:
-        return self._reason(request) if self._server.is_active else f"{self._server.node} is not active"
+        if not self._server.is_active:
+            return f"{self._server.node} is not active"
+        other = self._other
+        return f"{other.name} has a goal in progress" if other is not None and other.busy else ""
 
     def _start(self, ros: ServerGoal[Any, Any, Any]) -> None:
         try:
@@ -104,7 +99,7 @@ class ServedAction:
                 code = getattr(self._type.Result, "TF_ERROR", code)
             self._abort(ros, self._result(code, str(error)))
             return
-        reason = self._refusal(goal)
+        reason = refusal_reason(self._server, goal) if isinstance(self._server, Navigator) else ""
         if reason:
             self._abort(ros, self._result(self._type.Result.UNKNOWN, reason))
             return

@@ -19,7 +19,6 @@ from btcore_navigation.navigation_servers import (
     PathCheck,
     ReinitializeLocalization,
 )
-from btcore_navigation.navigator import Navigator
 from btcore_navigation.stack import Navigation
 from btcore_navigation.waypoint_follower import WaypointFollower
 from btcore_robot.errors import RobotError
@@ -30,7 +29,7 @@ from btcore_ros2.nav2.client import Nav2Client
 from btcore_ros2.nav2.conversions import ACTIONS, MAP, nav2_type, path_from_message, pose_from_stamped
 from btcore_ros2.nav2.lifecycle import LifecycleManager, ServedNode
 from btcore_ros2.nav2.navigation_topics import costmap_message, occupancy_grid
-from btcore_ros2.nav2.served_action import ServedAction, refusal_reason
+from btcore_ros2.nav2.served_action import ServedAction
 from btcore_ros2.session import RosSession
 
 RATE = 100.0
@@ -116,44 +115,21 @@ class ServedNavigation:
     def __init__(self, session: RosSession, navigation: Navigation, *, navigates: bool = True) -> None:
         self._session = session
         self._servers = servers = navigation.servers
-        served: dict[str, ActionServer[Any, Any, Any]] = {
-            "compute_path_to_pose": servers.compute_path,
-            "compute_path_through_poses": servers.compute_path,
-            "follow_path": servers.follow_path,
-            "spin": servers.spin,
-            "backup": servers.back_up,
-            "drive_on_heading": servers.drive_on_heading,
-            "wait": servers.wait,
-            "assisted_teleop": servers.assisted_teleop,
-            "smooth_path": servers.smooth_path,
-        }
-        if navigates:
-            served["navigate_to_pose"] = navigation.navigate_to_pose
-            served["navigate_through_poses"] = navigation.navigate_through_poses
+        served = servers.by_action
+        if not navigates:
+            served = {name: server for name, server in served.items() if name not in servers.navigators}
         others = {
             "navigate_to_pose": navigation.navigate_through_poses,
             "navigate_through_poses": navigation.navigate_to_pose,
         }
-
-        def rejection(name: str) -> Callable[[Any], str]:
-            other = others.get(name)
-            return lambda message: f"{other.name} is in progress" if other is not None and other.busy else ""
-
         schedule = navigation.robot.schedule
         # Without our navigators, another program's navigator drives to the waypoints.
         navigator = servers if navigates else Nav2Client(session)
         follower = WaypointFollower(navigator, navigation.parameters.waypoints)
         served["follow_waypoints"] = follower
         schedule.add_task(follower.RATE, Phase.CONTROLLER, follower.step)
-
-        def refusal(server: ActionServer[Any, Any, Any]) -> Callable[[Any], str]:
-            return lambda goal: refusal_reason(server, goal) if isinstance(server, Navigator) else ""
-
         self._actions = [
-            ServedAction(
-                session, ACTIONS[name], server, reject_reason=rejection(name), refusal=refusal(server)
-            )
-            for name, server in served.items()
+            ServedAction(session, ACTIONS[name], server, others.get(name)) for name, server in served.items()
         ]
         self._offer_services()
         # Before the servers take their steps, of which those of the planner come first.

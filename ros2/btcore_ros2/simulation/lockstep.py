@@ -27,7 +27,7 @@ import time
 from collections.abc import Callable, Generator, Mapping
 from functools import partial
 from types import coroutine
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParametersAtomically
@@ -40,6 +40,9 @@ from btcore_robot.schedule import SimulatedSchedule
 from btcore_robot.time_limits import LOCKSTEP_SENSOR
 from btcore_ros2.errors import RosError
 from btcore_ros2.session import RosSession
+
+if TYPE_CHECKING:
+    from btcore_ros2.simulation.topics import RobotTopics
 
 _log = logging.getLogger(__name__)
 
@@ -64,22 +67,6 @@ LOSS = 0.3
 _SYNC_INTERVAL_NS = 50_000_000
 
 
-class PublishedTopics(Protocol):
-    """The topics of a world."""
-
-    def published(self) -> Mapping[str, int]:
-        """Return the number of messages so far on each topic, by resolved names."""
-
-    def received(self) -> Mapping[str, int]:
-        """Return the number of the newest message on each topic for commands, by resolved names."""
-
-    def publish_clock(self, now: int) -> None:
-        """Publish the simulated time *now* (ns)."""
-
-    def publish_again(self) -> None:
-        """Publish the newest readings again."""
-
-
 class LockstepServer:
     """Lets a simulated world advance only as far as clients request it.
 
@@ -94,7 +81,7 @@ class LockstepServer:
         is_abandoned: Whether no client requested a step for *wait_limit*.
     """
 
-    def __init__(self, session: RosSession, topics: PublishedTopics, wait_limit: float) -> None:
+    def __init__(self, session: RosSession, topics: "RobotTopics", wait_limit: float) -> None:
         self.is_abandoned = False
         self._session = session
         self._topics = topics

@@ -78,7 +78,7 @@ def test_every_built_in_node_has_a_description_and_a_distribution() -> None:
     for format in (3, 4):
         for manifest in nodes.manifests_of(format).values():
             assert manifest.description, manifest.id
-            assert manifest.distribution == "btcore"
+            assert manifest.library == "btcore"
 
 
 def test_ports_of_a_single_format_are_missing_in_the_other_format() -> None:
@@ -379,7 +379,7 @@ def test_plugin_is_found_by_its_module_name(library: Path) -> None:
     nodes.add_plugin("gestures")
     assert added_ids(nodes) == LIBRARY_IDS
     assert nodes.libraries == ["btcore", "gestures"]
-    assert nodes.manifests["FlagRaised"].distribution == "gestures"
+    assert nodes.manifests["FlagRaised"].library == "gestures"
 
 
 def test_add_plugin_accepts_a_file_path(library: Path) -> None:
@@ -435,7 +435,7 @@ def test_add_plugins_finds_installed_entry_points(library: Path) -> None:
     nodes.add_plugins()
     assert added_ids(nodes) >= LIBRARY_IDS
     assert "polite-robot" in nodes.libraries
-    assert nodes.manifests["Linger"].distribution == "polite-robot"
+    assert nodes.manifests["Linger"].library == "polite-robot"
 
 
 @pytest.mark.parametrize("limit", [None, "robot_nodes", ""])
@@ -452,8 +452,8 @@ def test_every_part_of_btcore_registers_the_same_installed_libraries(
     others = [load_libraries(()).nodes, worker.Libraries([], (), (), trusted=False).nodes]
     for other in others:
         assert other.libraries == program.libraries
-        assert {id: manifest.distribution for id, manifest in other.manifests.items()} == {
-            id: manifest.distribution for id, manifest in program.manifests.items()
+        assert {id: manifest.library for id, manifest in other.manifests.items()} == {
+            id: manifest.library for id, manifest in program.manifests.items()
         }
     assert ("polite-robot" in program.libraries) is (limit is None)
     packages = {"btcore"} if limit == "" else {"btcore", "btcore_robot"}
@@ -472,7 +472,7 @@ def test_user_registration_overrides_an_installed_plugin(library: Path) -> None:
 
     nodes.add(Linger)
     assert nodes.manifests["Linger"].cls is Linger
-    assert [(old.distribution, new.cls) for old, new in nodes.overridden_nodes] == [("polite-robot", Linger)]
+    assert [(old.library, new.cls) for old, new in nodes.overridden_nodes] == [("polite-robot", Linger)]
     assert "registered already" in refused(nodes.add, Linger)
 
 
@@ -511,7 +511,7 @@ def test_nodes_that_a_file_registers_itself_belong_to_the_file(tmp_path: Path) -
     )
     nodes = Registry.standard()
     nodes.add_plugin(tmp_path / "gripping.py")
-    assert nodes.manifests["Grip"].distribution == "gripping"
+    assert nodes.manifests["Grip"].library == "gripping"
 
 
 def test_an_output_of_a_function_that_is_assigned_instead_of_called_is_refused() -> None:

@@ -10,7 +10,6 @@ from btcore import Run, RunSettings, Settings, SettingsError
 from btcore.program_runner import TreelessProgram
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import choose_providers
-from btcore.runs.settings import GivenSettings
 from btcore_navigation.leaves.explore import Explorer, MapFile
 from btcore_navigation.leaves.navigate import PoseNavigator
 from btcore_navigation.mapping.exploration import Exploration
@@ -29,7 +28,7 @@ HOUSE = SimulatorSettings(world="house", camera="off")
 
 
 def used(wanted: list[Any], *settings: Settings) -> set[str]:
-    choice = choose_providers(wanted, AvailableProviders(), GivenSettings(settings))
+    choice = choose_providers(wanted, AvailableProviders(), set(map(type, settings)))
     return {provider.name for provider in choice.order}
 
 

@@ -29,7 +29,6 @@ from btcore_robot.robot import Pose2D
 from btcore_ros2.errors import RosError
 from btcore_ros2.nav2.conversions import (
     ACTIONS,
-    action_of,
     nav2_type,
     path_from_message,
     path_to_message,
@@ -67,7 +66,12 @@ def is_close(first: Pose2D, second: Pose2D) -> bool:
 
 @pytest.mark.parametrize("goal", GOALS, ids=lambda goal: type(goal).__name__)
 def test_goals_survive_the_transmission(goal: Any) -> None:
-    converter = action_of(goal)
+    through = getattr(goal, "through", None)
+    [converter] = [
+        converter
+        for converter in ACTIONS.values()
+        if type(goal) is converter.goal_type and getattr(converter, "through", None) == through
+    ]
     message = converter.type.Goal()
     converter.write_goal(goal, message)
     back = converter.read_goal(transmit(message))

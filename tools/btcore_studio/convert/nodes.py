@@ -76,7 +76,7 @@ def _convert_behavior(changes: ConversionChanges, element: Element, id: str) -> 
         rule(changes, element, id)
     elif new == id and changes.registry.get(id, 3) is None:
         taken = changes.registry.get(id, 4)
-        if taken is not None and taken.distribution == "btcore":
+        if taken is not None and taken.library == "btcore":
             message = f"<{id}> is the name of a built-in node in format 4"
             changes.note(MANUAL_STEP, message, element, hint="give your node another ID")
     return new

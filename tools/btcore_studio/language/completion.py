@@ -465,7 +465,7 @@ class _Completion:
             for manifest in self.registry.manifests_of(self.format).values():
                 if manifest.type is EXPLICIT_TAGS[element.tag]:
                     kind = _KIND_OF_NODE[manifest.type]
-                    yield _Item(manifest.id, kind, 0, manifest.distribution, node_markdown(manifest))
+                    yield _Item(manifest.id, kind, 0, manifest.library, node_markdown(manifest))
 
     def _id_items(self) -> Iterator[_Item]:
         for id, is_visible in self._tree_ids():

@@ -102,7 +102,7 @@ def node_markdown(manifest: Manifest) -> str:
     facts = [manifest.type.name.lower()]
     if manifest.type in (NodeType.CONTROL, NodeType.DECORATOR) and not is_mock(manifest.cls):
         facts.append(_children(manifest))
-    facts.append(f"from {code(manifest.distribution)}")
+    facts.append(f"from {code(manifest.library)}")
     lines = [f"**{manifest.id}** — {', '.join(facts)}", "", prose(manifest.description)]
     ports = list(manifest.ports.values())
     if ports:
@@ -112,7 +112,7 @@ def node_markdown(manifest: Manifest) -> str:
             lines.append(f"| {code(port.name)} | {_port_facts(manifest, port)} | {about} |")
         if len(ports) > _MAX_PORTS:
             lines.append(f"| … | {len(ports) - _MAX_PORTS} more ports | |")
-    url = node_url(manifest.id, manifest.distribution)
+    url = node_url(manifest.id, manifest.library)
     if url is not None:
         lines += ["", f"[Documentation]({url})"]
     return "\n".join(lines)

@@ -124,7 +124,7 @@ def _model_of(manifest: Manifest, format: int) -> NodeModel:
         manifest.type.name,
         tuple(_port_model(manifest, port) for port in manifest.ports.values()),
         "" if has_no_text else manifest.description,
-        manifest.distribution,
+        manifest.library,
         file,
         line,
         format,

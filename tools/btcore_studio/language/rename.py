@@ -281,7 +281,7 @@ def _check_node(project: Project, symbols: ProjectSymbols, named: NamedNode) -> 
         raise RenameError(f"the Python code of <{named.id}> declares its ID: rename it in {known.file}")
     registered = symbols.registry.get(named.id, 4) or symbols.registry.get(named.id, 3)
     if registered is not None and not is_mock(registered.cls):
-        raise RenameError(f"<{named.id}> is a node of {registered.distribution}")
+        raise RenameError(f"<{named.id}> is a node of {registered.library}")
     if not symbols.node_models(named.id):
         raise RenameError(f"no <TreeNodesModel> of the project declares the node '{named.id}'")
 

@@ -23,7 +23,7 @@ def test_table_shows_the_description_ports_and_origin_of_a_node(cli: Cli, librar
 @pytest.mark.parametrize("format_", ["4", "3"])
 def test_each_format_has_the_built_in_nodes_of_the_registry(cli: Cli, format_: str) -> None:
     palette = json.loads(cli("nodes", "--format", format_, "--json").stdout)
-    built_in = [id for id, node in palette.items() if node["distribution"] == "btcore"]
+    built_in = [id for id, node in palette.items() if node["library"] == "btcore"]
     assert built_in == list(Registry.standard().manifests_of(int(format_)))
 
 

@@ -36,7 +36,7 @@ def no_installed_libraries(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
 @pytest.mark.parametrize("case", CASES)
 def test_error_message(case: str, nodes: Registry, document: Write) -> None:
     text, message = CASES[case]
-    libraries = {one.distribution for one in nodes.manifests.values()} - {"btcore"}
+    libraries = {one.library for one in nodes.manifests.values()} - {"btcore"}
     searched = ", ".join(["searched: btcore", *sorted(libraries)])
     if not text.startswith(("<root", "<Root", "<svg")):
         text = document(text.rstrip("\n"))
