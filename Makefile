@@ -138,15 +138,15 @@ setup-core: .venv/core
 		.venv-compiled/bin/python $(PIP) install "$$(echo out/wheel/btcore-*.whl)[bench]"
 	@touch $@
 
-# The tests use the monitor's client, but not its viewer, which is a quarter of .venv.
-FOR_ROS2_TESTS := msgpack pytest-xdist pyzmq ros-test-msgs==2.3.0
+# The tests use the monitor's client, but not its viewer, which is a quarter of .venv. ROS 2's generators take a third
+# less time with empy 3.
+FOR_ROS2_TESTS := 'empy<4' msgpack pytest-xdist pyzmq ros-test-msgs==2.3.0
 
-# Compiling all bundled messages takes a third longer. Messages that these contain are built, too.
+# Compiling all bundled messages takes two thirds longer. Messages that these contain are built, too.
 FOR_ROS2_TESTS_BUILT := TFMessage ExecuteTree GetTrees BehaviorTreeLog ParticleCloud CostmapUpdate \
-	OccupancyGridUpdate AssistedTeleop BackUp ComputeAndTrackRoute ComputePathThroughPoses ComputePathToPose \
-	ComputeRoute DockRobot DriveOnHeading FollowGPSWaypoints FollowPath FollowWaypoints NavigateThroughPoses \
-	NavigateToPose SmoothPath Spin UndockRobot Wait ClearCostmapAroundRobot ClearCostmapExceptRegion \
-	ClearEntireCostmap GetCostmap GetCosts IsPathValid LoadMap ManageLifecycleNodes SetInitialPose
+	OccupancyGridUpdate AssistedTeleop BackUp ComputePathThroughPoses ComputePathToPose DriveOnHeading FollowPath \
+	FollowWaypoints NavigateThroughPoses NavigateToPose SmoothPath Spin Wait ClearCostmapAroundRobot \
+	ClearCostmapExceptRegion ClearEntireCostmap GetCostmap GetCosts IsPathValid LoadMap ManageLifecycleNodes
 
 # An environment of its own, because ROS 2's wheels restart each Python that starts in their environment.
 .venv-ros/ready: pyproject.toml setup.py $(MESSAGES) | .venv/project
