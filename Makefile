@@ -130,7 +130,7 @@ setup-core: .venv/core
 		.venv-compiled/bin/python $(PIP) wheel --verbose --no-build-isolation --no-deps --wheel-dir out/wheel .
 	@.venv-compiled/bin/python $(PIP) install --quiet --force-reinstall --no-deps out/wheel/btcore-*.whl
 	@$(PROGRESS) 'installing the compiled engine into .venv-compiled' \
-		.venv-compiled/bin/python $(PIP) install "$$(echo out/wheel/btcore-*.whl)[test]"
+		.venv-compiled/bin/python $(PIP) install "$$(echo out/wheel/btcore-*.whl)[batch,testing]" pytest-xdist
 	@touch $@
 
 .venv-compiled/bench: .venv-compiled/ready
