@@ -39,6 +39,9 @@ LANES := $(addprefix test-,core monitor robot sim tools docs)
 COMPILED_TESTS := $(addprefix tests/btcore/,blackboard engine loading nodes registry script test_builds.py \
 	test_status.py tree values xml/plan xml/read/test_element.py) tests/conformance tests/fuzz tests/properties \
 	tests/regressions/btcore tests/tools/btcore_batch tests/docs/test_docstring_examples.py
+# Tests that wait for other processes run first: meanwhile other tests use the cores, and the last tests do not wait.
+WAITING := $(wildcard tests/test_*.py) tests/tools/
+ALL_TESTS := $(WAITING) $(filter-out $(WAITING) tests/__pycache__/,$(wildcard tests/*/))
 # Continuous integration also checks the types on Windows, and runs the blocks of all pages.
 WITHOUT_PAGES := --deselect tests/docs/test_docs.py::test_the_examples_of_a_page_run
 BENCHMARKS := $(filter-out ros2,$(basename $(notdir $(wildcard benchmarks/*.py))))
@@ -220,7 +223,8 @@ pure: .venv/ready vulkan
 	@echo '· the tests, on the pure build$(if $(CI),, (the pages of the documentation: make test-docs))'
 	@# In a new checkout, each process would compile all tests, at the same time.
 	@test -d tests/__pycache__ || .venv/bin/pytest -q --collect-only >/dev/null || true
-	@BTCORE_EXPECT=pure .venv/bin/pytest -n $(TEST_PROCESSES) --dist worksteal $(if $(CI),,$(WITHOUT_PAGES))
+	@BTCORE_EXPECT=pure .venv/bin/pytest -n $(TEST_PROCESSES) --dist worksteal $(ALL_TESTS) \
+		$(if $(CI),,$(WITHOUT_PAGES))
 
 $(LANES): .venv/ready vulkan
 	@BTCORE_EXPECT=pure .venv/bin/pytest -n $(TEST_PROCESSES) --dist worksteal $(LANE_$(@:test-%=%))
