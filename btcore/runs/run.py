@@ -157,7 +157,7 @@ class Run:
         self._prepare = prepare
         # `GivenSettings` come from the options of a command, whose values click has checked.
         self.settings = settings if isinstance(settings, GivenSettings) else GivenSettings.checked(settings)
-        self.run_settings = self.settings[RunSettings]
+        self.run_settings = self.settings.of(RunSettings)
         self.report = Report(lambda: self.end_reason)
         self.error: NodeExecutionError | None = None
         self.elapsed_s = 0.0

@@ -82,7 +82,7 @@ def serve(
     arguments = [] if action_name is None else ["-p", f"action_name:={action_name}"]
     if tick_frequency is not None:
         arguments += ["-p", f"tick_frequency:={tick_frequency}"]
-    ros, ros_robot = settings[RosSettings], settings.find(RosRobotSettings)
+    ros, ros_robot = settings.of(RosSettings), settings.find(RosRobotSettings)
     with open_session(ros, ros_robot, NODE_NAME, arguments) as session:
         source = _TreeSource(ctx, session, trees, plugins)
         wanted = LoadedTrees(source.read_files(), source.nodes).check()
