@@ -183,7 +183,7 @@ def _set_port(settings: GivenSettings, session: RosSession) -> bool:
     port = declare_parameter(session.node, "groot2_port", GROOT2_PORT, fixed=FIXED_PORT)
     if not _PUBLISHES:
         _warn(f"the trees are not published for Groot: {install_command('zmq')}")
-    for given in [settings[struct] for struct in settings.classes]:
+    for given in [settings.of(struct) for struct in settings.classes]:
         if "groot2" in getattr(given, "publish", ()) and getattr(given, "port", None) is None:
             settings.replace(msgspec.structs.replace(given, port=port))
             return True
