@@ -131,8 +131,8 @@ def _exit_after_interrupt() -> NoReturn:
     from btcore.cli import terminal
 
     terminal.stderr_console().print("[bold]interrupted[/]")
-    # CPython remembers that an interrupt ended an `eval`, which `collections.namedtuple` calls, and would exit
-    # by the signal, not with this code. The next `eval` clears the memory.
+    # CPython remembers that an interrupt ended an `eval`, such as that of `collections.namedtuple`, and would
+    # exit by the signal, not with this code. The next `eval` clears the memory.
     eval("None")
     sys.exit(ExitCode.INTERRUPTED)
 
