@@ -1,7 +1,7 @@
 """Diagnostics: errors and warnings about a document, with their places, hints and fixes."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Final, Literal, NamedTuple
 
 from btcore.diagnostic_codes import DiagnosticCode
@@ -10,29 +10,16 @@ from btcore.fixes import Fix, Rename
 from btcore.suggestions import suggestion
 
 
-class Hint(str):
-    """How to correct the problem of a diagnostic: a text with fixes. A plain str is a hint without fixes.
+class HintAndFixes(NamedTuple):
+    """The hint and the fixes of a diagnostic."""
 
-    Attributes:
-        fixes: Changes of the document that remove the problem, the best first.
-        outer_key: The key of an entry that a calling tree or the program may write instead; "" = none.
-    """
-
-    __slots__ = ("fixes", "outer_key")
-    fixes: tuple[Fix, ...]
-    outer_key: str
-
-    def __new__(cls, text: str = "", *fixes: Fix, outer_key: str = "") -> "Hint":
-        """Create a hint."""
-        hint = super().__new__(cls, text)
-        hint.fixes = fixes
-        hint.outer_key = outer_key
-        return hint
+    hint: str = ""
+    fixes: Sequence[Fix] = ()
 
     @classmethod
-    def similar_name(cls, name: str) -> "Hint":
-        """Return the hint that the marked name may be a misspelt *name*."""
-        return cls(suggestion(f"'{name}'"), Rename(name))
+    def similar_name(cls, name: str) -> "HintAndFixes":
+        """Return the hint and the fix if the marked name may be a misspelt *name*."""
+        return cls(suggestion(f"'{name}'"), [Rename(name)])
 
 
 class Diagnostic(NamedTuple):
@@ -44,9 +31,11 @@ class Diagnostic(NamedTuple):
         file: The file; "" = the document was given as a text.
         line: The line, from 1; 0 = unknown.
         column: The column in characters, from 1; 0 = unknown.
-        hint: How to correct the problem, or ""; a `Hint` if there are fixes.
+        hint: How to correct the problem, or "".
         source: The text of the line.
         width: The number of characters to mark.
+        fixes: Changes of the document that remove the problem, the best first.
+        outer_key: The key of an entry that a calling tree or the program may write instead; "" = none.
 
     Examples:
         >>> import btcore
@@ -67,16 +56,8 @@ class Diagnostic(NamedTuple):
     hint: str = ""
     source: str = ""
     width: int = 1
-
-    @property
-    def fixes(self) -> tuple[Fix, ...]:
-        """Changes of the document that remove the problem, the best first."""
-        return self.hint.fixes if isinstance(self.hint, Hint) else ()
-
-    @property
-    def outer_key(self) -> str:
-        """The key of an entry that a calling tree or the program may write instead; "" = none."""
-        return self.hint.outer_key if isinstance(self.hint, Hint) else ""
+    fixes: tuple[Fix, ...] = ()
+    outer_key: str = ""
 
     @property
     def is_error(self) -> bool:

@@ -8,7 +8,6 @@ from typing import Final
 
 from btcore.blackboard.ports import PortRole
 from btcore.diagnostic_codes import FIRST_TICK_REFUSED, SECOND_ASYNC_CHILD, UNREACHABLE_CHILD
-from btcore.diagnostics import Hint
 from btcore.engine.control import ControlNode, DecoratorNode, results_in_order
 from btcore.engine.node import TreeNode
 from btcore.fixes import AddChildren, Fix
@@ -42,8 +41,8 @@ def check_child_count(
         # Format 3 counts the children by the tag.
         requirement = "a decorator has exactly 1"
     if requirement:
-        hint = Hint(_TICK_RAISES, *_fixes(node.manifest.cls, count))
-        collector.report(document, FIRST_TICK_REFUSED, f"{has}; {requirement}", node.element, hint=hint)
+        message, fixes = f"{has}; {requirement}", _fixes(node.manifest.cls, count)
+        collector.report(document, FIRST_TICK_REFUSED, message, node.element, hint=_TICK_RAISES, fixes=fixes)
     for port, number, results in _thresholds(node, count):
         message = f"{has}, too few for {number} {results}"
         collector.report(

@@ -14,7 +14,7 @@ from btcore.diagnostic_codes import (
     REFUSED_ENTRY_VALUE,
     TEXT_FOR_UNTYPED_ENTRY,
 )
-from btcore.diagnostics import Hint
+from btcore.diagnostics import HintAndFixes
 from btcore.engine.control import ControlNode
 from btcore.errors import BtcoreError, ConversionError, ScriptError
 from btcore.lint.dry_run import DryRun, EntryUse
@@ -346,10 +346,12 @@ def _check_constant(
         code = INCONVERTIBLE_TEXT if is_certain else REFUSED_ENTRY_VALUE
         message = f"'{use.key}' of {use.node.label} is the text '{text}': {reason}"
         hint = f"the port '{reader.attribute}' of {reader.node.label} reads it as {reader.port.type.name}"
-        if text.isidentifier():
-            passed = entry_hint("pass the entry", text)
-            hint = Hint(f"{hint}; {passed}", *passed.fixes)
-        collector.report(use.document, code, message, use.node.element, attribute=use.attribute, hint=hint)
+        passed, fixes = entry_hint("pass the entry", text) if text.isidentifier() else HintAndFixes()
+        if passed:
+            hint += f"; {passed}"
+        collector.report(
+            use.document, code, message, use.node.element, attribute=use.attribute, hint=hint, fixes=fixes
+        )
         return
 
 

@@ -5,7 +5,7 @@ The codes are W202, W203, W210, W211, W212 and W215, and for texts that are not 
 
 import re
 from collections.abc import Iterator
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Final
 
 from btcore.blackboard.ports import (
@@ -26,7 +26,7 @@ from btcore.diagnostic_codes import (
     UNCHECKED_LITERAL,
     UNCONNECTED_OUTPUT,
 )
-from btcore.diagnostics import Hint
+from btcore.diagnostics import HintAndFixes
 from btcore.engine.signature import PortAttribute
 from btcore.errors import ConversionError
 from btcore.fixes import SetAttributes, SetValue
@@ -58,10 +58,11 @@ def check_ignored_attributes(node: NodePlan, document: Document, collector: Diag
             near = _similar_attribute(key, node.subtree_call is not None)
             if near is not None:
                 message = f"the attribute '{key}' of {node.label} is ignored: unknown name"
-                hint: str = Hint.similar_name(near)
+                hint, fixes = HintAndFixes.similar_name(near)
                 collector.report(
-                    document, IGNORED_ATTRIBUTE, message, node.element, attribute=key, hint=hint, part="name"
-                )
+                    document, IGNORED_ATTRIBUTE, message, node.element, attribute=key, hint=hint, fixes=fixes,
+                    part="name",
+                )  # fmt: skip
         elif key not in ("ID", "name"):
             reason = port_name_error(key)
             message = f"the attribute '{key}' of {node.label} is ignored: invalid port name ({reason})"
@@ -97,8 +98,8 @@ def check_missing_ports(node: NodePlan, document: Document, collector: Diagnosti
         message = f"the ports {names} of <{node.id}> are missing and have no default"
     examples = [f'{port.name}="…"' if port.reads else f'{port.name}="{{…}}"' for port in missing]
     values = {port.name: f"{{{port.name}}}" for port in missing}
-    hint = Hint("write " + " ".join(examples), SetAttributes(values))
-    collector.report(document, EMPTY_PORT, message, node.element, hint=hint)
+    hint, fixes = "write " + " ".join(examples), [SetAttributes(values)]
+    collector.report(document, EMPTY_PORT, message, node.element, hint=hint, fixes=fixes)
 
 
 def is_required(manifest: Manifest, port: Port) -> bool:
@@ -122,6 +123,7 @@ def check_port_literals(
     node: NodePlan, document: Document, format: int, collector: DiagnosticCollector
 ) -> None:
     """Warn about literals of *node* that are read only in part, or were probably meant as keys."""
+    report = partial(collector.report, document)
     for binding in node.bindings:
         port, text = binding.port, binding.text
         is_literal = remapped_key(text, port.name, format) is None
@@ -136,38 +138,30 @@ def check_port_literals(
             if not reported and port.reads and node.manifest and not is_mock(node.manifest.cls):
                 message = f"the {label} has the type {port.type.name}: {error}"
                 key = intended or (text if is_port_name(text) else "")
-                entry = entry_hint("use the blackboard entry", key) if key else Hint()
-                hint = Hint(entry, *value_fixes(port.type), *entry.fixes)
-                collector.report(
-                    document, INCONVERTIBLE_TEXT, message, node.element, attribute=port.name, hint=hint
-                )
+                hint, fixes = entry_hint("use the blackboard entry", key) if key else HintAndFixes()
+                fixes = [*value_fixes(port.type), *fixes]
+                report(INCONVERTIBLE_TEXT, message, node.element, attribute=port.name, hint=hint, fixes=fixes)
         elif intended:
             message = f"the {label} is the text '{text}', not an entry"
-            hint = entry_hint("use the entry", intended)
-            collector.report(
-                document, INCOMPLETE_POINTER, message, node.element, attribute=port.name, hint=hint
-            )
+            hint, fixes = entry_hint("use the entry", intended)
+            report(INCOMPLETE_POINTER, message, node.element, attribute=port.name, hint=hint, fixes=fixes)
         elif port.direction is Direction.OUT and format == 4:
             message = f"the output {label} has no entry: '{text}' is only a text"
             key = f"{{{text}}}" if text.isidentifier() else f"{{{port.name}}}"
             shown = key if text.isidentifier() else "{…}"
-            hint = Hint(f'write {port.name}="{shown}"', SetValue(key))
-            collector.report(
-                document, UNCONNECTED_OUTPUT, message, node.element, attribute=port.name, hint=hint
-            )
+            hint, fixes = f'write {port.name}="{shown}"', [SetValue(key)]
+            report(UNCONNECTED_OUTPUT, message, node.element, attribute=port.name, hint=hint, fixes=fixes)
         else:
             for item, part, type_name in partly_read(text, _literal_type(node, port), format):
                 message = f"the {label} has the type {type_name}: only '{part}' of '{item}' is read"
-                hint = _number_hint(text, item, part, type_name)
-                collector.report(
-                    document, PARTIAL_NUMBER, message, node.element, attribute=port.name, hint=hint
-                )
+                hint, fixes = _number_hint(text, item, part, type_name)
+                report(PARTIAL_NUMBER, message, node.element, attribute=port.name, hint=hint, fixes=fixes)
     for key, text in node.subtree_call.constants.items() if node.subtree_call is not None else ():
         intended = intended_key(text)
         if intended:
             message = f"'{key}' of {node.label} is the text '{text}', not an entry"
-            hint = entry_hint("use the entry", intended)
-            collector.report(document, INCOMPLETE_POINTER, message, node.element, attribute=key, hint=hint)
+            hint, fixes = entry_hint("use the entry", intended)
+            report(INCOMPLETE_POINTER, message, node.element, attribute=key, hint=hint, fixes=fixes)
 
 
 def check_literals_of_class(node: NodePlan, document: Document, collector: DiagnosticCollector) -> None:
@@ -257,19 +251,19 @@ def _read_part(text: str, integer: bool) -> str | None:
     return next((text[:end] for end in ends if whole_float(text[:end]) is not None), None)
 
 
-def _number_hint(text: str, item: str, part: str, type_name: str) -> Hint:
-    """Return the hint for *item*, a number in *text* of which only *part* is read."""
+def _number_hint(text: str, item: str, part: str, type_name: str) -> HintAndFixes:
+    """Return the hint and the fix for *item*, a number in *text* of which only *part* is read."""
     with_point = item.replace(",", ".", 1)
     if type_name in ("double", "float") and whole_float(with_point) is not None:
-        return Hint(f"write {with_point}", SetValue(text.replace(item, with_point, 1)))
+        return HintAndFixes(f"write {with_point}", [SetValue(text.replace(item, with_point, 1))])
     fix = SetValue(text.replace(item, part, 1))
-    return Hint(f"write {part} if that is the intended value", fix)
+    return HintAndFixes(f"write {part} if that is the intended value", [fix])
 
 
-def entry_hint(purpose: str, key: str) -> Hint:
-    """Return the hint that a value with braces is needed.
+def entry_hint(purpose: str, key: str) -> HintAndFixes:
+    """Return the hint and the fix that a value with braces is needed.
 
     Args:
         purpose: What the value with braces does, such as "use the entry".
     """
-    return Hint(f"to {purpose}, write {{{key}}}", SetValue(f"{{{key}}}"))
+    return HintAndFixes(f"to {purpose}, write {{{key}}}", [SetValue(f"{{{key}}}")])

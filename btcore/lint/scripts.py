@@ -4,9 +4,8 @@ from collections.abc import Mapping, Sequence
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.diagnostic_codes import CONDITION_ASSIGNS, SCRIPT_RAISES
-from btcore.diagnostics import Hint
 from btcore.errors import ScriptError
-from btcore.fixes import ReplaceText
+from btcore.fixes import Fix, ReplaceText
 from btcore.script.expressions import Assignment, Expression, Name
 from btcore.script.program import condition_result
 from btcore.xml.plan.key_uses import iter_subexpressions, parse_statements
@@ -76,14 +75,14 @@ def _check_condition(
     """Check *last*, the last statement of a condition. Its value is the result of the condition."""
     if isinstance(last, Assignment) and last.operator == "=" and isinstance(last.target, Name):
         message = f"'{attribute}' of {node.label} assigns to '{last.target.name}' instead of comparing"
-        hint: str = Hint(f"to compare, write {last.target.name} == …", ReplaceText("=="))
         collector.report(
             document,
             CONDITION_ASSIGNS,
             message,
             node.element,
             attribute=attribute,
-            hint=hint,
+            hint=f"to compare, write {last.target.name} == …",
+            fixes=[ReplaceText("==")],
             within=last.column,
             width=last.width,
         )
@@ -96,11 +95,13 @@ def _check_condition(
         condition_result(result)
     except ScriptError:
         failure = f"'{attribute}' of {node.label} always raises"
+        fixes: list[Fix] = []
         if isinstance(result, str):
             message = f"{failure}: its result is the text '{result}'"
             hint = "compare the text"
             if result in ("true", "false"):
-                hint = Hint(f"write {result} without quotes", ReplaceText(result))
+                hint = f"write {result} without quotes"
+                fixes = [ReplaceText(result)]
         else:
             message = f"{failure}: its result is {result}, neither true nor false"
             hint = "valid results are 0, 1 and reals from 0 up; or write a comparison"
@@ -111,6 +112,7 @@ def _check_condition(
             node.element,
             attribute=attribute,
             hint=hint,
+            fixes=fixes,
             within=value.column,
             width=value.width,
         )

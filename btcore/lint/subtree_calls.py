@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 from btcore.blackboard.ports import remapped_key
 from btcore.diagnostic_codes import BRACES_IN_FORMAT_3, INCOMPLETE_POINTER, UNUSED_TREE, USELESS_REMAPPING
-from btcore.diagnostics import Hint
+from btcore.diagnostics import HintAndFixes
 from btcore.fixes import RenameElement, SetValue
 from btcore.suggestions import join_names, nearest_name
 from btcore.xml.plan.key_uses import NON_KEY_ATTRIBUTES, TreeKeys
@@ -53,12 +53,15 @@ def check_remappings(
             continue
         if node.id == "SubTree" and call.remaps.get(key) == text and remapped_key(text, key, 3) is not None:
             message = f"in format 3 {node.label} takes keys without braces: '{key}' has no effect"
-            hint: str = Hint(
-                f'write {key}="{text[1:-1]}", or <SubTreePlus ID="{call.tree_id}" {key}="{text}"/>',
-                SetValue(text[1:-1]),
-                RenameElement("SubTreePlus"),
+            collector.report(
+                document,
+                BRACES_IN_FORMAT_3,
+                message,
+                node.element,
+                attribute=key,
+                hint=f'write {key}="{text[1:-1]}", or <SubTreePlus ID="{call.tree_id}" {key}="{text}"/>',
+                fixes=[SetValue(text[1:-1]), RenameElement("SubTreePlus")],
             )
-            collector.report(document, BRACES_IN_FORMAT_3, message, node.element, attribute=key, hint=hint)
         if call.remaps.get(key) == "=" and node.element.get(key) is None:
             message = (
                 f"the model of '{call.tree_id}' has the default '{text}' for '{key}', which means the entry "
@@ -70,17 +73,18 @@ def check_remappings(
             continue
         message = f"no port or script in the tree of {node.label} uses '{key}'"
         may_search = collector.take_comparisons(used)
-        unused = _unused_key_hint(key, used, call.port_texts) if may_search else ""
+        hint, fixes = _unused_key_hint(key, used, call.port_texts) if may_search else HintAndFixes()
         collector.report(
-            document, USELESS_REMAPPING, message, node.element, attribute=key, hint=unused, part="name"
-        )
+            document, USELESS_REMAPPING, message, node.element, attribute=key, hint=hint, fixes=fixes,
+            part="name",
+        )  # fmt: skip
 
 
-def _unused_key_hint(key: str, used: set[str], written: Mapping[str, str]) -> str:
+def _unused_key_hint(key: str, used: set[str], written: Mapping[str, str]) -> HintAndFixes:
     # A key with "@" is on the main tree's blackboard, whatever the remapping.
     free = sorted(name for name in used if name not in written and not name.startswith("@"))
     near = nearest_name(key, free)
     if near is not None:
-        return Hint.similar_name(near)
+        return HintAndFixes.similar_name(near)
     names = join_names([f"'{name}'" for name in sorted(used)])
-    return f"its keys are {names}" if names else "it uses no keys"
+    return HintAndFixes(f"its keys are {names}" if names else "it uses no keys")

@@ -5,7 +5,7 @@ from collections.abc import Collection, Sequence
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.ports import SCRIPT_ROLES
 from btcore.diagnostic_codes import ASSIGNMENT_TO_MISSING_ENTRY, UNWRITTEN_KEY
-from btcore.diagnostics import Hint
+from btcore.diagnostics import HintAndFixes
 from btcore.fixes import Connect, CreateEntry, SetValue
 from btcore.lint.dry_run import DryRun, EntryUse, has_writer
 from btcore.suggestions import nearest_name
@@ -103,17 +103,17 @@ def _warn_never_created(uses: Sequence[EntryUse], collector: DiagnosticCollector
     hint = f"to create it, write {use.key} := …"
     if root_key:
         hint += f"; or fill the blackboard before the first tick: {fill_example(root_key)}"
-    creation = (CreateEntry(),) if use.access is AccessKind.ASSIGNS else ()
-    collector.report(
-        use.document,
+    diagnostic = use.document.diagnostic(
         ASSIGNMENT_TO_MISSING_ENTRY,
         f"{script} assigns to the entry '{use.key}', which is never created",
         use.node.element,
         attribute=use.attribute,
-        hint=Hint(hint, *creation, outer_key=root_key),
+        hint=hint,
+        fixes=[CreateEntry()] if use.access is AccessKind.ASSIGNS else [],
         within=use.within,
         width=len(use.key),
     )
+    collector.add(diagnostic._replace(outer_key=root_key))
 
 
 def is_declaration(use: EntryUse) -> bool:
@@ -139,16 +139,23 @@ def _warn_never_written(
     more = f" ({others} more {'place reads' if others == 1 else 'places read'} it)" if others else ""
     reader = f"the {'script in' if use.port is None else 'port'} '{use.attribute}' of {use.node.label}"
     key_text = f"{{{use.key}}}" if use.port is not None and is_pointer(use) else f"'{use.key}'"
-    collector.report(
-        use.document,
+    correction = _correction(keys, use, board, key)
+    hint, fixes = correction or HintAndFixes(
+        f"write it first, or fill the blackboard before the first tick: {fill_example(key)}"
+    )
+    if correction is None and use.within and use.key.isupper():
+        hint = f"if it is the name of an enum member, register the enum with nodes.add_enum(…); else {hint}"
+    diagnostic = use.document.diagnostic(
         UNWRITTEN_KEY,
         f"{reader} reads {key_text}, which is never written{more}",
         use.node.element,
         attribute=use.attribute,
-        hint=_unwritten_key_hint(keys, use, board, key),
+        hint=hint,
+        fixes=fixes,
         within=use.within,
         width=len(use.key) if use.within else 0,
     )
+    collector.add(diagnostic._replace(outer_key=key if correction is None else ""))
 
 
 def is_pointer(use: EntryUse) -> bool:
@@ -157,30 +164,25 @@ def is_pointer(use: EntryUse) -> bool:
     return text is None or text != use.key
 
 
-def _unwritten_key_hint(keys: WrittenKeys, use: EntryUse, board: Blackboard, key: str) -> str:
+def _correction(keys: WrittenKeys, use: EntryUse, board: Blackboard, key: str) -> HintAndFixes | None:
+    """Return how to correct the document, or None if only a caller or the program can write the entry."""
     if use.access is AccessKind.READS_AS_KEY:
-        return Hint(
+        return HintAndFixes(
             f"{{{use.key}}} must hold the name of the entry to write; "
             f'to write the entry {use.key} itself, use {use.attribute}="{use.key}"',
-            SetValue(use.key),
+            [SetValue(use.key)],
         )
     known = keys.written_in(board)
     if key.strip() in known:
         correct = f"{{{key.strip()}}}"
-        fix = SetValue(correct)
-        return Hint(f"spaces inside the braces are part of the key: write {correct}", fix)
+        hint = f"spaces inside the braces are part of the key: write {correct}"
+        return HintAndFixes(hint, [SetValue(correct)])
     near = keys.guess(key, known)
     if near is not None:
-        return Hint.similar_name(near)
+        return HintAndFixes.similar_name(near)
     entrance = keys.dry_run.entrances.get(board)
     if entrance is None:
-        enum = (
-            ""
-            if not (use.within and use.key.isupper())
-            else "if it is the name of an enum member, register the enum with nodes.add_enum(…); else "
-        )
-        hint = f"{enum}write it first, or fill the blackboard before the first tick: {fill_example(key)}"
-        return Hint(hint, outer_key=key)
+        return None
     line = entrance.document.line(entrance.node.element)
     called = f"{entrance.node.id} of '{entrance.key}' in line {line}"
     outer = keys.written_in(entrance.scope)
@@ -189,6 +191,6 @@ def _unwritten_key_hint(keys: WrittenKeys, use: EntryUse, board: Blackboard, key
     value = passed if keys.dry_run.format == 3 and entrance.node.id == "SubTree" else f"{{{passed}}}"
     hint = f'a subtree has a blackboard of its own: in the {called} write {key}="{value}"'
     if entrance.document is not use.document:
-        return hint
+        return HintAndFixes(hint)
     index = entrance.document.source_map.index(entrance.node.element)
-    return Hint(hint, Connect(index, entrance.key, key, value.replace("…", key)))
+    return HintAndFixes(hint, [Connect(index, entrance.key, key, value.replace("…", key))])

@@ -284,7 +284,7 @@ class _BuiltDocument(Document):
     def diagnostic(
         self, code: DiagnosticCode, message: str, element: Element, *, hint: str = "", **place: object
     ) -> Diagnostic:
-        """Return a diagnostic at the place in the code, with the generated XML in the hint."""
+        """Return a diagnostic at the place in the code, with the generated XML in the hint; without fixes."""
         draft = self._drafts[self.source_map.index(element)]
         if draft is None:
             return Diagnostic(code, message, self.file, hint=hint)

@@ -20,7 +20,6 @@ from btcore.diagnostic_codes import (
     NODE_NOT_CREATED,
     SCRIPT_SYNTAX,
 )
-from btcore.diagnostics import Hint
 from btcore.engine.context import TreeContext
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
@@ -326,8 +325,9 @@ class NodeCreator:
             if port.role in LOAD_TIME_ROLES
         }
         written = " ".join(f'{name}="…"' for name in values)
-        hint = Hint(f"write {written}", SetAttributes(values)) if values else ""
-        draft.report(code, str(error), node_plan.element, hint=hint)
+        hint = f"write {written}" if values else ""
+        fixes = [SetAttributes(values)] if values else []
+        draft.report(code, str(error), node_plan.element, hint=hint, fixes=fixes)
 
     def _substitute(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> Manifest | None:
         """Return the manifest after the registry's substitution rules, or None after an error."""

@@ -17,7 +17,7 @@ from btcore.diagnostic_codes import (
     UNDETERMINED_MAIN_TREE,
     UNKNOWN_FORMAT,
 )
-from btcore.diagnostics import Hint
+from btcore.diagnostics import HintAndFixes
 from btcore.fixes import NameTree, Rename, SetFormat
 from btcore.names import model_port_name_error
 from btcore.suggestions import join_names, nearest_name, suggestion
@@ -93,10 +93,11 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
         format = parse_format(written)
         if format is None:
             message = f"unknown BTCPP_format '{written}'"
-            text = 'write BTCPP_format="4", or "3" for a tree of Groot 1'
-            hint: str = Hint(text, SetFormat(4), SetFormat(3))
-            root, attribute = main_document.root, "BTCPP_format"
-            collector.report(main_document, UNKNOWN_FORMAT, message, root, attribute=attribute, hint=hint)
+            hint = 'write BTCPP_format="4", or "3" for a tree of Groot 1'
+            collector.report(
+                main_document, UNKNOWN_FORMAT, message, main_document.root, attribute="BTCPP_format",
+                hint=hint, fixes=[SetFormat(4), SetFormat(3)],
+            )  # fmt: skip
     dialect = DIALECTS[format or 4]
     are_complete = not collector.errors
     definitions: list[TreeDefinition] = []
@@ -106,19 +107,18 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
         root = document.root
         if root.tag != "root":
             message = f"the outermost element is <{root.tag}>, not <root>"
-            hint = EXAMPLE
-            if root.tag.lower() == "root":
-                fix = Rename("root", is_safe=True)
-                hint = Hint(f"{suggestion('<root>')} XML is case-sensitive", fix)
-            collector.report(document, NOT_A_ROOT, message, root, hint=hint)
+            is_capitalised = root.tag.lower() == "root"
+            hint = f"{suggestion('<root>')} XML is case-sensitive" if is_capitalised else EXAMPLE
+            fixes = [Rename("root", is_safe=True)] if is_capitalised else []
+            collector.report(document, NOT_A_ROOT, message, root, hint=hint, fixes=fixes)
             continue
         only_child = len(root.children) == 1
         for element in root.iterchildren("BehaviorTree"):
             id = element.get("ID")
             if not id and not only_child and dialect.checks_names:
                 message = "missing ID of the <BehaviorTree>"
-                hint = Hint('write <BehaviorTree ID="…">', NameTree())
-                collector.report(document, TREE_WITHOUT_ID, message, element, hint=hint)
+                hint = 'write <BehaviorTree ID="…">'
+                collector.report(document, TREE_WITHOUT_ID, message, element, hint=hint, fixes=[NameTree()])
             if id is None:
                 # The ID that BehaviorTree.CPP gives to a tree without an ID. An empty ID remains empty.
                 id = f"BehaviorTree_{unnamed}"
@@ -172,18 +172,22 @@ def _find_main(
     root = document.root
     if requested is not None:
         if requested not in by_id and are_complete:
-            message, hint = f"unknown main tree '{requested}'", tree_hint(requested, by_id)
-            about = "" if hint.fixes else "--tree, or tree=… in Python, takes the ID of a <BehaviorTree>; "
+            message = f"unknown main tree '{requested}'"
+            hint, fixes = tree_hint(requested, by_id)
+            if not fixes:
+                hint = f"--tree, or tree=… in Python, takes the ID of a <BehaviorTree>; {hint}"
             # Without the fix, which would change the marked root.
-            collector.report(document, UNDETERMINED_MAIN_TREE, message, root, hint=about + hint)
+            collector.report(document, UNDETERMINED_MAIN_TREE, message, root, hint=hint)
         return by_id.get(requested)
     attribute = "main_tree_to_execute"
     written = root.get(attribute)
     if written is not None:
         if written not in by_id and are_complete:
             message = f"unknown main tree '{written}' in {attribute}"
-            hint = tree_hint(written, by_id)
-            collector.report(document, UNDETERMINED_MAIN_TREE, message, root, attribute=attribute, hint=hint)
+            hint, fixes = tree_hint(written, by_id)
+            collector.report(
+                document, UNDETERMINED_MAIN_TREE, message, root, attribute=attribute, hint=hint, fixes=fixes
+            )
         return by_id.get(written)
     # Trees of the document itself take precedence over included trees.
     own = [definition for definition in definitions if definition.document is document]
@@ -193,17 +197,17 @@ def _find_main(
     if not are_complete:
         return None
     if not definitions:
-        message, remedy = "missing <BehaviorTree>: the document has no tree", EXAMPLE
+        message, hint = "missing <BehaviorTree>: the document has no tree", EXAMPLE
     else:
         message = "ambiguous main tree: the document has several trees"
         names = join_names(sorted(by_id), "or")
-        remedy = f'write {attribute}="…" in <root>, or select a tree when loading: {names}'
-    collector.report(document, UNDETERMINED_MAIN_TREE, message, root, hint=remedy)
+        hint = f'write {attribute}="…" in <root>, or select a tree when loading: {names}'
+    collector.report(document, UNDETERMINED_MAIN_TREE, message, root, hint=hint)
     return None
 
 
-def tree_hint(name: str, known: Iterable[str]) -> Hint:
-    """Return a hint for an unknown tree.
+def tree_hint(name: str, known: Iterable[str]) -> HintAndFixes:
+    """Return the hint and fixes for an unknown tree.
 
     Args:
         name: The unknown ID.
@@ -212,8 +216,8 @@ def tree_hint(name: str, known: Iterable[str]) -> Hint:
     names = sorted(known)
     near = nearest_name(name, names)
     if near is not None:
-        return Hint.similar_name(near)
-    return Hint(f"the trees are: {join_names(names)}" if names else "no tree has an ID")
+        return HintAndFixes.similar_name(near)
+    return HintAndFixes(f"the trees are: {join_names(names)}" if names else "no tree has an ID")
 
 
 def _read_subtree_models(

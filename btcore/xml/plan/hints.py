@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from functools import cache, cached_property
 
-from btcore.diagnostics import Hint
+from btcore.diagnostics import HintAndFixes
 from btcore.entry_points import UnavailableEntryPoint, unsearched_libraries
 from btcore.fixes import CallTree, DeclareNode, Fix, Rename, SetFormat
 from btcore.names import is_port_name
@@ -38,10 +38,10 @@ class UnknownNameHints:
     def _manifests(self) -> Mapping[str, Manifest]:
         return self._registry.manifests_of(self._format)
 
-    def for_node(self, name: str) -> str:
-        """Return the hint for the most likely reason why the node *name* is unknown."""
+    def for_node(self, name: str) -> HintAndFixes:
+        """Return the hint and fixes for the most likely reason why the node *name* is unknown."""
         if not self._collector.take_comparisons(self._manifests):
-            return ""
+            return HintAndFixes()
         return (
             self._tree_hint(name)
             or self._version_hint(name)
@@ -50,55 +50,57 @@ class UnknownNameHints:
             or self._spelling_hint(name)
         )
 
-    def for_port(self, manifest: Manifest, name: str) -> str:
-        """Return a hint for a port *name* that the node of *manifest* doesn't have."""
+    def for_port(self, manifest: Manifest, name: str) -> HintAndFixes:
+        """Return the hint and fixes for a port *name* that the node of *manifest* doesn't have."""
         if not self._collector.take_comparisons(manifest.ports):
-            return ""
+            return HintAndFixes()
         similar = next(
             (item for item in manifest.parameters if item.name == name and item.looks_like_port), None
         )
         if similar is not None:
             type_name = similar.type_name
             in_port = suggestion(f"{name}: In[{type_name}]")
-            return f"its parameter '{name}: {type_name}' is a resource; {in_port}"
+            return HintAndFixes(f"its parameter '{name}: {type_name}' is a resource; {in_port}")
         if not manifest.ports:
-            return "it has no ports"
+            return HintAndFixes("it has no ports")
         near = nearest_name(name, manifest.ports)
         if near is not None:
-            return Hint.similar_name(near)
+            return HintAndFixes.similar_name(near)
         ports = join_names([f"'{port}'" for port in manifest.ports])
-        return f"its ports are {ports}" if len(manifest.ports) > 1 else f"its only port is {ports}"
+        return HintAndFixes(
+            f"its ports are {ports}" if len(manifest.ports) > 1 else f"its only port is {ports}"
+        )
 
-    def _tree_hint(self, name: str) -> Hint | None:
+    def _tree_hint(self, name: str) -> HintAndFixes | None:
         if name not in self._trees:
             return None
-        return Hint(f"'{name}' is a tree: write <SubTree ID=\"{name}\"/>", CallTree(is_safe=True))
+        return HintAndFixes(f"'{name}' is a tree: write <SubTree ID=\"{name}\"/>", [CallTree(is_safe=True)])
 
-    def _version_hint(self, name: str) -> Hint | None:
+    def _version_hint(self, name: str) -> HintAndFixes | None:
         """Return the hint for a node of another version of BehaviorTree.CPP."""
         successor = NODE_REPLACEMENTS.get(name)
         if successor is not None and self._registry.get(successor, self._format) is not None:
-            return Hint(f"use <{successor}>, which replaces it", Rename(successor, is_safe=True))
+            return HintAndFixes(f"use <{successor}>, which replaces it", [Rename(successor, is_safe=True)])
         other = 3 if self._format == 4 else 4
         if self._registry.get(name, other) is None:
             return None
         text = f'<{name}> belongs to format {other}: write <root BTCPP_format="{other}">'
-        return Hint(text, SetFormat(other))
+        return HintAndFixes(text, [SetFormat(other)])
 
-    def _declaration_hint(self, name: str) -> str:
+    def _declaration_hint(self, name: str) -> HintAndFixes | None:
         if name not in self._declaring_files:
-            return ""
+            return None
         model = f"--model {self._declaring_files[name] or 'FILE'}"
-        return (
+        return HintAndFixes(
             "a <TreeNodesModel> declares it, but its code is not registered: use --plugin or nodes.add, "
             f"or {model} to work without the code"
         )
 
-    def _registry_hint(self, name: str) -> Hint | None:
+    def _registry_hint(self, name: str) -> HintAndFixes | None:
         """Return the hint for a registry that lacks the built-in nodes, or an installed library."""
         if not self._manifests:
             text = "the registry is empty: start with Registry.standard(), which has the built-in nodes"
-            return Hint(text, *_declaration(name))
+            return HintAndFixes(text, _declaration(name))
         nodes, _ = self._libraries
         provided = nodes.get(name, self._format)
         if provided is None:
@@ -107,12 +109,12 @@ class UnknownNameHints:
             f"the installed library {provided.library} provides it: call nodes.add_plugins() of the "
             "registry, and pass nodes=nodes"
         )
-        return Hint(text, *_declaration(name))
+        return HintAndFixes(text, _declaration(name))
 
-    def _spelling_hint(self, name: str) -> Hint:
+    def _spelling_hint(self, name: str) -> HintAndFixes:
         near = nearest_name(name, [*self._manifests, *EXPLICIT_TAGS])
         if near is not None:
-            return Hint(suggestion(f"<{near}>"), Rename(near), *_declaration(name))
+            return HintAndFixes(suggestion(f"<{near}>"), [Rename(near), *_declaration(name)])
         names = {
             "your program" if manifest.library == "__main__" else manifest.library
             for manifest in self._manifests.values()
@@ -120,7 +122,9 @@ class UnknownNameHints:
         searched = f"searched: {', '.join(sorted(names, key=lambda name: (name != 'btcore', name)))}"
         load = "load a plugin that provides it (--plugin, or nodes.add_plugin)"
         _, unavailable = self._libraries
-        return Hint("; ".join([searched, load, *unsearched_libraries(unavailable)]), *_declaration(name))
+        return HintAndFixes(
+            "; ".join([searched, load, *unsearched_libraries(unavailable)]), _declaration(name)
+        )
 
     @cached_property
     def _libraries(self) -> tuple[Registry, list[UnavailableEntryPoint]]:

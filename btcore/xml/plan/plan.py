@@ -8,7 +8,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from btcore.diagnostic_codes import RECURSIVE_TREES, SCRIPT_SYNTAX, TREE_TOO_LARGE, UNKNOWN_FORMAT
-from btcore.diagnostics import Hint
 from btcore.engine.node_config import MAX_NODES
 from btcore.errors import ScriptError
 from btcore.fixes import SetFormat
@@ -132,9 +131,9 @@ def _compare_with_format_4(plans: Plans, every_tree: bool) -> Plans:
         return plans
     count = "1 error" if avoided == 1 else f"{avoided} errors"
     message = f"missing BTCPP_format: the document is read as format 3; format 4 avoids {count}"
-    hint = Hint('write <root BTCPP_format="4">', SetFormat(4))
+    hint = 'write <root BTCPP_format="4">'
     document = sources.main_document
-    cause = document.diagnostic(UNKNOWN_FORMAT, message, document.root, hint=hint)
+    cause = document.diagnostic(UNKNOWN_FORMAT, message, document.root, hint=hint, fixes=[SetFormat(4)])
     return plans._replace(diagnostics=plans.diagnostics._replace(errors=(cause, *errors)))
 
 

@@ -1,6 +1,6 @@
 """Make the plans of trees in two passes: first their nodes, then the attributes and ports of the nodes."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -25,7 +25,7 @@ from btcore.diagnostic_codes import (
     UNREACHABLE_CHILD,
     WRONG_CHILD_COUNT,
 )
-from btcore.diagnostics import Hint
+from btcore.diagnostics import HintAndFixes
 from btcore.engine.node_config import MAX_NODES
 from btcore.errors import ConversionError
 from btcore.fixes import (
@@ -77,13 +77,13 @@ def count_text(count: int) -> str:
     return "no child" if count == 0 else f"{count} children" if count > 1 else "1 child"
 
 
-def _one_child_hint(count: int) -> Hint:
-    return Hint("put them into a <Sequence>", *wrapping_fixes(1)) if count else _more_children_hint(1)
+def _one_child_hint(count: int) -> HintAndFixes:
+    return HintAndFixes("put them into a <Sequence>", wrapping_fixes(1)) if count else _more_children_hint(1)
 
 
-def _more_children_hint(count: int, roles: str = "") -> Hint:
+def _more_children_hint(count: int, roles: str = "") -> HintAndFixes:
     text = "add a child" if count == 1 else f"add {count} children"
-    return Hint(f"{text}: {roles}" if roles else text, AddChildren(count))
+    return HintAndFixes(f"{text}: {roles}" if roles else text, [AddChildren(count)])
 
 
 def wrapping_fixes(most: int) -> tuple[Fix, ...]:
@@ -277,9 +277,9 @@ class TreePlanner:
         if children:
             children = element_children(element)
             if len(children) != len(element.children):
-                removal = Hint("remove it", Remove(is_safe=True))
+                message, fixes = "the obsolete <Root> is ignored", [Remove(is_safe=True)]
                 for obsolete in element.iterchildren("Root"):
-                    self._report(CAPITALISED_ROOT, "the obsolete <Root> is ignored", obsolete, hint=removal)
+                    self._report(CAPITALISED_ROOT, message, obsolete, hint="remove it", fixes=fixes)
         if not rule.is_node:
             self._check_other_tag(tag, element, children)
         elif rule.counted_as is not None:
@@ -299,8 +299,8 @@ class TreePlanner:
         elif tag in EXPLICIT_TAGS:
             self._check_explicit(tag, element, children)
         else:
-            hint = self._context.name_hints.for_node(tag)
-            self._report(UNKNOWN_NODE, f"unknown node <{tag}>", element, hint=hint)
+            hint, fixes = self._context.name_hints.for_node(tag)
+            self._report(UNKNOWN_NODE, f"unknown node <{tag}>", element, hint=hint, fixes=fixes)
 
     def _check_explicit(self, tag: str, element: Element, children: list[Element]) -> None:
         id = element.get("ID") or ""
@@ -310,8 +310,9 @@ class TreePlanner:
             return
         manifest = self._context.manifest(id)
         if manifest is None:
-            hint = self._context.name_hints.for_node(id)
-            self._report(UNKNOWN_NODE, f"unknown node '{id}'", element, attribute="ID", hint=hint)
+            message = f"unknown node '{id}'"
+            hint, fixes = self._context.name_hints.for_node(id)
+            self._report(UNKNOWN_NODE, message, element, attribute="ID", hint=hint, fixes=fixes)
             return
         node_type = manifest.type if self._dialect.type_from_id else EXPLICIT_TAGS[tag]
         self._check_child_count(id, node_type, element, children)
@@ -323,8 +324,9 @@ class TreePlanner:
         has = count_text(count)
         if node_type is NodeType.DECORATOR:
             if count != 1:
-                message, hint = f"<{id}> has {has}; a decorator has exactly 1", _one_child_hint(count)
-                self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
+                message = f"<{id}> has {has}; a decorator has exactly 1"
+                hint, fixes = _one_child_hint(count)
+                self._report(WRONG_CHILD_COUNT, message, element, hint=hint, fixes=fixes)
         elif node_type is NodeType.CONTROL:
             manifest = self._context.manifest(id)
             least = 1 if manifest is None else max(manifest.spec.child_count_at_load[0], 1)
@@ -339,14 +341,14 @@ class TreePlanner:
                     roles = manifest.spec.child_roles if least > 1 else ""
                     # More children may be needed at the first tick than to load the tree.
                     needed = least if is_mock(manifest.cls) else max(least, manifest.spec.child_count[0])
-                hint = _more_children_hint(needed - count, roles)
-                self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
+                hint, fixes = _more_children_hint(needed - count, roles)
+                self._report(WRONG_CHILD_COUNT, message, element, hint=hint, fixes=fixes)
             elif id == "ReactiveSequence":  # as BehaviorTree.CPP's parser, which knows this name only
                 self._check_asynchronous(children)
         elif count and node_type in _LEAVES:
             message = f"<{id}> has {has}; {_LEAVES[node_type]} has none"
-            hint = Hint("remove it" if count == 1 else "remove them", RemoveChildren())
-            self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
+            hint = "remove it" if count == 1 else "remove them"
+            self._report(WRONG_CHILD_COUNT, message, element, hint=hint, fixes=[RemoveChildren()])
 
     def _check_asynchronous(self, children: list[Element]) -> None:
         # W106 covers other asynchronous children, whose results must be inferred.
@@ -370,8 +372,9 @@ class TreePlanner:
                 self._report(INVALID_NAME, message, element, attribute="ID")
         count = len(children)
         if count != 1:
-            message, hint = f"{label} has {count_text(count)}; a tree has exactly 1", _one_child_hint(count)
-            self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
+            message = f"{label} has {count_text(count)}; a tree has exactly 1"
+            hint, fixes = _one_child_hint(count)
+            self._report(WRONG_CHILD_COUNT, message, element, hint=hint, fixes=fixes)
 
     def _check_call(self, tag: str, element: Element, children: list[Element]) -> None:
         id = element.get("ID") or ""
@@ -379,8 +382,7 @@ class TreePlanner:
             message = f"the ID of the tree is missing in <{tag}>"
             others = (tree_id for tree_id in self._definitions.by_id if tree_id != self._definition.id)
             fixes = [SetAttributes({"ID": other}) for other in islice(others, MAX_SUGGESTED_TREES)]
-            hint: str = Hint(f'write <{tag} ID="…"/>', *fixes)
-            self._report(MISSING_ID, message, element, hint=hint)
+            self._report(MISSING_ID, message, element, hint=f'write <{tag} ID="…"/>', fixes=fixes)
         elif self._dialect.checks_names:
             self._check_not_a_node(id, element)
         if children and tag in self._dialect.tags_with_ignored_children:
@@ -389,8 +391,8 @@ class TreePlanner:
             self._report(UNREACHABLE_CHILD, message, children[0], hint=hint)
         elif children:
             message = f'<{tag} ID="{id}"> has {count_text(len(children))}; a call of a tree has none'
-            hint = Hint("move them into the <BehaviorTree> that it calls, or remove them", RemoveChildren())
-            self._report(WRONG_CHILD_COUNT, message, element, hint=hint)
+            hint = "move them into the <BehaviorTree> that it calls, or remove them"
+            self._report(WRONG_CHILD_COUNT, message, element, hint=hint, fixes=[RemoveChildren()])
 
     def _check_not_a_node(self, id: str, element: Element) -> None:
         known = self._context.manifest(id)
@@ -471,17 +473,19 @@ class TreePlanner:
                     message = (
                         f'unexpected ID in <{node.id}>: only explicit tags such as <Action ID="…"> have one'
                     )
-                    fixes = (RenameAttribute("name"), Remove())
-                    hint: str = Hint('to name the node, write name="…"', *fixes)
-                    self._report(UNEXPECTED_ID, message, node.element, attribute=key, hint=hint)
+                    hint = 'to name the node, write name="…"'
+                    fixes: Sequence[Fix] = [RenameAttribute("name"), Remove()]
+                    self._report(UNEXPECTED_ID, message, node.element, attribute=key, hint=hint, fixes=fixes)
             elif key in dialect.comment_attributes or (
                 dialect.allows_non_port_attributes and not is_port_name(key)
             ):
                 kept[key] = text
             else:
                 message = f"<{node.id}> has no port '{key}'"
-                hint = self._context.name_hints.for_port(manifest, key)
-                self._report(UNKNOWN_PORT, message, node.element, attribute=key, hint=hint, part="name")
+                hint, fixes = self._context.name_hints.for_port(manifest, key)
+                self._report(
+                    UNKNOWN_PORT, message, node.element, attribute=key, hint=hint, fixes=fixes, part="name"
+                )
         if conditions:
             node.conditions = {
                 key: conditions[key]
@@ -508,16 +512,16 @@ class TreePlanner:
 
     def _report_literal(self, node: NodePlan, binding: Binding, error: str) -> None:
         port, text = binding.port, binding.text
-        hint = Hint("", *value_fixes(port.type))
+        hint, fixes = "", value_fixes(port.type)
         if binding.key is not None:
             key = "{=}" if "=" in text else text.strip()
-            fix = SetValue(key, is_safe=True)
-            hint = Hint(f"write {key}" + (" without surrounding spaces" if key != "{=}" else ""), fix)
+            hint = f"write {key}" + (" without surrounding spaces" if key != "{=}" else "")
+            fixes = (SetValue(key, is_safe=True),)
         elif is_port_name(text):
-            fix = SetValue(f"{{{text}}}")
-            hint = Hint(f"to use the blackboard entry, write {{{text}}}", *hint.fixes, fix)
+            hint = f"to use the blackboard entry, write {{{text}}}"
+            fixes += (SetValue(f"{{{text}}}"),)
         message = f"the port '{port.name}' of <{node.id}> has the type {port.type.name}: {error}"
-        self._report(INCONVERTIBLE_TEXT, message, node.element, attribute=port.name, hint=hint)
+        self._report(INCONVERTIBLE_TEXT, message, node.element, attribute=port.name, hint=hint, fixes=fixes)
 
     # --- SubTree elements
 
@@ -540,10 +544,11 @@ class TreePlanner:
             return True
         if element.get("ID") is not None and definitions.are_complete:
             trees = definitions.by_id
-            hint = tree_hint(id, trees) if self._collector.take_comparisons(trees) else Hint()
+            hint, fixes = tree_hint(id, trees) if self._collector.take_comparisons(trees) else HintAndFixes()
             if id:
-                hint = Hint(hint, *hint.fixes, CreateTree(id))
-            self._report(UNKNOWN_TREE, f"unknown subtree '{id}'", element, attribute="ID", hint=hint)
+                fixes = [*fixes, CreateTree(id)]
+            message = f"unknown subtree '{id}'"
+            self._report(UNKNOWN_TREE, message, element, attribute="ID", hint=hint, fixes=fixes)
         return False
 
     def _select_call_attributes(self, node: NodePlan, call: SubtreeCall) -> None:
@@ -563,7 +568,7 @@ class TreePlanner:
         element = call.element
         for key in call.invalid_flags:
             message = f"{key} must be 'true' or 'false', not '{element.get(key)}'"
-            self._report(NOT_A_BOOLEAN, message, element, attribute=key, hint=Hint("", *value_fixes(BOOL)))
+            self._report(NOT_A_BOOLEAN, message, element, attribute=key, fixes=value_fixes(BOOL))
         if call.format == 3 or call.autoremap:
             return
         for port, default in model.items():
@@ -572,6 +577,6 @@ class TreePlanner:
             if self._collector.is_full(MISSING_SUBTREE_PORT):
                 break
             message = f"<SubTree> lacks the port '{port}', which the model of '{call.tree_id}' requires"
-            fix = SetAttributes({port: f"{{{port}}}"})
-            hint = Hint(f'write {port}="…", or declare a default in <TreeNodesModel>', fix)
-            self._report(MISSING_SUBTREE_PORT, message, element, hint=hint)
+            hint = f'write {port}="…", or declare a default in <TreeNodesModel>'
+            fixes = [SetAttributes({port: f"{{{port}}}"})]
+            self._report(MISSING_SUBTREE_PORT, message, element, hint=hint, fixes=fixes)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 from btcore.diagnostic_codes import DiagnosticCode, Kind
 from btcore.diagnostics import Diagnostic
 from btcore.errors import PortError, TreeError, UnknownNodeError, XmlSyntaxError
+from btcore.fixes import Fix
 from btcore.input_files import real_path
 from btcore.xml.read.element import Element, ElementPart
 
@@ -91,6 +92,7 @@ class Document:
         *,
         attribute: str = "",
         hint: str = "",
+        fixes: Sequence[Fix] = (),
         part: ElementPart = "value",
         within: int = 0,
         width: int = 1,
@@ -100,12 +102,13 @@ class Document:
         Args:
             attribute: Name of the attribute; "" means the element itself.
             hint: How to fix the problem.
+            fixes: Changes of the document that do it, the best first.
             part: Whether the diagnostic points to the attribute's name or to its value.
             within: Number of a character in the value, from 1; 0 means the whole value.
             width: The number of characters to mark from *within* on.
         """
         place = self.source_map.span(element, attribute, part, within, width)
-        return place.diagnostic(code, message, self.file, hint)
+        return place.diagnostic(code, message, self.file, hint, fixes)
 
     @property
     def warnings(self) -> list[Diagnostic]:
@@ -116,8 +119,8 @@ class Document:
 
         lines = LineIndex(self.text)
         return [
-            lines.span(offset, width).diagnostic(code, message, self.file, hint)
-            for offset, width, code, message, hint in self._findings
+            lines.span(offset, width).diagnostic(code, message, self.file, hint, fixes)
+            for offset, width, code, message, hint, fixes in self._findings
         ]
 
 
@@ -175,14 +178,16 @@ class DiagnosticCollector:
         *,
         attribute: str = "",
         hint: str = "",
+        fixes: Sequence[Fix] = (),
         part: ElementPart = "value",
         within: int = 0,
         width: int = 1,
     ) -> None:
         """Add a diagnostic about an element of *document*; see `Document.diagnostic`."""
         diagnostic = document.diagnostic(
-            code, message, element, attribute=attribute, hint=hint, part=part, within=within, width=width
-        )
+            code, message, element, attribute=attribute, hint=hint, fixes=fixes, part=part, within=within,
+            width=width,
+        )  # fmt: skip
         self.add(diagnostic)
 
     def add(self, diagnostic: Diagnostic) -> None:

@@ -2,10 +2,12 @@
 
 import re
 from bisect import bisect_right
+from collections.abc import Sequence
 from typing import Final, NamedTuple
 
 from btcore.diagnostic_codes import DiagnosticCode
 from btcore.diagnostics import Diagnostic
+from btcore.fixes import Fix
 from btcore.xml.read.element import Element, ElementPart
 from btcore.xml.read.scan import ScannedAttribute, ScannedElement, scan, value_offsets
 from btcore.xml.read.tinyxml2_compat import decode
@@ -23,14 +25,18 @@ class SourceSpan(NamedTuple):
     width: int
     source: str
 
-    def diagnostic(self, code: DiagnosticCode, message: str, file: str, hint: str) -> Diagnostic:
+    def diagnostic(
+        self, code: DiagnosticCode, message: str, file: str, hint: str = "", fixes: Sequence[Fix] = ()
+    ) -> Diagnostic:
         """Return a diagnostic about this range of *file*.
 
         Args:
             file: Name of the file in messages, or "".
             hint: How to fix the problem.
+            fixes: Changes of the document that do it, the best first.
         """
-        return Diagnostic(code, message, file, self.line, self.column, hint, self.source, self.width)
+        line, column, width, source = self
+        return Diagnostic(code, message, file, line, column, hint, source, width, tuple(fixes))
 
 
 class LineIndex:

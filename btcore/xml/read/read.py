@@ -22,7 +22,7 @@ from btcore.diagnostic_codes import (
     UNREADABLE_FILE,
     DiagnosticCode,
 )
-from btcore.diagnostics import Diagnostic, Hint
+from btcore.diagnostics import Diagnostic
 from btcore.errors import TreeError, XmlSyntaxError
 from btcore.fixes import SetValue
 from btcore.input_files import read_error, read_file, real_path
@@ -160,8 +160,8 @@ def _unreadable(path: Path, error: OSError) -> Diagnostic:
     else:
         message = f"can't be read: {read_error(error)}"
     # An include of the file names one of these files instead.
-    fixes = [SetValue(name) for name in files]
-    return Diagnostic(UNREADABLE_FILE, message, os.fspath(path), hint=Hint(hint, *fixes))
+    fixes = tuple(SetValue(name) for name in files)
+    return Diagnostic(UNREADABLE_FILE, message, os.fspath(path), hint=hint, fixes=fixes)
 
 
 def _decoded(data: bytes, file: str) -> str:
@@ -317,8 +317,9 @@ class _Reader:
                 for fix in cause.fixes
                 if isinstance(fix, SetValue)
             ]
-            hint = Hint(cause.hint, *fixes)
-            self.collector.report(document, INCLUDE_FAILED, message, element, attribute="path", hint=hint)
+            self.collector.report(
+                document, INCLUDE_FAILED, message, element, attribute="path", hint=cause.hint, fixes=fixes
+            )
 
     def _find(self, document: Document, element: Element) -> Path | None:
         """Return the path of the file that *element* includes, or None after an error."""

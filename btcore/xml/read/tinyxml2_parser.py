@@ -8,7 +8,6 @@ import sys
 from typing import Final, NamedTuple, NoReturn
 
 from btcore.diagnostic_codes import BARE_MARKUP, LENIENT_XML, NOT_XML, DiagnosticCode
-from btcore.diagnostics import Hint
 from btcore.errors import XmlSyntaxError
 from btcore.fixes import CloseTag, EndTag, Escape, Fix, InsertText, ReplaceText, SetAttributes
 from btcore.xml.read.element import EXAMPLE, MAX_LEVELS, Element
@@ -37,13 +36,14 @@ MAX_FINDINGS: Final = 50_000
 
 
 class Finding(NamedTuple):
-    """A *message* about *width* characters at *offset* of a text, with a code and a hint."""
+    """A *message* about *width* characters at *offset* of a text, with a code, a hint and fixes."""
 
     offset: int
     width: int
     code: DiagnosticCode
     message: str
     hint: str
+    fixes: tuple[Fix, ...]
 
 
 def _rewrite(before: str, after: str) -> tuple[Fix, ...]:
@@ -98,14 +98,14 @@ class _Parser:
 
     def _error(self, at: int, width: int, message: str, hint: str = "", *fixes: Fix) -> XmlSyntaxError:
         place = LineIndex(self._text).span(at, width)
-        return XmlSyntaxError([place.diagnostic(NOT_XML, message, self._file, Hint(hint, *fixes))])
+        return XmlSyntaxError([place.diagnostic(NOT_XML, message, self._file, hint, fixes)])
 
     def _warn(
         self, at: int, width: int, message: str, hint: str, *fixes: Fix, code: DiagnosticCode = LENIENT_XML
     ) -> None:
         if len(self._warnings) < MAX_FINDINGS:
-            whole = Hint(f"other XML tools reject it; {hint}", *fixes)
-            self._warnings.append(Finding(at, width, code, message, whole))
+            hint = f"other XML tools reject it; {hint}"
+            self._warnings.append(Finding(at, width, code, message, hint, fixes))
 
     def _read_markup(self, at: int) -> int | None:
         """Read the markup at *at*, and return the offset of its end; None if the rest is ignored."""

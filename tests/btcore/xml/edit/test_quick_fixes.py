@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from btcore.diagnostics import Diagnostic, Hint
+from btcore.diagnostics import Diagnostic
 from btcore.errors import TreeError
 from btcore.input_files import real_path
 from btcore.lint.validate import validate_document
@@ -33,7 +33,7 @@ class Edited:
             found = validate_document(document, nodes=Registry.standard())
         except TreeError as error:
             found = list(error.diagnostics)
-        return [item._replace(message=item.code, hint=Hint(item.code, *item.fixes)) for item in found]
+        return [item._replace(message=item.code, hint=item.code) for item in found]
 
     def fixes(self, code: str) -> dict[str, str]:
         """The texts that the fixes of the first problem with *code* produce, by title."""
