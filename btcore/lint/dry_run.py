@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.ports import SCRIPT_ROLES, Binding, Port
 from btcore.clock import SystemClock
-from btcore.diagnostics import Diagnostic
+from btcore.diagnostic_codes import DiagnosticCode
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import BlackboardError
@@ -21,7 +21,7 @@ from btcore.registry.mock_nodes import is_mock
 from btcore.xml.plan.key_uses import WRITING, AccessKind, find_name_uses, port_uses, uses_whole_blackboard
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
-from btcore.xml.read.document import Document
+from btcore.xml.read.document import DiagnosticCollector, Document
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,9 +41,24 @@ class EntryUse:
     within: int = 0
     port: Port | None = None
 
+    @property
+    def title(self) -> str:
+        """The script or the port, with its node, for messages."""
+        return f"the {'script in' if self.port is None else 'port'} '{self.attribute}' of {self.node.label}"
+
+    def report(self, collector: DiagnosticCollector, code: DiagnosticCode, message: str, hint: str) -> None:
+        """Add a diagnostic about this place."""
+        collector.report(
+            self.document, code, message, self.node.element,
+            attribute=self.attribute, hint=hint, within=self.within, width=len(self.key),
+        )  # fmt: skip
+
 
 class DryRun(NodeCreator):
     """A dry run of one tree. Call `run` to fill the attributes.
+
+    Args:
+        collector: Gets the errors that loading the tree would report; by default a new collector.
 
     Attributes:
         uses: Every entry with the places that use it.
@@ -54,16 +69,18 @@ class DryRun(NodeCreator):
         entrances: For each inner blackboard, the place of the SubTree element that creates it.
     """
 
-    def __init__(self, plans: Plans) -> None:
+    def __init__(self, plans: Plans, collector: DiagnosticCollector | None = None) -> None:
         super().__init__(plans, (), SystemClock())
+        if collector is not None:
+            self.collector = collector
         self.uses: dict[Entry, list[EntryUse]] = {}
         self.has_untracked_access = False
         self.has_mocks = False
         self.entrances: dict[Blackboard, EntryUse] = {}
         self._recorded: list[EntryUse] = []
 
-    def run(self, tree: TreePlan) -> list[Diagnostic]:
-        """Create *tree*, and fill the attributes. Return the errors that loading the tree would report."""
+    def run(self, tree: TreePlan) -> None:
+        """Create *tree*, and fill the attributes."""
         self.create_nodes(tree)
         for use in self._recorded:
             entry = self._find_or_create_entry(use)
@@ -74,7 +91,6 @@ class DryRun(NodeCreator):
             has_writer(uses) and any(use.access is AccessKind.READS_AS_KEY for use in uses)
             for uses in self.uses.values()
         )
-        return self.collector.errors
 
     def plan_of(self, board: Blackboard) -> TreePlan:
         """Return the plan of the innermost tree whose nodes use *board*."""

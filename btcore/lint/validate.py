@@ -102,13 +102,12 @@ def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> Dia
                 nodes_left -= plans.sizes[root.id].nodes
                 if nodes_left < 0:
                     break
-            dry_run = DryRun(plans)
-            for error in dry_run.run(root):
-                collector.add(error)
+            dry_run = DryRun(plans, collector)
+            dry_run.run(root)
             # A subtree model declares ports that callers of the tree provide.
             known = {*given, *models.get(root.id, ())}
-            check_keys(dry_run, root is main, known, collector)
-            check_value_types(dry_run, root is main, known, collector)
+            check_keys(dry_run, root is main, known)
+            check_value_types(dry_run, root is main, known)
     return collector
 
 
