@@ -5,6 +5,7 @@ from typing import Final
 
 from btcore.blackboard.ports import PortRole
 from btcore.diagnostic_codes import ENDLESS_TICK
+from btcore.lint.node_reporter import NodeReporter
 from btcore.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
 from btcore.nodes.repeat import RepeatedNode
 from btcore.registry.mock_nodes import is_mock
@@ -74,13 +75,9 @@ class EndlessTickCheck:
             message = f"{label} does not end a tick until {repeated} {until}"
         else:
             message = f"{label} never ends a tick: it repeats {repeated} forever"
-        self._collector.report(
-            tree.definition.document,
-            ENDLESS_TICK,
-            f"{message}, and no node below it can be RUNNING",
-            node.element,
-            hint="add a pause, such as a <Delay>, or limit the number of repetitions",
-        )
+        message += ", and no node below it can be RUNNING"
+        hint = "add a pause, such as a <Delay>, or limit the number of repetitions"
+        NodeReporter(tree.definition.document, self._collector).report(node, ENDLESS_TICK, message, hint=hint)
 
     def _may_pause(self, node: NodePlan) -> bool:
         """Return whether *node* may be RUNNING without requesting the next tick at once."""

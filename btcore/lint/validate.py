@@ -16,6 +16,7 @@ from btcore.lint.children import check_child_count, check_reachable_children
 from btcore.lint.dry_run import DryRun
 from btcore.lint.endless_ticks import EndlessTickCheck
 from btcore.lint.entry_types import check_value_types
+from btcore.lint.node_reporter import NodeReporter
 from btcore.lint.ports import (
     check_ignored_attributes,
     check_literals_of_class,
@@ -116,16 +117,16 @@ def _check_nodes(plans: Plans, collector: DiagnosticCollector) -> ResultAnalysis
     models, enums = plans.definitions.subtree_models, plans.registry.types.enums
     tree_keys = TreeKeys(plans)
     for tree in plans.trees.values():
-        document = tree.definition.document
+        reporter = NodeReporter(tree.definition.document, collector)
         for node in tree.nodes():
-            check_child_count(node, document, plans.dialect.format, collector)
-            check_ignored_attributes(node, document, collector)
-            check_port_literals(node, document, plans.dialect.format, collector)
-            check_literals_of_class(node, document, collector)
-            check_missing_ports(node, document, collector)
-            check_script_results(node, document, enums, collector)
-            check_reachable_children(node, document, results, collector)
-            check_remappings(node, document, tree_keys, models, collector)
+            check_child_count(node, plans.dialect.format, reporter)
+            check_ignored_attributes(node, reporter)
+            check_port_literals(node, plans.dialect.format, reporter)
+            check_literals_of_class(node, reporter)
+            check_missing_ports(node, reporter)
+            check_script_results(node, enums, reporter)
+            check_reachable_children(node, results, reporter)
+            check_remappings(node, tree_keys, models, reporter)
     return results
 
 
