@@ -4,12 +4,7 @@ import re
 from collections.abc import Collection
 from typing import Final
 
-from btcore.diagnostic_codes import (
-    FIRST_TICK_REFUSED,
-    INCONVERTIBLE_TEXT,
-    LOOSE_TEXT,
-    UNDETERMINED_MAIN_TREE,
-)
+from btcore.diagnostic_codes import FIRST_TICK_REFUSED, INCONVERTIBLE_TEXT, LOOSE_TEXT, UNDETERMINED_MAIN_TREE
 from btcore.diagnostics import Diagnostic
 from btcore.engine.node_config import MAX_NODES
 from btcore.lint.children import check_child_count, check_reachable_children
