@@ -4,7 +4,7 @@ The dry run creates nodes as loading does: it creates the same blackboards and c
 ports. It therefore finds the same errors, except for errors that user code raises.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from btcore.blackboard.blackboard import Blackboard, Entry
@@ -137,40 +137,40 @@ class DryRun(NodeCreator):
     def bind_ports(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> None:
         """Bind the ports, and record the entries that ports and scripts use."""
         super().bind_ports(node_plan, config, draft)
-        document, blackboard = draft.document, draft.subtree.blackboard
         for binding in node_plan.bindings:
-            self._recorded += self._uses_of_port(node_plan, binding, draft)
+            self._record_port(node_plan, binding, draft)
         for attribute, text in node_plan.conditions.items():
-            self._record_script_uses(node_plan, attribute, text, document, blackboard)
+            self._record_script(node_plan, attribute, text, draft)
         if node_plan.manifest is not None:
             self.has_untracked_access = self.has_untracked_access or uses_whole_blackboard(node_plan.manifest)
             self.has_mocks = self.has_mocks or is_mock(node_plan.manifest.cls)
 
-    def _uses_of_port(self, node_plan: NodePlan, binding: Binding, draft: SubtreeDraft) -> Iterator[EntryUse]:
+    def _record_port(self, node_plan: NodePlan, binding: Binding, draft: SubtreeDraft) -> None:
         document, board, port = draft.document, draft.subtree.blackboard, binding.port
         key, accesses = port_uses(port, binding.text, binding.is_explicit, self.format)
         if port.role in SCRIPT_ROLES:
             if key is None:
-                self._record_script_uses(node_plan, port.name, binding.text, document, board)
+                self._record_script(node_plan, port.name, binding.text, draft)
             else:
                 self.has_untracked_access = True
         for access in accesses if key else ():
-            yield EntryUse(access, key or "", board, document, node_plan, port.name, 0, port)
+            self._recorded.append(
+                EntryUse(access, key or "", board, document, node_plan, port.name, port=port)
+            )
 
-    def _record_script_uses(
-        self, node_plan: NodePlan, attribute: str, text: str, document: Document, board: Blackboard
-    ) -> None:
-        self._recorded += (
+    def _record_script(self, node_plan: NodePlan, attribute: str, text: str, draft: SubtreeDraft) -> None:
+        document, board = draft.document, draft.subtree.blackboard
+        self._recorded += [
             EntryUse(use.access, use.name, board, document, node_plan, attribute, use.column)
             for use in find_name_uses(text, self.enums)
-        )
+        ]
 
     def create_scope(self, node_plan: NodePlan, call: SubtreeCall, draft: SubtreeDraft) -> Blackboard:
         """Return the blackboard of the called tree, and record the entries that the call uses."""
         document, outer = draft.document, draft.subtree.blackboard
         inner = super().create_scope(node_plan, call, draft)
         for attribute, text in node_plan.conditions.items():
-            self._record_script_uses(node_plan, attribute, text, document, outer)
+            self._record_script(node_plan, attribute, text, draft)
         if inner is not outer:
             use = EntryUse(AccessKind.MENTIONS, call.tree_id, outer, document, node_plan, "ID")
             self.entrances[inner] = use
