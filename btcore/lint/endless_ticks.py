@@ -93,7 +93,8 @@ class EndlessTickCheck:
         if node.manifest is None or is_mock(node.manifest.cls) or not all_children_known(node):
             return True
         if behaviour_of(node.manifest.cls).spec.never_pauses:
-            return any(map(self._may_pause, node.children))
+            # A comprehension, because `any` would recurse on the stack of C, which is small for deep trees.
+            return True in [self._may_pause(child) for child in node.children]
         return self._results.results_of(node).may_run
 
     def _has_action(self, node: NodePlan) -> bool:
@@ -108,7 +109,7 @@ class EndlessTickCheck:
             inner = self._called(node)
             return inner is None or inner.root is None or self._has_action(inner.root)
         is_action = node.manifest is not None and node.manifest.spec.node_type is NodeType.ACTION
-        return is_action or any(map(self._has_action, node.children))
+        return is_action or True in [self._has_action(child) for child in node.children]
 
     def _called(self, node: NodePlan) -> TreePlan | None:
         return None if node.subtree_call is None else self._plans.trees.get(node.subtree_call.tree_id)
