@@ -73,7 +73,6 @@ def validate_document(
 
 
 def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> DiagnosticCollector:
-    """Return what was found in the document and in the trees of *plans*."""
     collector = DiagnosticCollector(plans.diagnostics)
     definitions, main = plans.definitions, plans.main_tree
     names_main = definitions.sources.main_document.root.get("main_tree_to_execute") is not None
