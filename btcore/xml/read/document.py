@@ -13,9 +13,8 @@ from btcore.input_files import real_path
 from btcore.xml.read.element import Element, ElementPart
 
 if TYPE_CHECKING:
-    # Imported where they are used: a correct document with one-line tags needs none of them.
+    # Imported where it is used: a correct document with one-line tags does not need it.
     from btcore.xml.read.positions import SourceMap
-    from btcore.xml.read.tinyxml2_parser import Finding
 
 MAX_COMPARISONS: Final = 50_000
 """Maximum number of comparisons of misspelt names with known names; each takes about 30 µs."""
@@ -36,6 +35,7 @@ class Document:
         root: The outermost element.
         text: The text as the user wrote it.
         file: Name of the file in messages, or "".
+        warnings: A warning for everything that BehaviorTree.CPP accepts, but other XML tools reject.
         knows_lines: Whether every element has its line number.
         max_depth: Maximum depth of elements below a `<BehaviorTree>`.
         confined_to: The folder that must contain all included files; None means that any file is allowed.
@@ -50,14 +50,14 @@ class Document:
         root: Element,
         text: str,
         file: str,
-        findings: "Sequence[Finding]" = (),
+        warnings: Sequence[Diagnostic] = (),
         knows_lines: bool = False,
         confined: bool = False,
     ) -> None:
         self.root = root
         self.text = text
         self.file = file
-        self._findings = findings
+        self.warnings = list(warnings)
         self._source_map: SourceMap | None = None
         self.knows_lines = knows_lines
         self.confined_to = real_path(self.folder) if confined else None
@@ -106,19 +106,6 @@ class Document:
         """
         place = self.source_map.span(element, attribute, part, within, width)
         return place.diagnostic(code, message, self.file, hint)
-
-    @property
-    def warnings(self) -> list[Diagnostic]:
-        """A warning for everything that BehaviorTree.CPP accepts, but other XML tools reject."""
-        if not self._findings:
-            return []
-        from btcore.xml.read.positions import LineIndex
-
-        lines = LineIndex(self.text)
-        return [
-            lines.span(offset, width).diagnostic(code, message, self.file, hint)
-            for offset, width, code, message, hint in self._findings
-        ]
 
 
 class Diagnostics(NamedTuple):
