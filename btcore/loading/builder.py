@@ -12,7 +12,7 @@ import inspect
 from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Unpack
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import Clock
@@ -34,7 +34,7 @@ from btcore.tree.tree import Tree
 from btcore.values import to_text
 from btcore.xml.models.tree_nodes_model import quoted
 from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.document import Document
+from btcore.xml.read.document import Document, Mark
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import parse_text
 
@@ -282,7 +282,7 @@ class _BuiltDocument(Document):
         return draft.where[1] if draft is not None else 0
 
     def diagnostic(
-        self, code: DiagnosticCode, message: str, element: Element, *, hint: str = "", **place: object
+        self, code: DiagnosticCode, message: str, element: Element, *, hint: str = "", **mark: Unpack[Mark]
     ) -> Diagnostic:
         """Return a diagnostic at the place in the code, with the generated XML in the hint."""
         draft = self._drafts[self.source_map.index(element)]

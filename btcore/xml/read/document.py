@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence, Sized
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple, TypedDict, Unpack
 
 from btcore.diagnostic_codes import DiagnosticCode, Kind
 from btcore.diagnostics import Diagnostic
@@ -26,6 +26,22 @@ _EXCEPTIONS: Final[dict[Kind, type[TreeError]]] = {
     "unknown node": UnknownNodeError,
     "port error": PortError,
 }
+
+
+class Mark(TypedDict, total=False):
+    """What a diagnostic marks: the element itself, or with *attribute* one of its attributes.
+
+    Attributes:
+        attribute: Name of the attribute; "" means the element itself.
+        part: Whether to mark the attribute's name or its value (default).
+        within: Number of a character in the value, from 1; 0 means the whole value.
+        width: The number of characters to mark from *within* on; default 1.
+    """
+
+    attribute: str
+    part: ElementPart
+    within: int
+    width: int
 
 
 class Document:
@@ -84,28 +100,15 @@ class Document:
         return element.line if self.knows_lines else self.source_map.line(element)
 
     def diagnostic(
-        self,
-        code: DiagnosticCode,
-        message: str,
-        element: Element,
-        *,
-        attribute: str = "",
-        hint: str = "",
-        part: ElementPart = "value",
-        within: int = 0,
-        width: int = 1,
+        self, code: DiagnosticCode, message: str, element: Element, *, hint: str = "", **mark: Unpack[Mark]
     ) -> Diagnostic:
         """Return a diagnostic about an element or one of its attributes.
 
         Args:
-            attribute: Name of the attribute; "" means the element itself.
             hint: How to fix the problem.
-            part: Whether the diagnostic points to the attribute's name or to its value.
-            within: Number of a character in the value, from 1; 0 means the whole value.
-            width: The number of characters to mark from *within* on.
+            mark: See `Mark`.
         """
-        place = self.source_map.span(element, attribute, part, within, width)
-        return place.diagnostic(code, message, self.file, hint)
+        return self.source_map.span(element, **mark).diagnostic(code, message, self.file, hint)
 
 
 class Diagnostics(NamedTuple):
@@ -160,17 +163,11 @@ class DiagnosticCollector:
         message: str,
         element: Element,
         *,
-        attribute: str = "",
         hint: str = "",
-        part: ElementPart = "value",
-        within: int = 0,
-        width: int = 1,
+        **mark: Unpack[Mark],
     ) -> None:
         """Add a diagnostic about an element of *document*; see `Document.diagnostic`."""
-        diagnostic = document.diagnostic(
-            code, message, element, attribute=attribute, hint=hint, part=part, within=within, width=width
-        )
-        self.add(diagnostic)
+        self.add(document.diagnostic(code, message, element, hint=hint, **mark))
 
     def add(self, diagnostic: Diagnostic) -> None:
         """Add *diagnostic*, unless it was added before, or MAX_PER_CODE diagnostics with its code were.
