@@ -215,15 +215,7 @@ class _Attempt:
         self._problems: dict[str, str] = {}
 
     def assign(self, requests: Sequence[_Request], side_effects: Sequence[Provider]) -> dict[Provider, str]:
-        """Assign a provider to each needed type, until providers are rejected.
-
-        Args:
-            requests: What the leaves and the program need.
-            side_effects: The side-effect providers of which a setting was given.
-
-        Returns:
-            The providers that are rejected, with the reason; none if each needed type is assigned.
-        """
+        """Assign a provider to each needed type, until providers are rejected; return why these are."""
         self._pending = [self._candidates.find(request) for request in requests]
         for provider in side_effects:
             self._use(provider, ())

@@ -68,7 +68,6 @@ Runnable = str | PathLike[str] | Plans | TreelessProgram
 
 
 def _plan_source(source: object, arguments: LoadArguments) -> Plans | TreelessProgram:
-    """Return the plans of a tree, or a program."""
     if isinstance(source, (str, PathLike)):
         with paused_garbage_collection():
             source = plan_inputs(parse_file, (source,), arguments)

@@ -67,9 +67,8 @@ class UnknownNameHints:
         if near is not None:
             return HintAndFixes.similar_name(near)
         ports = join_names([f"'{port}'" for port in manifest.ports])
-        return HintAndFixes(
-            f"its ports are {ports}" if len(manifest.ports) > 1 else f"its only port is {ports}"
-        )
+        hint = f"its ports are {ports}" if len(manifest.ports) > 1 else f"its only port is {ports}"
+        return HintAndFixes(hint)
 
     def _tree_hint(self, name: str) -> HintAndFixes | None:
         if name not in self._trees:
@@ -122,9 +121,8 @@ class UnknownNameHints:
         searched = f"searched: {', '.join(sorted(names, key=lambda name: (name != 'btcore', name)))}"
         load = "load a plugin that provides it (--plugin, or nodes.add_plugin)"
         _, unavailable = self._libraries
-        return HintAndFixes(
-            "; ".join([searched, load, *unsearched_libraries(unavailable)]), _declaration(name)
-        )
+        hint = "; ".join([searched, load, *unsearched_libraries(unavailable)])
+        return HintAndFixes(hint, _declaration(name))
 
     @cached_property
     def _libraries(self) -> tuple[Registry, list[UnavailableEntryPoint]]:
