@@ -130,7 +130,8 @@ class RunProviders:
         self.choice = Choice()
         self.report = report
         self.tree: Tree | None = None
-        self.resources = Resources(remedy="the run does not provide it")
+        self.resources = Resources()
+        self.resources.remedy = "the run does not provide it"
 
     def choose(self) -> None:
         """Choose the providers."""
