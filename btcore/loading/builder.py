@@ -11,8 +11,9 @@ The tree is written as XML and then loaded like any other document:
 import inspect
 from collections.abc import Callable, Mapping, Sequence
 from enum import Enum
+from functools import partial
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Unpack
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import Clock
@@ -34,7 +35,7 @@ from btcore.tree.tree import Tree
 from btcore.values import to_text
 from btcore.xml.models.tree_nodes_model import quoted
 from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.document import Document
+from btcore.xml.read.document import Document, Mark
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import parse_text
 
@@ -104,10 +105,15 @@ class Builder:
     def __getattr__(self, id: str) -> Callable[..., NodeDraft]:
         if id.startswith("__"):
             raise AttributeError(id)
-        return self._maker(id, _caller())
+        return self[id]
 
     def __getitem__(self, id: str) -> Callable[..., NodeDraft]:
-        return self._maker(id, _caller())
+        manifest = self._nodes.get(id)
+        if manifest is None:
+            near = nearest_name(id, self._nodes.manifests)
+            hint = suggestion(near) if near is not None else "add it to the registry: nodes.add(…)"
+            raise UnknownNodeError([Diagnostic(UNKNOWN_NODE, f"unknown node {id}", *_caller(), hint=hint)])
+        return partial(self._describe, manifest)
 
     def node(self, implementation: Any, *children: NodeDraft, **ports: object) -> NodeDraft:
         """Return a draft of a node, given its function or class.
@@ -120,13 +126,12 @@ class Builder:
         Raises:
             UnknownNodeError: *implementation* is not registered.
         """
-        where = _caller()
         for manifest in self._nodes:
             if implementation in (manifest.function, manifest.cls):
-                return self._describe(manifest, children, ports, where)
+                return self._describe(manifest, *children, **ports)
         message = f"{getattr(implementation, '__qualname__', implementation)!r} is not registered"
         raise UnknownNodeError(
-            [Diagnostic(UNKNOWN_NODE, message, *where, hint="add it to the registry: nodes.add(…)")]
+            [Diagnostic(UNKNOWN_NODE, message, *_caller(), hint="add it to the registry: nodes.add(…)")]
         )
 
     def xml(self, main: NodeDraft, id: str = "Main", /, **subtrees: NodeDraft) -> str:
@@ -175,25 +180,12 @@ class Builder:
             plans = plan_document(document, self._nodes, id)
             return instantiate(plans, resources, blackboard, clock)
 
-    def _maker(self, id: str, where: tuple[str, int]) -> Callable[..., NodeDraft]:
-        manifest = self._nodes.get(id)
-        if manifest is None:
-            near = nearest_name(id, self._nodes.manifests)
-            hint = suggestion(near) if near is not None else "add it to the registry: nodes.add(…)"
-            raise UnknownNodeError([Diagnostic(UNKNOWN_NODE, f"unknown node {id}", *where, hint=hint)])
-
-        def make(*children: Any, **ports: object) -> NodeDraft:
-            return self._describe(manifest, children, ports, _caller())
-
-        return make
-
-    def _describe(
-        self, manifest: Manifest, children: Sequence[Any], ports: Mapping[str, object], where: tuple[str, int]
-    ) -> NodeDraft:
+    def _describe(self, manifest: Manifest, /, *children: Any, **ports: object) -> NodeDraft:
+        where = _caller()
         attributes: dict[str, str] = {}
         # The first argument of b.SubTree("Dock") is an ID, not a child.
         if manifest.id == "SubTree" and children and isinstance(children[0], str):
-            attributes["ID"], *children = children
+            attributes["ID"], children = children[0], children[1:]
         for child in children:
             if not isinstance(child, NodeDraft):
                 message = f"invalid child {child!r} of <{manifest.id}>: children must be nodes of a builder"
@@ -224,6 +216,7 @@ def _text(value: object, manifest: Manifest, name: str, where: tuple[str, int]) 
 
 
 def _caller() -> tuple[str, int]:
+    """Return the file and the line of the code that called the builder."""
     frame = inspect.currentframe()
     while frame is not None and frame.f_code.co_filename == __file__:
         frame = frame.f_back
@@ -282,7 +275,7 @@ class _BuiltDocument(Document):
         return draft.where[1] if draft is not None else 0
 
     def diagnostic(
-        self, code: DiagnosticCode, message: str, element: Element, *, hint: str = "", **place: object
+        self, code: DiagnosticCode, message: str, element: Element, *, hint: str = "", **mark: Unpack[Mark]
     ) -> Diagnostic:
         """Return a diagnostic at the place in the code, with the generated XML in the hint."""
         draft = self._drafts[self.source_map.index(element)]

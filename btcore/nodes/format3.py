@@ -205,18 +205,16 @@ class BlackboardCheck(DecoratorNode):
 
     def _values_match(self) -> bool:
         try:
-            left = self._read("value_A")
-            right = self._read("value_B")
+            left = self.converted(self.get_input("value_A"))
+            right = self.converted(self.get_input("value_B"))
         except (NodeError, BlackboardError, ConversionError):
             return False
         if isinstance(left, float) and isinstance(right, float):
             return abs(left - right) <= FLOAT_EPSILON
         return left == right
 
-    def _read(self, name: str) -> object:
-        return self._convert(self.get_input(name))
-
-    def _convert(self, value: object) -> object:
+    def converted(self, value: object) -> object:
+        """Return *value*, which was read from a port, as *value_type*. Raise ConversionError."""
         if isinstance(value, str):
             return self.value_type.from_text(value, 3)
         return self.value_type.cast(value)
@@ -256,9 +254,9 @@ class BlackboardCheckBool(BlackboardCheck):
     spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,))
     value_type: ClassVar[ValueType] = BOOL
 
-    def _read(self, name: str) -> object:
-        value = self.get_input(name)
-        return value != 0 if isinstance(value, int) else self._convert(value)
+    def converted(self, value: object) -> object:
+        """Return *value* as a bool. Raise ConversionError."""
+        return value != 0 if isinstance(value, int) else super().converted(value)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

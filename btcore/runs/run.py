@@ -155,7 +155,7 @@ class Run:
         leaf_types = list(dict.fromkeys(chain(*(tree.required_resources() for tree in plans))))
         self._prepare = prepare
         self.settings = settings if isinstance(settings, GivenSettings) else GivenSettings(settings)
-        self.run_settings = self.settings[RunSettings]
+        self.run_settings = self.settings.of(RunSettings)
         self.report = Report(lambda: self.end_reason)
         self.error: NodeExecutionError | None = None
         self.elapsed_s = 0.0

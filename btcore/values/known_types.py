@@ -34,6 +34,7 @@ from btcore.values.types import (
     VECTOR_DOUBLE,
     VECTOR_INT,
     VECTOR_STRING,
+    ConvertibleType,
     EnumType,
     PortDirection,
     UserType,
@@ -156,7 +157,7 @@ class TypeRegistry:
                 f"a type called {name} is registered already{of}; give {python_type.__module__}."
                 f'{python_type.__qualname__} another name: add_type({python_type.__name__}, …, name="…")'
             )
-        if known is not None and known.name == name:
+        if isinstance(known, ConvertibleType) and known.name == name:
             # The same object, because the ports of leaves that are registered already refer to it.
             if from_text is not None or to_text is not None:
                 known.set_converters(from_text, to_text)

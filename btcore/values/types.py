@@ -13,7 +13,7 @@ from typing import Any, Final
 
 from mypy_extensions import mypyc_attr
 
-from btcore.errors import ConversionError, RegistrationError
+from btcore.errors import ConversionError
 from btcore.status import NodeType, Status
 from btcore.suggestions import join_names
 from btcore.values.numbers import (
@@ -90,20 +90,6 @@ class ValueType:
     def has_converters(self) -> bool:
         """Whether a converter from text is registered."""
         return False
-
-    def set_converters(
-        self, from_text: Callable[[str], object] | None, to_text: Callable[[Any], str] | None
-    ) -> None:
-        """Replace the converters of the type.
-
-        Args:
-            from_text: Converts a text to a value; None = no converter.
-            to_text: Converts a value to a text; None = no converter.
-
-        Raises:
-            RegistrationError: The type has built-in conversion rules.
-        """
-        raise RegistrationError(f"{self.python_type.__qualname__} has a text form already")
 
     def accepts(self, value: object) -> bool:
         """Return whether *value* is of exactly this type."""
@@ -530,7 +516,7 @@ class ConvertibleType(ValueType):
     def set_converters(
         self, from_text: Callable[[str], object] | None, to_text: Callable[[Any], str] | None
     ) -> None:
-        """Replace the converters."""
+        """Replace the converters; None = no converter."""
         self._from_text = from_text
         self._to_text = to_text
 

@@ -19,7 +19,6 @@ from btcore.status import (
     NodeType,
     Status,
 )
-from btcore.tree.saved_state import state_fields_of
 from btcore.values import DOUBLE
 from btcore.xml.read.dialect import NODE_REPLACEMENTS
 from btcore_batch.node_classes import BATCH_CLASSES
@@ -218,8 +217,7 @@ def _facts(manifest: Manifest, formats: list[int]) -> list[str]:
     if manifest.required_resources:
         rows["resources"] = ", ".join(f"`{type.__name__}`" for type in manifest.required_resources)
     if manifest.library == "btcore":
-        kept = state_fields_of(manifest.cls)
-        rows["state between ticks"] = "yes" if kept else "none"
+        rows["state between ticks"] = "yes" if manifest.spec.state_fields else "none"
         has_batch = manifest.cls in BATCH_CLASSES
         rows["batches"] = f"[{'supported' if has_batch else 'not supported'}]({UP}/guides/batch.md)"
     return ["| | |", "|---|---|", *(f"| {name} | {text} |" for name, text in rows.items())]

@@ -35,10 +35,10 @@ from btcore.loading.instantiate import instantiate
 from btcore.nodes.manual_selector import Prompt
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, RUNNING, SKIPPED, SUCCESS, Status
-from btcore.tree.saved_state import save_state
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.read import parse_text
+from tests.saved_state import save_state
 
 _STATUSES = {"S": SUCCESS, "F": FAILURE, "K": SKIPPED, "R": RUNNING}
 _TIMED = ("Delay", "Timeout", "Sleep", "UserTimer")

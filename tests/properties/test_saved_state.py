@@ -30,8 +30,9 @@ from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.nodes.manual_selector import Prompt
 from btcore.testing import xml_documents
 from btcore.testing.tree_generator import BUILTIN_MANIFESTS, SCRIPT_KEYS
-from btcore.tree.saved_state import SavedState, restore_state, save_state, state_fields_of
+from btcore_proof.tree_state import state_fields_of
 from tests.conformance.recorded_cases import Journal, conformance_registry
+from tests.saved_state import SavedState, restore_state, save_state
 
 NODES = conformance_registry()
 # Attributes of a node that belong to the engine; saved_state saves statuses and blackboards itself.

@@ -8,10 +8,11 @@ import pytest
 
 import btcore
 from btcore import Registry, SimClock, Tree, TreeNode
-from btcore.tree.saved_state import restore_state, save_state, state_fields_of
 from btcore_navigation import nodes as nav2_nodes
+from btcore_proof.tree_state import state_fields_of
 from btcore_robot.robot import Pose2D, Waypoints
 from tests.conformance.recorded_cases import Journal, RecordedAct
+from tests.saved_state import restore_state, save_state
 
 XML = """<root BTCPP_format="4"><BehaviorTree ID="Main">
   <ParallelAll max_failures="-1">

@@ -12,9 +12,8 @@ from typing import Any, NamedTuple
 from btcore.engine.node import TreeNode
 from btcore.engine.tick_extras import TickExtras, WatchedConditions
 from btcore.status import SKIPPED, Status
-from btcore.tree.saved_state import state_fields_of
 from btcore.tree.tree import Tree
-from btcore_proof.tree_state import StateKeeper
+from btcore_proof.tree_state import StateKeeper, state_fields_of
 from btcore_proof.user_code import has_user_code
 
 

@@ -1,12 +1,14 @@
 """The state of a tree as one hashable value: all that decides what it may do from now on.
 
-It is the state of `btcore.tree.saved_state`, in a form that is equal for equal futures: numbers that only
-grow, such as counts of writes, are numbered anew, and times are replaced by what is known of their order.
+It consists of the statuses, the attributes that the classes of the nodes declare in `spec.state_fields`, the
+blackboards and the pending timers, in a form that is equal for equal futures: numbers that only grow, such as
+counts of writes, are numbered anew, and times are replaced by what is known of their order.
 """
 
 from collections import deque
 from collections.abc import Callable, Collection, Hashable, Sequence
 from enum import Enum
+from inspect import get_annotations
 from operator import itemgetter
 from struct import pack, unpack
 from types import BuiltinFunctionType, FunctionType, ModuleType
@@ -15,11 +17,12 @@ from typing import Any, Final, NamedTuple
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.clock import NS_PER_S, SimClock
 from btcore.engine.node import TreeNode
+from btcore.engine.node_spec import declared_fields
 from btcore.errors import NodeError
 from btcore.nodes.entry_updates import EntryUpdatedDecorator, WasEntryUpdated
 from btcore.nodes.repeat import RepeatedNode
 from btcore.status import Status
-from btcore.tree.saved_state import blackboards_of, check_state_declaration, state_fields_of
+from btcore.suggestions import join_names
 from btcore.tree.tree import Tree
 from btcore_proof.interrupts import OpaqueStateError
 from btcore_proof.model_leaves import UnknownValue
@@ -108,6 +111,40 @@ class _Items(NamedTuple):
 
     cls: type
     items: tuple[Hashable, ...] | frozenset[Hashable]
+
+
+def state_fields_of(cls: type[TreeNode]) -> list[str]:
+    """Return the attributes that *cls* and its base classes declare as state, sorted."""
+    return sorted(cls.spec.state_fields or ())
+
+
+def check_state_declaration(node: TreeNode) -> None:
+    """Raise NodeError if *node* has attributes of a user's class, but no such class declares its state."""
+    classes = [cls for cls in type(node).__mro__ if issubclass(cls, TreeNode)]
+    engine = [cls for cls in classes if vars(cls)["__module__"].startswith("btcore.")]
+    users = [cls for cls in classes if cls not in engine]
+    if not users or any("state_fields" in declared_fields(cls) for cls in users):
+        return
+    known = {name for cls in engine for name in get_annotations(cls)}
+    unknown = sorted(set(getattr(node, "__dict__", ())) - known)
+    if unknown:
+        raise NodeError(
+            f"the state of '{node.config.path}' <{node.config.id}> cannot be saved: "
+            f"{classes[0].__qualname__} does not declare which of its attributes change between ticks "
+            f'({join_names(unknown)}): write for example spec = NodeSpec(state_fields=("{unknown[0]}",)), '
+            "or state_fields=() if none does"
+        )
+
+
+def blackboards_of(tree: Tree) -> list[Blackboard]:
+    """Return the scopes of *tree*, each once, including the parents of the main tree's scope."""
+    boards: dict[int, Blackboard] = {}
+    for subtree in tree.subtrees:
+        board: Blackboard | None = subtree.blackboard
+        while board is not None:
+            boards.setdefault(id(board), board)
+            board = board.parent
+    return list(boards.values())
 
 
 class StateKeeper:

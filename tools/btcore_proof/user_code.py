@@ -18,10 +18,9 @@ from typing import Any, Final, NoReturn
 from btcore.engine.node import TreeNode, read_clock
 from btcore.names import PLUGIN_FILE_PREFIX
 from btcore.suggestions import join_names
-from btcore.tree.saved_state import state_fields_of
 from btcore.tree.tree import Tree
 from btcore_proof.interrupts import HiddenInputError, OpaqueStateError, SearchInterrupt
-from btcore_proof.tree_state import Freezer, StateKeeper, TreeState
+from btcore_proof.tree_state import Freezer, StateKeeper, TreeState, state_fields_of
 
 _OWN_PACKAGES: Final = (
     "btcore",

@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from functools import singledispatch
 from typing import Final, NamedTuple
 
 from btcore import fixes
@@ -13,7 +12,7 @@ from btcore.suggestions import nearest_name
 from btcore.xml.edit.editor import DocumentEditor, Edit, apply_edits, escape_value
 from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.positions import LineIndex
-from btcore.xml.read.scan import Place, ScannedElement, scan
+from btcore.xml.read.scan import Place, ScannedAttribute, ScannedElement, scan
 from btcore.xml.read.tinyxml2_compat import BARE_MARKUP_CHARACTER
 
 MAX_FIXES: Final = 20
@@ -120,147 +119,130 @@ class _Problem:
 _TitledEdits = Iterator[tuple[str, Sequence[Edit]]]
 
 
-@singledispatch
 def _titled_edits(fix: fixes.Fix, problem: _Problem) -> _TitledEdits:
     """Yield the edits of a fix, each list with its title; nothing if the text does not permit the fix."""
-    raise NotImplementedError(type(fix))
+    element, attribute = problem.element, problem.place.attribute
+    if element is not None:
+        yield from _edits_of_element(fix, problem.editor, element)
+        if attribute is not None:
+            yield from _edits_of_attribute(fix, problem.editor, element, attribute)
+    yield from _other_edits(fix, problem)
 
 
 def _shown(text: str) -> str:
     return text if len(text) <= MAX_TITLE else f"{text[: MAX_TITLE - 1]}…"
 
 
-# --- names, values and characters
+def _edits_of_element(fix: fixes.Fix, editor: DocumentEditor, element: ScannedElement) -> _TitledEdits:
+    """Yield the edits of a fix that changes the marked element or adds something for it."""
+    match fix:
+        case fixes.RenameElement():
+            yield f"Change to <{_shown(fix.text)}>", editor.rename_element(element, fix.text)
+        case fixes.SetAttributes():
+            edits = [editor.set_attribute(element, name, value) for name, value in fix.values]
+            written = " ".join(f'{name}="{value}"' for name, value in fix.values)
+            yield f"Write {_shown(written)}", edits
+        case fixes.NameTree():
+            trees = (tree for root in editor.scan.roots for tree in root.iter("BehaviorTree"))
+            known = {tree.get("ID") for tree in trees}
+            number = next(number for number in range(1, len(known) + 2) if f"Tree{number}" not in known)
+            yield from _edits_of_element(fixes.SetAttributes({"ID": f"Tree{number}"}), editor, element)
+        case fixes.CallTree():
+            start, *end = editor.rename_element(element, "SubTree")
+            call = f'SubTree ID="{escape_value(element.tag)}"'
+            yield f"Change to <{_shown(call)}>", [start._replace(text=call), *end]
+        case fixes.CreateTree():
+            root, step = _root_and_step(editor, element)
+            tag = f'BehaviorTree ID="{escape_value(fix.text)}"'
+            lines = (f"{step}<{tag}>", f"{step * 2}<AlwaysSuccess/>", f"{step}</BehaviorTree>")
+            yield f"Create the tree '{_shown(fix.text)}'", [editor.append_lines(root, lines)]
+        case fixes.DeclareNode():
+            title = f"Declare <{_shown(fix.text)}> in the <TreeNodesModel>"
+            yield title, [_declared_node(fix.text, editor, element)]
+        case fixes.AddChildren():
+            title = "Add a child" if fix.count == 1 else f"Add {fix.count} children"
+            separator = "" if editor.indent(element) is None else "\n"
+            children = separator.join(["<AlwaysSuccess/>"] * fix.count)
+            yield title, [editor.insert(element, len(element.children), children)]
+        case fixes.RemoveChildren() if element.children:
+            yield "Remove the children", [editor.remove_children(element)]
+        case fixes.WrapChildren():
+            wrapped = element.children[fix.first :]
+            which = "the children" if fix.first == 0 else f"the last {len(wrapped)} children"
+            yield f"Put {which} into a <{fix.tag}>", editor.wrap(wrapped, fix.tag)
 
 
-@_titled_edits.register
-def _rename(fix: fixes.Rename, problem: _Problem) -> _TitledEdits:
-    place, title = problem.place, f"Change to '{_shown(fix.text)}'"
+def _edits_of_attribute(
+    fix: fixes.Fix, editor: DocumentEditor, element: ScannedElement, attribute: ScannedAttribute
+) -> _TitledEdits:
+    """Yield the edits of a fix that changes the marked attribute of *element*."""
+    match fix:
+        case fixes.RenameAttribute() if element.attribute(fix.text) is None:
+            edit = Edit(attribute.start, attribute.name_end, fix.text)
+            yield f"Write {fix.text} instead of {attribute.name}", [edit]
+        case fixes.Escape():
+            matches = BARE_MARKUP_CHARACTER.finditer(editor.text, attribute.value_start, attribute.value_end)
+            edits = [Edit(*match.span(), escape_value(match[0])) for match in matches]
+            names = " and ".join(dict.fromkeys(edit.text for edit in edits))
+            yield f"Write {names}", edits
+        case fixes.SetValue() if attribute.is_closed:
+            nearest = nearest_name(attribute.value or "", fix.values) if len(fix.values) > 1 else None
+            for value in sorted(fix.values, key=lambda value: value != nearest):
+                yield f"Write {_shown(value)}", [editor.set_value(attribute, value)]
+
+
+def _other_edits(fix: fixes.Fix, problem: _Problem) -> _TitledEdits:
+    """Yield the edits of a fix that changes the marked characters, a tag that is cut off or another place."""
+    editor, element, attribute = problem.editor, problem.element, problem.place.attribute
+    match fix:
+        case fixes.Rename():
+            yield from _renamed(fix.text, problem)
+        case fixes.ReplaceText():
+            yield f"Write {_shown(fix.text)}", [Edit(problem.start, problem.end, fix.text)]
+        case fixes.InsertText():
+            yield f"Insert '{_shown(fix.text)}'", [Edit(problem.start, problem.start, fix.text)]
+        case fixes.CreateEntry():
+            assignment = _ASSIGNMENT.match(editor.text, problem.end)
+            if assignment is not None:
+                yield "Create the entry with :=", [Edit(*assignment.span(1), ":=")]
+        case fixes.SetFormat() if editor.scan.roots:
+            edit = editor.set_attribute(editor.scan.roots[0], "BTCPP_format", str(fix.format))
+            yield f'Write BTCPP_format="{fix.format}"', [edit]
+        case fixes.Connect():
+            elements = editor.scan.elements
+            if fix.index < len(elements) and elements[fix.index].get("ID") == fix.tree:
+                edit = editor.set_attribute(elements[fix.index], fix.key, fix.value)
+                yield f"Connect {_shown(fix.key)} in the SubTree of '{_shown(fix.tree)}'", [edit]
+        case fixes.Remove() if element is not None:
+            if attribute is not None:
+                yield f"Remove {attribute.name}", [editor.remove_attribute(element, attribute.name)]
+            else:
+                yield f"Remove <{_shown(element.tag)}>", [editor.remove(element)]
+        case fixes.EndTag():
+            yield from _with_end_tag(fix.text, problem)
+        case fixes.CloseTag() if problem.marked.startswith("</"):
+            yield "Close the tag", [Edit(problem.end, problem.end, ">")]
+        case fixes.CloseTag() if element is not None and not element.is_complete:
+            end = element.attributes[-1].end if element.attributes else element.tag_end
+            for ending in ("/>", ">"):
+                yield f"Close the tag with {ending}", [Edit(end, end, ending)]
+
+
+def _renamed(name: str, problem: _Problem) -> _TitledEdits:
+    place, title = problem.place, f"Change to '{_shown(name)}'"
     if place.kind == "tag":
-        yield from _titled_edits(fixes.RenameElement(fix.text), problem)
+        yield from _titled_edits(fixes.RenameElement(name), problem)
     elif place.kind == "attribute":
-        yield title, [Edit(place.start, place.end, fix.text)]
+        yield title, [Edit(place.start, place.end, name)]
     elif place.kind == "value":
         start, end = (place.start, place.end) if problem.marks_value else (problem.start, problem.end)
         value = problem.editor.text[start:end].strip()
         is_entry = value.startswith("{") and value.endswith("}")
-        yield title, [Edit(start, end, escape_value(f"{{{fix.text}}}" if is_entry else fix.text))]
+        yield title, [Edit(start, end, escape_value(f"{{{name}}}" if is_entry else name))]
 
 
-@_titled_edits.register
-def _rename_element(fix: fixes.RenameElement, problem: _Problem) -> _TitledEdits:
-    if problem.element is not None:
-        yield f"Change to <{_shown(fix.text)}>", problem.editor.rename_element(problem.element, fix.text)
-
-
-@_titled_edits.register
-def _rename_attribute(fix: fixes.RenameAttribute, problem: _Problem) -> _TitledEdits:
-    attribute, element = problem.place.attribute, problem.element
-    if attribute is not None and element is not None and element.attribute(fix.text) is None:
-        edit = Edit(attribute.start, attribute.name_end, fix.text)
-        yield f"Write {fix.text} instead of {attribute.name}", [edit]
-
-
-@_titled_edits.register
-def _replace_text(fix: fixes.ReplaceText, problem: _Problem) -> _TitledEdits:
-    yield f"Write {_shown(fix.text)}", [Edit(problem.start, problem.end, fix.text)]
-
-
-@_titled_edits.register
-def _insert_text(fix: fixes.InsertText, problem: _Problem) -> _TitledEdits:
-    yield f"Insert '{_shown(fix.text)}'", [Edit(problem.start, problem.start, fix.text)]
-
-
-@_titled_edits.register
-def _escape(fix: fixes.Escape, problem: _Problem) -> _TitledEdits:
-    attribute = problem.place.attribute
-    if attribute is not None:
-        matches = BARE_MARKUP_CHARACTER.finditer(
-            problem.editor.text, attribute.value_start, attribute.value_end
-        )
-        edits = [Edit(*match.span(), escape_value(match[0])) for match in matches]
-        names = " and ".join(dict.fromkeys(edit.text for edit in edits))
-        yield f"Write {names}", edits
-
-
-@_titled_edits.register
-def _set_value(fix: fixes.SetValue, problem: _Problem) -> _TitledEdits:
-    attribute = problem.place.attribute
-    if attribute is not None and attribute.is_closed:
-        nearest = nearest_name(attribute.value or "", fix.values) if len(fix.values) > 1 else None
-        for value in sorted(fix.values, key=lambda value: value != nearest):
-            yield f"Write {_shown(value)}", [problem.editor.set_value(attribute, value)]
-
-
-@_titled_edits.register
-def _set_attributes(fix: fixes.SetAttributes, problem: _Problem) -> _TitledEdits:
-    element = problem.element
-    if element is not None:
-        edits = [problem.editor.set_attribute(element, name, value) for name, value in fix.values]
-        written = " ".join(f'{name}="{value}"' for name, value in fix.values)
-        yield f"Write {_shown(written)}", edits
-
-
-@_titled_edits.register
-def _create_entry(fix: fixes.CreateEntry, problem: _Problem) -> _TitledEdits:
-    assignment = _ASSIGNMENT.match(problem.editor.text, problem.end)
-    if assignment is not None:
-        yield "Create the entry with :=", [Edit(*assignment.span(1), ":=")]
-
-
-@_titled_edits.register
-def _set_format(fix: fixes.SetFormat, problem: _Problem) -> _TitledEdits:
-    root = next(iter(problem.editor.scan.roots), None)
-    if root is not None:
-        edit = problem.editor.set_attribute(root, "BTCPP_format", str(fix.format))
-        yield f'Write BTCPP_format="{fix.format}"', [edit]
-
-
-@_titled_edits.register
-def _name_tree(fix: fixes.NameTree, problem: _Problem) -> _TitledEdits:
-    trees = (element for root in problem.editor.scan.roots for element in root.iter("BehaviorTree"))
-    known = {tree.get("ID") for tree in trees}
-    number = next(number for number in range(1, len(known) + 2) if f"Tree{number}" not in known)
-    yield from _titled_edits(fixes.SetAttributes({"ID": f"Tree{number}"}), problem)
-
-
-@_titled_edits.register
-def _remove(fix: fixes.Remove, problem: _Problem) -> _TitledEdits:
-    attribute = problem.place.attribute
-    if attribute is not None:
-        assert problem.element is not None
-        edit = problem.editor.remove_attribute(problem.element, attribute.name)
-        yield f"Remove {attribute.name}", [edit]
-    elif problem.element is not None:
-        edit = problem.editor.remove(problem.element)
-        yield f"Remove <{_shown(problem.element.tag)}>", [edit]
-
-
-# --- trees
-
-
-@_titled_edits.register
-def _call_tree(fix: fixes.CallTree, problem: _Problem) -> _TitledEdits:
-    element = problem.element
-    if element is not None:
-        start, *end = problem.editor.rename_element(element, "SubTree")
-        call = f'SubTree ID="{escape_value(element.tag)}"'
-        yield f"Change to <{_shown(call)}>", [start._replace(text=call), *end]
-
-
-@_titled_edits.register
-def _connect(fix: fixes.Connect, problem: _Problem) -> _TitledEdits:
-    elements = problem.editor.scan.elements
-    if fix.index < len(elements) and elements[fix.index].get("ID") == fix.tree:
-        edit = problem.editor.set_attribute(elements[fix.index], fix.key, fix.value)
-        yield f"Connect {_shown(fix.key)} in the SubTree of '{_shown(fix.tree)}'", [edit]
-
-
-@_titled_edits.register
-def _declare_node(fix: fixes.DeclareNode, problem: _Problem) -> _TitledEdits:
-    element, editor = problem.element, problem.editor
-    if element is None:
-        return
+def _declared_node(id: str, editor: DocumentEditor, element: ScannedElement) -> Edit:
+    """Return the edit that adds a model for the node *id*, with the attributes of *element* as ports."""
     tag = element.tag
     if tag not in EXPLICIT_TAGS:
         tag = ("Action", "Decorator", "Control")[min(len(element.children), 2)]
@@ -269,80 +251,36 @@ def _declare_node(fix: fixes.DeclareNode, problem: _Problem) -> _TitledEdits:
         for attribute in element.attributes
         if is_port_name(attribute.name) and attribute.name not in ("ID", "name", *SCRIPT_ATTRIBUTES)
     ]
-    root, step = _root_and_step(problem)
-    lines = [f'{step * 2}<{tag} ID="{escape_value(fix.text)}"' + (">" if ports else "/>")]
+    root, step = _root_and_step(editor, element)
+    lines = [f'{step * 2}<{tag} ID="{escape_value(id)}"' + (">" if ports else "/>")]
     for name, is_entry in ports:
         lines.append(f'{step * 3}<{"inout" if is_entry else "input"}_port name="{escape_value(name)}"/>')
     if ports:
         lines.append(f"{step * 2}</{tag}>")
     models = next((child for child in root.children if child.tag == "TreeNodesModel"), None)
-    title = f"Declare <{_shown(fix.text)}> in the <TreeNodesModel>"
     if models is not None and models.end_tag_start >= 0:
-        yield title, [editor.append_lines(models, lines)]
-        return
+        return editor.append_lines(models, lines)
     lines = [f"{step}<TreeNodesModel>", *lines, f"{step}</TreeNodesModel>"]
     if models is not None:
-        yield title, [Edit(models.start, models.end, editor.line_break.join(lines).lstrip())]
-    else:
-        yield title, [editor.append_lines(root, lines)]
+        return Edit(models.start, models.end, editor.line_break.join(lines).lstrip())
+    return editor.append_lines(root, lines)
 
 
-@_titled_edits.register
-def _create_tree(fix: fixes.CreateTree, problem: _Problem) -> _TitledEdits:
-    if problem.element is not None:
-        root, step = _root_and_step(problem)
-        tag = f'BehaviorTree ID="{escape_value(fix.text)}"'
-        lines = (f"{step}<{tag}>", f"{step * 2}<AlwaysSuccess/>", f"{step}</BehaviorTree>")
-        yield f"Create the tree '{_shown(fix.text)}'", [problem.editor.append_lines(root, lines)]
-
-
-def _root_and_step(problem: _Problem) -> tuple[ScannedElement, str]:
+def _root_and_step(editor: DocumentEditor, element: ScannedElement) -> tuple[ScannedElement, str]:
     """Return the root of the document, and the indentation of its children."""
-    assert problem.element is not None
-    root = [problem.element, *problem.element.ancestors()][-1]
-    step = problem.editor.indent(root.children[0]) if root.children else None
-    return root, problem.editor.step() if step is None else step
+    root = [element, *element.ancestors()][-1]
+    step = editor.indent(root.children[0]) if root.children else None
+    return root, editor.step() if step is None else step
 
 
-# --- children
-
-
-@_titled_edits.register
-def _add_children(fix: fixes.AddChildren, problem: _Problem) -> _TitledEdits:
-    if problem.element is not None:
-        title = "Add a child" if fix.count == 1 else f"Add {fix.count} children"
-        separator = "" if problem.editor.indent(problem.element) is None else "\n"
-        children = separator.join(["<AlwaysSuccess/>"] * fix.count)
-        index = len(problem.element.children)
-        yield title, [problem.editor.insert(problem.element, index, children)]
-
-
-@_titled_edits.register
-def _remove_children(fix: fixes.RemoveChildren, problem: _Problem) -> _TitledEdits:
-    if problem.element is not None and problem.element.children:
-        yield "Remove the children", [problem.editor.remove_children(problem.element)]
-
-
-@_titled_edits.register
-def _wrap_children(fix: fixes.WrapChildren, problem: _Problem) -> _TitledEdits:
-    if problem.element is not None:
-        children = problem.element.children[fix.first :]
-        which = "the children" if fix.first == 0 else f"the last {len(children)} children"
-        yield f"Put {which} into a <{fix.tag}>", problem.editor.wrap(children, fix.tag)
-
-
-# --- tags
-
-
-@_titled_edits.register
-def _end_tag(fix: fixes.EndTag, problem: _Problem) -> _TitledEdits:
-    end_tag = f"</{fix.text}>"
+def _with_end_tag(name: str, problem: _Problem) -> _TitledEdits:
+    end_tag = f"</{name}>"
     if not problem.marked.startswith("</"):  # a start tag whose end tag is missing
         end = len(problem.editor.text.rstrip())
         yield f"Insert {end_tag}", [Edit(end, end, f"{problem.editor.line_break}{end_tag}")]
         return
     change = (f"Change to {end_tag}", [Edit(problem.start, problem.end, end_tag)])
-    insert = (f"Insert {end_tag}", [_inserted_end_tag(problem, fix.text)])
+    insert = (f"Insert {end_tag}", [_inserted_end_tag(problem, name)])
     # An end tag with a start tag is in its place, and the end tag of an element inside is missing.
     yield from (insert, change) if problem.element is not None else (change, insert)
 
@@ -358,14 +296,3 @@ def _inserted_end_tag(problem: _Problem, name: str) -> Edit:
         return Edit(at, at, f"</{name}>")
     line_start = at - len(before)
     return Edit(line_start, line_start, f"{own}</{name}>{editor.line_break}")
-
-
-@_titled_edits.register
-def _close_tag(fix: fixes.CloseTag, problem: _Problem) -> _TitledEdits:
-    element = problem.element
-    if problem.marked.startswith("</"):
-        yield "Close the tag", [Edit(problem.end, problem.end, ">")]
-    elif element is not None and not element.is_complete:
-        end = element.attributes[-1].end if element.attributes else element.tag_end
-        for ending in ("/>", ">"):
-            yield f"Close the tag with {ending}", [Edit(end, end, ending)]

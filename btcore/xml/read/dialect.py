@@ -27,7 +27,7 @@ NODE_REPLACEMENTS: Final = {
 
 
 class Dialect(NamedTuple):
-    """The rules of one XML format.
+    """The rules of one XML format; by default those of format 4.
 
     Attributes:
         subtree_tags: The tags that call a subtree.
@@ -46,39 +46,24 @@ class Dialect(NamedTuple):
             ports in models of subtrees must be valid, and names of nodes must have no control characters.
     """
 
-    format: int
-    subtree_tags: frozenset[str]
-    tags_with_unchecked_children: frozenset[str]
-    tags_with_ignored_children: frozenset[str]
-    comment_attributes: frozenset[str]
-    has_conditions: bool
-    allows_non_port_attributes: bool
-    last_tree_wins: bool
-    type_from_id: bool
-    requires_explicit_tag_for_id: bool
-    checks_literals: bool
-    controls_requiring_children: frozenset[str] | None
-    checks_leaf_children: bool
-    checks_names: bool
+    format: int = 4
+    subtree_tags: frozenset[str] = frozenset({"SubTree"})
+    tags_with_unchecked_children: frozenset[str] = frozenset()
+    tags_with_ignored_children: frozenset[str] = frozenset()
+    comment_attributes: frozenset[str] = frozenset()
+    has_conditions: bool = True
+    allows_non_port_attributes: bool = True
+    last_tree_wins: bool = True
+    type_from_id: bool = True
+    requires_explicit_tag_for_id: bool = True
+    checks_literals: bool = True
+    controls_requiring_children: frozenset[str] | None = None
+    checks_leaf_children: bool = True
+    checks_names: bool = True
 
 
 DIALECTS: Final = {
-    4: Dialect(
-        format=4,
-        subtree_tags=frozenset({"SubTree"}),
-        tags_with_unchecked_children=frozenset(),
-        tags_with_ignored_children=frozenset(),
-        comment_attributes=frozenset(),
-        has_conditions=True,
-        allows_non_port_attributes=True,
-        last_tree_wins=True,
-        type_from_id=True,
-        requires_explicit_tag_for_id=True,
-        checks_literals=True,
-        controls_requiring_children=None,
-        checks_leaf_children=True,
-        checks_names=True,
-    ),
+    4: Dialect(),
     3: Dialect(
         format=3,
         subtree_tags=frozenset({"SubTree", "SubTreePlus"}),

@@ -4,7 +4,7 @@ from collections import Counter
 from collections.abc import Mapping, Sequence, Sized
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final, NamedTuple, TypedDict, Unpack
 
 from btcore.diagnostic_codes import DiagnosticCode, Kind
 from btcore.diagnostics import Diagnostic
@@ -13,9 +13,8 @@ from btcore.input_files import real_path
 from btcore.xml.read.element import Element, ElementPart
 
 if TYPE_CHECKING:
-    # Imported where they are used: a correct document with one-line tags needs none of them.
+    # Imported where it is used: a correct document with one-line tags does not need it.
     from btcore.xml.read.positions import SourceMap
-    from btcore.xml.read.tinyxml2_parser import Finding
 
 MAX_COMPARISONS: Final = 50_000
 """Maximum number of comparisons of misspelt names with known names; each takes about 30 µs."""
@@ -29,6 +28,22 @@ _EXCEPTIONS: Final[dict[Kind, type[TreeError]]] = {
 }
 
 
+class Mark(TypedDict, total=False):
+    """What a diagnostic marks: the element itself, or with *attribute* one of its attributes.
+
+    Attributes:
+        attribute: Name of the attribute; "" means the element itself.
+        part: Whether to mark the attribute's name or its value (default).
+        within: Number of a character in the value, from 1; 0 means the whole value.
+        width: The number of characters to mark from *within* on; default 1.
+    """
+
+    attribute: str
+    part: ElementPart
+    within: int
+    width: int
+
+
 class Document:
     """One XML document.
 
@@ -36,6 +51,7 @@ class Document:
         root: The outermost element.
         text: The text as the user wrote it.
         file: Name of the file in messages, or "".
+        warnings: A warning for everything that BehaviorTree.CPP accepts, but other XML tools reject.
         knows_lines: Whether every element has its line number.
         max_depth: Maximum depth of elements below a `<BehaviorTree>`.
         confined_to: The folder that must contain all included files; None means that any file is allowed.
@@ -50,14 +66,14 @@ class Document:
         root: Element,
         text: str,
         file: str,
-        findings: "Sequence[Finding]" = (),
+        warnings: Sequence[Diagnostic] = (),
         knows_lines: bool = False,
         confined: bool = False,
     ) -> None:
         self.root = root
         self.text = text
         self.file = file
-        self._findings = findings
+        self.warnings = list(warnings)
         self._source_map: SourceMap | None = None
         self.knows_lines = knows_lines
         self.confined_to = real_path(self.folder) if confined else None
@@ -84,41 +100,15 @@ class Document:
         return element.line if self.knows_lines else self.source_map.line(element)
 
     def diagnostic(
-        self,
-        code: DiagnosticCode,
-        message: str,
-        element: Element,
-        *,
-        attribute: str = "",
-        hint: str = "",
-        part: ElementPart = "value",
-        within: int = 0,
-        width: int = 1,
+        self, code: DiagnosticCode, message: str, element: Element, *, hint: str = "", **mark: Unpack[Mark]
     ) -> Diagnostic:
         """Return a diagnostic about an element or one of its attributes.
 
         Args:
-            attribute: Name of the attribute; "" means the element itself.
             hint: How to fix the problem.
-            part: Whether the diagnostic points to the attribute's name or to its value.
-            within: Number of a character in the value, from 1; 0 means the whole value.
-            width: The number of characters to mark from *within* on.
+            mark: See `Mark`.
         """
-        place = self.source_map.span(element, attribute, part, within, width)
-        return place.diagnostic(code, message, self.file, hint)
-
-    @property
-    def warnings(self) -> list[Diagnostic]:
-        """A warning for everything that BehaviorTree.CPP accepts, but other XML tools reject."""
-        if not self._findings:
-            return []
-        from btcore.xml.read.positions import LineIndex
-
-        lines = LineIndex(self.text)
-        return [
-            lines.span(offset, width).diagnostic(code, message, self.file, hint)
-            for offset, width, code, message, hint in self._findings
-        ]
+        return self.source_map.span(element, **mark).diagnostic(code, message, self.file, hint)
 
 
 class Diagnostics(NamedTuple):
@@ -173,17 +163,11 @@ class DiagnosticCollector:
         message: str,
         element: Element,
         *,
-        attribute: str = "",
         hint: str = "",
-        part: ElementPart = "value",
-        within: int = 0,
-        width: int = 1,
+        **mark: Unpack[Mark],
     ) -> None:
         """Add a diagnostic about an element of *document*; see `Document.diagnostic`."""
-        diagnostic = document.diagnostic(
-            code, message, element, attribute=attribute, hint=hint, part=part, within=within, width=width
-        )
-        self.add(diagnostic)
+        self.add(document.diagnostic(code, message, element, hint=hint, **mark))
 
     def add(self, diagnostic: Diagnostic) -> None:
         """Add *diagnostic*, unless it was added before, or MAX_PER_CODE diagnostics with its code were.

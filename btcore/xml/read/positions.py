@@ -119,14 +119,7 @@ class SourceMap:
         within: int = 0,
         width: int = 1,
     ) -> SourceSpan:
-        """Return the position of an element or of one of its attributes.
-
-        Args:
-            attribute: Name of the attribute; "" means the element itself.
-            part: Whether to return the position of the attribute's name or value.
-            within: Number of a character in the value, from 1; 0 means the whole value.
-            width: The number of characters from *within* on.
-        """
+        """Return the position of an element or of one of its attributes: see `Mark` in document.py."""
         scanned = self.scanned(element)
         start, end = scanned.start, scanned.tag_end
         if self._text[end] == ">":

@@ -81,8 +81,8 @@ def parse_text(text: str, file: str = "", *, confined: bool = False) -> Document
         return Document(plain, text, file, knows_lines=escaped is text, confined=confined)
     from btcore.xml.read.tinyxml2_parser import parse_as_tinyxml2
 
-    root, findings = parse_as_tinyxml2(text, file)
-    return Document(root, text, file, findings, confined=confined)
+    root, warnings = parse_as_tinyxml2(text, file)
+    return Document(root, text, file, warnings, confined=confined)
 
 
 def _has_one_line_tags(text: str) -> bool:

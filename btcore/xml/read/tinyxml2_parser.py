@@ -5,10 +5,10 @@ tinyxml2 accepts more than XML allows. Whatever other XML tools reject causes a 
 
 import re
 import sys
-from typing import Final, NamedTuple, NoReturn
+from typing import Final, NoReturn
 
 from btcore.diagnostic_codes import BARE_MARKUP, LENIENT_XML, NOT_XML, DiagnosticCode
-from btcore.diagnostics import Hint
+from btcore.diagnostics import Diagnostic, Hint
 from btcore.errors import XmlSyntaxError
 from btcore.fixes import CloseTag, EndTag, Escape, Fix, InsertText, ReplaceText, SetAttributes
 from btcore.xml.read.element import EXAMPLE, MAX_LEVELS, Element
@@ -32,18 +32,8 @@ _NUMBER: Final = re.compile(r"&#(?:x([0-9a-fA-F]{0,20})|([0-9]{0,20}));")  # as 
 _BARE_AMPERSAND: Final = re.compile(rf"(?!{REFERENCE})&")
 _DECLARED: Final = re.compile(rf"xmlns:({_NAME}){SPACE}=")
 
-MAX_FINDINGS: Final = 50_000
+MAX_WARNINGS: Final = 50_000
 """Maximum number of warnings about one document."""
-
-
-class Finding(NamedTuple):
-    """A *message* about *width* characters at *offset* of a text, with a code and a hint."""
-
-    offset: int
-    width: int
-    code: DiagnosticCode
-    message: str
-    hint: str
 
 
 def _rewrite(before: str, after: str) -> tuple[Fix, ...]:
@@ -51,7 +41,7 @@ def _rewrite(before: str, after: str) -> tuple[Fix, ...]:
     return () if "\n" in before or "\r" in before else (ReplaceText(after, is_safe=True),)
 
 
-def parse_as_tinyxml2(text: str, file: str) -> tuple[Element, list[Finding]]:
+def parse_as_tinyxml2(text: str, file: str) -> tuple[Element, list[Diagnostic]]:
     """Parse a text.
 
     Args:
@@ -67,14 +57,15 @@ class _Parser:
     def __init__(self, text: str, file: str) -> None:
         self._text = text
         self._file = file
-        self._warnings: list[Finding] = []
+        self._lines = LineIndex(text)
+        self._warnings: list[Diagnostic] = []
         self._root: Element | None = None
         # The open elements with the offsets of their start tags.
         self._open: list[tuple[Element, int]] = []
         self._declarations_allowed = True
         self._prefixes = {"xml", "xmlns", *_DECLARED.findall(text)}
 
-    def parse(self) -> tuple[Element, list[Finding]]:
+    def parse(self) -> tuple[Element, list[Diagnostic]]:
         text = self._text
         at: int | None = 0
         while at is not None:
@@ -97,15 +88,15 @@ class _Parser:
         return self._root, self._warnings
 
     def _error(self, at: int, width: int, message: str, hint: str = "", *fixes: Fix) -> XmlSyntaxError:
-        place = LineIndex(self._text).span(at, width)
+        place = self._lines.span(at, width)
         return XmlSyntaxError([place.diagnostic(NOT_XML, message, self._file, Hint(hint, *fixes))])
 
     def _warn(
         self, at: int, width: int, message: str, hint: str, *fixes: Fix, code: DiagnosticCode = LENIENT_XML
     ) -> None:
-        if len(self._warnings) < MAX_FINDINGS:
+        if len(self._warnings) < MAX_WARNINGS:
             whole = Hint(f"other XML tools reject it; {hint}", *fixes)
-            self._warnings.append(Finding(at, width, code, message, whole))
+            self._warnings.append(self._lines.span(at, width).diagnostic(code, message, self._file, whole))
 
     def _read_markup(self, at: int) -> int | None:
         """Read the markup at *at*, and return the offset of its end; None if the rest is ignored."""
@@ -222,8 +213,8 @@ class _Parser:
             return None
         element, start = self._open.pop()
         if element.tag != name:
-            place = LineIndex(self._text).span(start)
-            hint = f"<{element.tag}> was opened in line {place.line}, column {place.column}"
+            line, column = self._lines.place(start)
+            hint = f"<{element.tag}> was opened in line {line}, column {column}"
             message = f"expected </{element.tag}>, but found </{name}>"
             raise self._error(at, after - at, message, hint, EndTag(element.tag))
         if tag.group().rstrip(name) != "</" or self._text[tag.end() : after].strip() != ">":

@@ -3,9 +3,9 @@
 import pytest
 
 from btcore import NodeExecutionError, Status, Tree
-from btcore.tree.saved_state import restore_state, save_state
 from btcore.values import INT64
 from tests.btcore.conftest import MakeTree
+from tests.saved_state import restore_state, save_state
 
 S, F = Status.SUCCESS, Status.FAILURE
 

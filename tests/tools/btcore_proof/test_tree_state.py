@@ -17,12 +17,11 @@ from btcore.engine.node import TreeNode, start_tick_counts
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
 from btcore.testing.strategies import xml_documents
-from btcore.tree.saved_state import state_fields_of
 from btcore.tree.tree import Tree
 from btcore_proof.interrupts import OpaqueStateError
 from btcore_proof.state_graph import StateTable
 from btcore_proof.timer_order import NO_TIMERS, Advance
-from btcore_proof.tree_state import TICK_START_NS, StateKeeper, TreeState
+from btcore_proof.tree_state import TICK_START_NS, StateKeeper, TreeState, state_fields_of
 from tests.conformance.recorded_cases import Journal, conformance_registry
 
 NODES = conformance_registry()

@@ -1,23 +1,20 @@
-"""The state of a tree between two ticks, to be saved and restored into another tree of the same XML.
+"""The state of a tree between two ticks, saved and restored into another tree of the same XML.
 
-A restored tree continues as the saved tree would have continued. The state consists of the statuses, the
-attributes that the classes of the nodes declare in `spec.state_fields`, the
-blackboards, a pending wake-up, and the times for which nodes have requested a tick. It does not contain the
-clock, the resources and the observers. Restore it into a tree whose clock shows the same time.
+A restored tree continues as the saved tree would have continued: this is what the declared state of the nodes
+(`spec.state_fields`) must achieve. The state consists of the statuses, the state fields, the blackboards, a
+pending wake-up, and the times for which nodes have requested a tick. It does not contain the clock, the
+resources and the observers. Restore it into a tree whose clock shows the same time.
 """
 
 import copy
-from inspect import get_annotations
 from typing import NamedTuple
 
-from btcore.blackboard.blackboard import Blackboard, Entry
-from btcore.engine.node import TreeNode
-from btcore.engine.node_spec import declared_fields
+from btcore.blackboard.blackboard import Entry
 from btcore.errors import BtcoreError, NodeError
 from btcore.status import RUNNING, Status
-from btcore.suggestions import join_names
 from btcore.tree.tree import Tree
 from btcore.values import ValueType
+from btcore_proof.tree_state import blackboards_of, check_state_declaration, state_fields_of
 
 
 class SavedEntry(NamedTuple):
@@ -49,11 +46,6 @@ class SavedState(NamedTuple):
     is_woken: bool
     ticks: int
     status: Status
-
-
-def state_fields_of(cls: type[TreeNode]) -> list[str]:
-    """Return the attributes that *cls* and its base classes declare as state, sorted."""
-    return sorted(cls.spec.state_fields or ())
 
 
 def save_state(tree: Tree) -> SavedState:
@@ -136,34 +128,5 @@ def restore_state(tree: Tree, saved: SavedState) -> None:
     tree.status = saved.status
 
 
-def check_state_declaration(node: TreeNode) -> None:
-    """Raise NodeError if *node* has attributes of a user's class, but no such class declares its state."""
-    classes = [cls for cls in type(node).__mro__ if issubclass(cls, TreeNode)]
-    engine = [cls for cls in classes if vars(cls)["__module__"].startswith("btcore.")]
-    users = [cls for cls in classes if cls not in engine]
-    if not users or any("state_fields" in declared_fields(cls) for cls in users):
-        return
-    known = {name for cls in engine for name in get_annotations(cls)}
-    unknown = sorted(set(getattr(node, "__dict__", ())) - known)
-    if unknown:
-        raise NodeError(
-            f"the state of '{node.config.path}' <{node.config.id}> cannot be saved: "
-            f"{classes[0].__qualname__} does not declare which of its attributes change between ticks "
-            f'({join_names(unknown)}): write for example spec = NodeSpec(state_fields=("{unknown[0]}",)), '
-            "or state_fields=() if none does"
-        )
-
-
 def _paths_and_ids(tree: Tree) -> list[tuple[str, str]]:
     return [(node.config.path, node.config.id) for node in tree.nodes]
-
-
-def blackboards_of(tree: Tree) -> list[Blackboard]:
-    """Return the scopes of *tree*, each once, including the parents of the main tree's scope."""
-    boards: dict[int, Blackboard] = {}
-    for subtree in tree.subtrees:
-        board: Blackboard | None = subtree.blackboard
-        while board is not None:
-            boards.setdefault(id(board), board)
-            board = board.parent
-    return list(boards.values())
