@@ -21,7 +21,7 @@ from btcore.registry.mock_nodes import is_mock
 from btcore.xml.plan.key_uses import WRITING, AccessKind, find_name_uses, port_uses, uses_whole_blackboard
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
-from btcore.xml.read.document import DiagnosticCollector, Document
+from btcore.xml.read.document import DiagnosticCollector, Document, Mark
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,10 +48,8 @@ class EntryUse:
 
     def report(self, collector: DiagnosticCollector, code: DiagnosticCode, message: str, hint: str) -> None:
         """Add a diagnostic about this place."""
-        collector.report(
-            self.document, code, message, self.node.element,
-            attribute=self.attribute, hint=hint, within=self.within, width=len(self.key),
-        )  # fmt: skip
+        mark: Mark = {"attribute": self.attribute, "within": self.within, "width": len(self.key)}
+        collector.report(self.document, code, message, self.node.element, hint=hint, **mark)
 
 
 class DryRun(NodeCreator):
