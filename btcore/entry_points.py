@@ -105,11 +105,6 @@ class LoadedEntryPoint(NamedTuple):
     value: Any
 
 
-def names(group: str) -> list[str]:
-    """Return the sorted names of the entry points of *group*, without loading them."""
-    return sorted({point.name for point in find(group)})
-
-
 def find(group: str, own: bool = True) -> list[EntryPoint]:
     """Return the installed entry points of *group* that `LIMIT_VARIABLE` permits, sorted by name.
 

@@ -34,8 +34,8 @@ class CommandLine(click.Group):
 
     def list_commands(self, ctx: click.Context) -> list[str]:
         """Return the names of btcore's commands, then those that installed packages add."""
-        added = entry_points.names(entry_points.COMMANDS_GROUP)
-        return [*OWN_COMMANDS, *(name for name in added if name not in OWN_COMMANDS)]
+        added = [point.name for point in entry_points.find(entry_points.COMMANDS_GROUP)]
+        return list(dict.fromkeys([*OWN_COMMANDS, *added]))
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Return the command *cmd_name*, or None.

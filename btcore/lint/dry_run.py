@@ -23,7 +23,7 @@ from btcore.registry.mock_nodes import is_mock
 from btcore.xml.plan.key_uses import WRITING, AccessKind, find_name_uses, port_uses, uses_whole_blackboard
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
-from btcore.xml.read.document import DiagnosticCollector, Document
+from btcore.xml.read.document import DiagnosticCollector, Document, Mark
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,10 +52,8 @@ class EntryUse:
         self, code: DiagnosticCode, message: str, hint: str, fixes: Sequence[Fix] = ()
     ) -> Diagnostic:
         """Return a diagnostic about this place."""
-        return self.document.diagnostic(
-            code, message, self.node.element,
-            attribute=self.attribute, hint=hint, fixes=fixes, within=self.within, width=len(self.key),
-        )  # fmt: skip
+        mark: Mark = {"attribute": self.attribute, "within": self.within, "width": len(self.key)}
+        return self.document.diagnostic(code, message, self.node.element, hint=hint, fixes=fixes, **mark)
 
 
 class DryRun(NodeCreator):

@@ -1,13 +1,12 @@
 """Reporting the problems of nodes, as the checks of a document do."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Unpack
 
 from btcore.diagnostic_codes import DiagnosticCode
 from btcore.fixes import Fix
 from btcore.xml.plan.tree_plan import NodePlan
-from btcore.xml.read.document import DiagnosticCollector, Document
-from btcore.xml.read.element import ElementPart
+from btcore.xml.read.document import DiagnosticCollector, Document, Mark
 
 
 class NodeReporter(NamedTuple):
@@ -21,16 +20,10 @@ class NodeReporter(NamedTuple):
         node: NodePlan,
         code: DiagnosticCode,
         message: str,
-        attribute: str = "",
         *,
         hint: str = "",
         fixes: Sequence[Fix] = (),
-        part: ElementPart = "value",
-        within: int = 0,
-        width: int = 1,
+        **mark: Unpack[Mark],
     ) -> None:
         """Add a diagnostic about *node* or one of its attributes; see `Document.diagnostic`."""
-        self.collector.report(
-            self.document, code, message, node.element,
-            attribute=attribute, hint=hint, fixes=fixes, part=part, within=within, width=width,
-        )  # fmt: skip
+        self.collector.report(self.document, code, message, node.element, hint=hint, fixes=fixes, **mark)

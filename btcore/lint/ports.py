@@ -40,6 +40,7 @@ from btcore.values import NODE_STATUS, IntegerType, RealType, ValueType, VectorT
 from btcore.values.numbers import whole_float
 from btcore.xml.plan.tree_plan import NodePlan
 from btcore.xml.plan.tree_planner import value_fixes
+from btcore.xml.read.document import Mark
 
 # Longer texts are not checked: the search for the longest number takes quadratic time.
 _MAX_NUMBER_LENGTH: Final = 64
@@ -167,9 +168,8 @@ def check_literals_of_class(node: NodePlan, reporter: NodeReporter) -> None:
     for problem in node.manifest.cls.check_literals(valid_literals(node)):
         code = UNCHECKED_LITERAL if problem.is_unchecked else INCONVERTIBLE_TEXT
         message = f"the port '{problem.port}' of {node.label}: {problem.message}"
-        reporter.report(
-            node, code, message, problem.port, hint=problem.hint, within=problem.start, width=problem.width
-        )
+        mark: Mark = {"attribute": problem.port, "within": problem.start, "width": problem.width}
+        reporter.report(node, code, message, hint=problem.hint, **mark)
 
 
 def valid_literals(node: NodePlan) -> dict[str, str]:

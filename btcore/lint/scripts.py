@@ -11,6 +11,7 @@ from btcore.script.expressions import Assignment, Expression, Name
 from btcore.script.program import condition_result
 from btcore.xml.plan.key_uses import iter_subexpressions, parse_statements
 from btcore.xml.plan.tree_plan import NodePlan
+from btcore.xml.read.document import Mark
 
 
 def is_constant(expression: Expression, enums: Mapping[str, int]) -> bool:
@@ -41,7 +42,7 @@ def check_script_results(node: NodePlan, enums: Mapping[str, int], reporter: Nod
     for attribute, text, is_condition in node.iter_scripts():
         if not text and is_condition and attribute not in node.conditions:
             message = f"the script in '{attribute}' of {node.label} always raises: it is empty"
-            reporter.report(node, SCRIPT_RAISES, message, attribute)
+            reporter.report(node, SCRIPT_RAISES, message, attribute=attribute)
         try:
             statements = parse_statements(text, enums)
         except ScriptError:
@@ -49,7 +50,8 @@ def check_script_results(node: NodePlan, enums: Mapping[str, int], reporter: Nod
         error = find_certain_error(statements, enums)
         if error is not None:
             message = f"the script in '{attribute}' of {node.label} always raises: {error.message}"
-            reporter.report(node, SCRIPT_RAISES, message, attribute, within=error.column, width=error.width)
+            mark: Mark = {"attribute": attribute, "within": error.column, "width": error.width}
+            reporter.report(node, SCRIPT_RAISES, message, **mark)
         elif is_condition:
             _check_condition(node, attribute, statements[-1], enums, reporter)
 
@@ -61,10 +63,8 @@ def _check_condition(
     if isinstance(last, Assignment) and last.operator == "=" and isinstance(last.target, Name):
         message = f"'{attribute}' of {node.label} assigns to '{last.target.name}' instead of comparing"
         hint, fixes = f"to compare, write {last.target.name} == …", [ReplaceText("==")]
-        reporter.report(
-            node, CONDITION_ASSIGNS, message, attribute, hint=hint, fixes=fixes,
-            within=last.column, width=last.width,
-        )  # fmt: skip
+        mark: Mark = {"attribute": attribute, "within": last.column, "width": last.width}
+        reporter.report(node, CONDITION_ASSIGNS, message, hint=hint, fixes=fixes, **mark)
         return
     value = last.value if isinstance(last, Assignment) else last
     if not is_constant(value, enums):
@@ -83,7 +83,5 @@ def _check_condition(
         else:
             message = f"{failure}: its result is {result}, neither true nor false"
             hint = "valid results are 0, 1 and reals from 0 up; or write a comparison"
-        reporter.report(
-            node, SCRIPT_RAISES, message, attribute, hint=hint, fixes=fixes,
-            within=value.column, width=value.width,
-        )  # fmt: skip
+        mark = {"attribute": attribute, "within": value.column, "width": value.width}
+        reporter.report(node, SCRIPT_RAISES, message, hint=hint, fixes=fixes, **mark)

@@ -1,6 +1,7 @@
 """Find keys that are read but never written (W201), or assigned to but never created (W209)."""
 
 from collections.abc import Collection, Sequence
+from functools import cache
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.ports import SCRIPT_ROLES
@@ -19,23 +20,18 @@ class WrittenKeys:
     def __init__(self, dry_run: DryRun, given: Collection[str]) -> None:
         self.dry_run = dry_run
         self._given = given
-        self._written: dict[Blackboard, dict[str, None]] = {}
+        self.written_in = cache(self._find_written)
 
     def guess(self, key: str, names: Collection[str]) -> str | None:
         """Return the name in *names* that is most similar to *key*; None if none is, or not searched."""
         return nearest_name(key, names) if self.dry_run.collector.take_comparisons(names) else None
 
-    def written_in(self, board: Blackboard) -> Collection[str]:
+    def _find_written(self, board: Blackboard) -> Collection[str]:
         """Return the keys of *board* that are written."""
-        known = self._written.get(board)
-        if known is None:
-            uses = self.dry_run.uses
-            entries = board.local_entries().items()
-            known = {key: None for key, entry in entries if has_writer(uses.get(entry, ()))}
-            if board is self.dry_run.blackboard:
-                known.update(dict.fromkeys(sorted(self._given)))
-            self._written[board] = known
-        return known
+        uses, entries = self.dry_run.uses, board.local_entries()
+        written = [key for key, entry in entries.items() if has_writer(uses.get(entry, ()))]
+        given = sorted(self._given) if board is self.dry_run.blackboard else []
+        return dict.fromkeys([*written, *given])
 
 
 def check_keys(dry_run: DryRun, is_main: bool, given: Collection[str]) -> None:
