@@ -37,15 +37,7 @@ class SourceOnly:
     ) -> ModuleSpec | None:
         """Return the spec of the source file of a module below the package.
 
-        Args:
-            fullname: The full name of the module, for example `btcore.engine.node`.
-            path: The `__path__` of the module's parent package: the folders to search; None for a top-level
-                module.
-            target: Ignored; part of the interface of finders.
-
-        Returns:
-            The spec; None if the module is not below the package or has no source file. Python then calls
-            the next finder.
+        The result is None for any other module. Python then calls the next finder.
         """
         if not fullname.startswith(f"{self.package}."):
             return None

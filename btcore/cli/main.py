@@ -131,8 +131,8 @@ def _exit_after_interrupt() -> NoReturn:
     from btcore.cli import terminal
 
     terminal.stderr_console().print("[bold]interrupted[/]")
-    # If the interrupt was raised while a text was evaluated, as to make a named tuple, CPython would end with
-    # the signal in place of the exit code, until another text is evaluated.
+    # CPython remembers that an interrupt ended an `eval`, such as that of `collections.namedtuple`, and would
+    # exit by the signal, not with this code. The next `eval` clears the memory.
     eval("None")
     sys.exit(ExitCode.INTERRUPTED)
 

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import click
 
@@ -19,9 +19,6 @@ from btcore.registry.registry import Plugin, Registry, import_plugin, library_of
 from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.document import Document
 from btcore.xml.read.read import Sources, read
-
-if TYPE_CHECKING:
-    from click.shell_completion import CompletionItem
 
 
 class LibraryOptions(Options):
@@ -211,11 +208,7 @@ def _find_node_ids(documents: Iterable[Document]) -> Iterator[str]:
                 yield element.get("ID") or "" if element.tag in EXPLICIT_TAGS else element.tag
 
 
-def complete_node_id(
-    ctx: click.Context, parameter: click.Parameter, incomplete: str
-) -> "list[CompletionItem]":
+def complete_node_id(ctx: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
     """Return the IDs of the built-in and installed nodes."""
-    from click.shell_completion import CompletionItem
-
     ids = load_libraries(()).nodes.manifests_of(4)
-    return [CompletionItem(node_id) for node_id in ids if node_id.startswith(incomplete)]
+    return [node_id for node_id in ids if node_id.startswith(incomplete)]

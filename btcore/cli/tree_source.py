@@ -36,12 +36,8 @@ def complete_tree(ctx: click.Context, parameter: click.Parameter, incomplete: st
     return [CompletionItem(name) for name in [*files, *names]]
 
 
-def complete_tree_id(
-    ctx: click.Context, parameter: click.Parameter, incomplete: str
-) -> "list[CompletionItem]":
+def complete_tree_id(ctx: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
     """Return the IDs of the trees in the file that the command line names."""
-    from click.shell_completion import CompletionItem
-
     # click does not assign the arguments when the last word is an option that lacks its value.
     source = ctx.params.get("source") or next(iter(ctx.args), "")
     try:
@@ -49,7 +45,7 @@ def complete_tree_id(
     except BtcoreError:
         return []
     ids = [tree.get("ID") or "" for tree in root.iterchildren("BehaviorTree")]
-    return [CompletionItem(tree_id) for tree_id in ids if tree_id.startswith(incomplete)]
+    return [tree_id for tree_id in ids if tree_id.startswith(incomplete)]
 
 
 class TreeOptions(LibraryOptions):

@@ -12,6 +12,7 @@ from btcore.diagnostics import Hint
 from btcore.engine.control import ControlNode, DecoratorNode, results_in_order
 from btcore.engine.node import TreeNode
 from btcore.fixes import AddChildren, Fix
+from btcore.lint.node_reporter import NodeReporter
 from btcore.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
 from btcore.nodes.parallel import threshold
 from btcore.nodes.sequences_and_fallbacks import ReactiveNode
@@ -20,16 +21,13 @@ from btcore.registry.mock_nodes import is_mock
 from btcore.status import FAILURE, SUCCESS, PossibleResults, Status
 from btcore.xml.plan.tree_plan import NodePlan
 from btcore.xml.plan.tree_planner import count_text, element_children, wrapping_fixes
-from btcore.xml.read.document import DiagnosticCollector, Document
 
 _THRESHOLDS: Final = {PortRole.SUCCESSES: "successes", PortRole.FAILURES: "failures"}
 _TICK_RAISES: Final = "the tree loads, as in BehaviorTree.CPP, but the node raises when it is ticked"
 _WORD: Final = {SUCCESS: "succeeds", FAILURE: "fails"}
 
 
-def check_child_count(
-    node: NodePlan, document: Document, format: int, collector: DiagnosticCollector
-) -> None:
+def check_child_count(node: NodePlan, format: int, reporter: NodeReporter) -> None:
     """Report *node* if the loader accepts the number of its children, but every tick raises."""
     if node.manifest is None:
         return
@@ -43,12 +41,10 @@ def check_child_count(
         requirement = "a decorator has exactly 1"
     if requirement:
         hint = Hint(_TICK_RAISES, *_fixes(node.manifest.cls, count))
-        collector.report(document, FIRST_TICK_REFUSED, f"{has}; {requirement}", node.element, hint=hint)
+        reporter.report(node, FIRST_TICK_REFUSED, f"{has}; {requirement}", hint=hint)
     for port, number, results in _thresholds(node, count):
         message = f"{has}, too few for {number} {results}"
-        collector.report(
-            document, FIRST_TICK_REFUSED, message, node.element, attribute=port, hint=_TICK_RAISES
-        )
+        reporter.report(node, FIRST_TICK_REFUSED, message, attribute=port, hint=_TICK_RAISES)
 
 
 def _child_requirement(cls: type[TreeNode], count: int) -> str:
@@ -82,9 +78,7 @@ def _thresholds(node: NodePlan, count: int) -> Iterator[tuple[str, int, str]]:
                 yield binding.name, number, results
 
 
-def check_reachable_children(
-    node: NodePlan, document: Document, analysis: ResultAnalysis, collector: DiagnosticCollector
-) -> None:
+def check_reachable_children(node: NodePlan, analysis: ResultAnalysis, reporter: NodeReporter) -> None:
     """Warn about children of *node* that are never ticked, or that each tick halts."""
     if node.manifest is None or node.subtree_call is not None or len(node.children) < 2:
         return
@@ -97,26 +91,22 @@ def check_reachable_children(
         # The last child of a TryCatch is its handler, which is ticked after a failure of the others.
         has_handler = issubclass(cls, TryCatch)
         tried = children[:-1] if has_handler else children
-        _check_order(node, document, tried, continue_on, collector)
+        _check_order(node, tried, continue_on, reporter)
         catches_halt = any(
             binding.name == "catch_on_halt" and binding.is_explicit for binding in node.bindings
         )
         if has_handler and not catches_halt and FAILURE not in results_in_order(tried, continue_on).results:
-            _warn_unreached(node.children[-1], document, "the children before it never fail", collector)
+            _warn_unreached(node.children[-1], "the children before it never fail", reporter)
         if issubclass(cls, ReactiveNode):
-            _check_asynchronous_children(node, document, children, continue_on, collector)
+            _check_asynchronous_children(node, children, continue_on, reporter)
     for chosen, branch in zip(cls.spec.branch_results, node.children[1:], strict=False):
         if chosen not in children[0].results:
             reason = f"the condition {node.children[0].label} never {_WORD[chosen]}"
-            _warn_unreached(branch, document, reason, collector)
+            _warn_unreached(branch, reason, reporter)
 
 
 def _check_order(
-    node: NodePlan,
-    document: Document,
-    children: list[PossibleResults],
-    continue_on: Status,
-    collector: DiagnosticCollector,
+    node: NodePlan, children: list[PossibleResults], continue_on: Status, reporter: NodeReporter
 ) -> None:
     """Warn about the first child that is never ticked, as the child before it never returns *continue_on*."""
     for index, outcome in enumerate(children[:-1]):
@@ -124,22 +114,18 @@ def _check_order(
             before = node.children[index]
             # A child that is always RUNNING has no results.
             never = "ends" if not outcome.results else _WORD[continue_on]
-            reason = f"{before.label} before it (line {document.line(before.element)}) never {never}"
-            _warn_unreached(node.children[index + 1], document, reason, collector)
+            reason = f"{before.label} before it (line {reporter.document.line(before.element)}) never {never}"
+            _warn_unreached(node.children[index + 1], reason, reporter)
             return  # the following children are unreachable for the same reason
 
 
-def _warn_unreached(node: NodePlan, document: Document, reason: str, collector: DiagnosticCollector) -> None:
+def _warn_unreached(node: NodePlan, reason: str, reporter: NodeReporter) -> None:
     message = f"{node.label} is never ticked: {reason}"
-    collector.report(document, UNREACHABLE_CHILD, message, node.element, hint="remove it, or the cause")
+    reporter.report(node, UNREACHABLE_CHILD, message, hint="remove it, or the cause")
 
 
 def _check_asynchronous_children(
-    node: NodePlan,
-    document: Document,
-    children: list[PossibleResults],
-    continue_on: Status,
-    collector: DiagnosticCollector,
+    node: NodePlan, children: list[PossibleResults], continue_on: Status, reporter: NodeReporter
 ) -> None:
     """Warn about a child that may be RUNNING after an earlier child that may be RUNNING.
 
@@ -148,13 +134,13 @@ def _check_asynchronous_children(
     first: NodePlan | None = None
     for child, outcome in zip(node.children, children, strict=True):
         if first is not None and outcome.may_run:
-            before = f"{first.label} (line {document.line(first.element)})"
+            before = f"{first.label} (line {reporter.document.line(first.element)})"
             message = (
                 f"{child.label} is a second asynchronous child of <{node.id}>: each tick begins with "
                 f"{before}, which halts {child.label} unless it completes at once"
             )
             hint = f"put both into a <{'Sequence' if continue_on is SUCCESS else 'Fallback'}>"
-            collector.report(document, SECOND_ASYNC_CHILD, message, child.element, hint=hint)
+            reporter.report(child, SECOND_ASYNC_CHILD, message, hint=hint)
             return
         if not outcome.passes(continue_on):
             return

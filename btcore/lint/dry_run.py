@@ -4,13 +4,13 @@ The dry run creates nodes as loading does: it creates the same blackboards and c
 ports. It therefore finds the same errors, except for errors that user code raises.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.ports import SCRIPT_ROLES, Binding, Port
 from btcore.clock import SystemClock
-from btcore.diagnostics import Diagnostic
+from btcore.diagnostic_codes import DiagnosticCode
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import BlackboardError
@@ -21,7 +21,7 @@ from btcore.registry.mock_nodes import is_mock
 from btcore.xml.plan.key_uses import WRITING, AccessKind, find_name_uses, port_uses, uses_whole_blackboard
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
-from btcore.xml.read.document import Document
+from btcore.xml.read.document import DiagnosticCollector, Document
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,9 +41,24 @@ class EntryUse:
     within: int = 0
     port: Port | None = None
 
+    @property
+    def title(self) -> str:
+        """The script or the port, with its node, for messages."""
+        return f"the {'script in' if self.port is None else 'port'} '{self.attribute}' of {self.node.label}"
+
+    def report(self, collector: DiagnosticCollector, code: DiagnosticCode, message: str, hint: str) -> None:
+        """Add a diagnostic about this place."""
+        collector.report(
+            self.document, code, message, self.node.element,
+            attribute=self.attribute, hint=hint, within=self.within, width=len(self.key),
+        )  # fmt: skip
+
 
 class DryRun(NodeCreator):
     """A dry run of one tree. Call `run` to fill the attributes.
+
+    Args:
+        collector: Gets the errors that loading the tree would report; by default a new collector.
 
     Attributes:
         uses: Every entry with the places that use it.
@@ -54,16 +69,18 @@ class DryRun(NodeCreator):
         entrances: For each inner blackboard, the place of the SubTree element that creates it.
     """
 
-    def __init__(self, plans: Plans) -> None:
+    def __init__(self, plans: Plans, collector: DiagnosticCollector | None = None) -> None:
         super().__init__(plans, (), SystemClock())
+        if collector is not None:
+            self.collector = collector
         self.uses: dict[Entry, list[EntryUse]] = {}
         self.has_untracked_access = False
         self.has_mocks = False
         self.entrances: dict[Blackboard, EntryUse] = {}
         self._recorded: list[EntryUse] = []
 
-    def run(self, tree: TreePlan) -> list[Diagnostic]:
-        """Create *tree*, and fill the attributes. Return the errors that loading the tree would report."""
+    def run(self, tree: TreePlan) -> None:
+        """Create *tree*, and fill the attributes."""
         self.create_nodes(tree)
         for use in self._recorded:
             entry = self._find_or_create_entry(use)
@@ -74,7 +91,6 @@ class DryRun(NodeCreator):
             has_writer(uses) and any(use.access is AccessKind.READS_AS_KEY for use in uses)
             for uses in self.uses.values()
         )
-        return self.collector.errors
 
     def plan_of(self, board: Blackboard) -> TreePlan:
         """Return the plan of the innermost tree whose nodes use *board*."""
@@ -121,40 +137,40 @@ class DryRun(NodeCreator):
     def bind_ports(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> None:
         """Bind the ports, and record the entries that ports and scripts use."""
         super().bind_ports(node_plan, config, draft)
-        document, blackboard = draft.document, draft.subtree.blackboard
         for binding in node_plan.bindings:
-            self._recorded += self._uses_of_port(node_plan, binding, draft)
+            self._record_port(node_plan, binding, draft)
         for attribute, text in node_plan.conditions.items():
-            self._record_script_uses(node_plan, attribute, text, document, blackboard)
+            self._record_script(node_plan, attribute, text, draft)
         if node_plan.manifest is not None:
             self.has_untracked_access = self.has_untracked_access or uses_whole_blackboard(node_plan.manifest)
             self.has_mocks = self.has_mocks or is_mock(node_plan.manifest.cls)
 
-    def _uses_of_port(self, node_plan: NodePlan, binding: Binding, draft: SubtreeDraft) -> Iterator[EntryUse]:
+    def _record_port(self, node_plan: NodePlan, binding: Binding, draft: SubtreeDraft) -> None:
         document, board, port = draft.document, draft.subtree.blackboard, binding.port
         key, accesses = port_uses(port, binding.text, binding.is_explicit, self.format)
         if port.role in SCRIPT_ROLES:
             if key is None:
-                self._record_script_uses(node_plan, port.name, binding.text, document, board)
+                self._record_script(node_plan, port.name, binding.text, draft)
             else:
                 self.has_untracked_access = True
         for access in accesses if key else ():
-            yield EntryUse(access, key or "", board, document, node_plan, port.name, 0, port)
+            self._recorded.append(
+                EntryUse(access, key or "", board, document, node_plan, port.name, port=port)
+            )
 
-    def _record_script_uses(
-        self, node_plan: NodePlan, attribute: str, text: str, document: Document, board: Blackboard
-    ) -> None:
-        self._recorded += (
+    def _record_script(self, node_plan: NodePlan, attribute: str, text: str, draft: SubtreeDraft) -> None:
+        document, board = draft.document, draft.subtree.blackboard
+        self._recorded += [
             EntryUse(use.access, use.name, board, document, node_plan, attribute, use.column)
             for use in find_name_uses(text, self.enums)
-        )
+        ]
 
     def create_scope(self, node_plan: NodePlan, call: SubtreeCall, draft: SubtreeDraft) -> Blackboard:
         """Return the blackboard of the called tree, and record the entries that the call uses."""
         document, outer = draft.document, draft.subtree.blackboard
         inner = super().create_scope(node_plan, call, draft)
         for attribute, text in node_plan.conditions.items():
-            self._record_script_uses(node_plan, attribute, text, document, outer)
+            self._record_script(node_plan, attribute, text, draft)
         if inner is not outer:
             use = EntryUse(AccessKind.MENTIONS, call.tree_id, outer, document, node_plan, "ID")
             self.entrances[inner] = use

@@ -5,6 +5,7 @@ from typing import Final
 
 from btcore.blackboard.ports import PortRole
 from btcore.diagnostic_codes import ENDLESS_TICK
+from btcore.lint.node_reporter import NodeReporter
 from btcore.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
 from btcore.nodes.repeat import RepeatedNode
 from btcore.registry.mock_nodes import is_mock
@@ -74,13 +75,9 @@ class EndlessTickCheck:
             message = f"{label} does not end a tick until {repeated} {until}"
         else:
             message = f"{label} never ends a tick: it repeats {repeated} forever"
-        self._collector.report(
-            tree.definition.document,
-            ENDLESS_TICK,
-            f"{message}, and no node below it can be RUNNING",
-            node.element,
-            hint="add a pause, such as a <Delay>, or limit the number of repetitions",
-        )
+        message += ", and no node below it can be RUNNING"
+        hint = "add a pause, such as a <Delay>, or limit the number of repetitions"
+        NodeReporter(tree.definition.document, self._collector).report(node, ENDLESS_TICK, message, hint=hint)
 
     def _may_pause(self, node: NodePlan) -> bool:
         """Return whether *node* may be RUNNING without requesting the next tick at once."""
@@ -96,7 +93,8 @@ class EndlessTickCheck:
         if node.manifest is None or is_mock(node.manifest.cls) or not all_children_known(node):
             return True
         if behaviour_of(node.manifest.cls).spec.never_pauses:
-            return any(map(self._may_pause, node.children))
+            # A comprehension, because `any` would recurse on the stack of C, which is small for deep trees.
+            return True in [self._may_pause(child) for child in node.children]
         return self._results.results_of(node).may_run
 
     def _has_action(self, node: NodePlan) -> bool:
@@ -111,7 +109,7 @@ class EndlessTickCheck:
             inner = self._called(node)
             return inner is None or inner.root is None or self._has_action(inner.root)
         is_action = node.manifest is not None and node.manifest.spec.node_type is NodeType.ACTION
-        return is_action or any(map(self._has_action, node.children))
+        return is_action or True in [self._has_action(child) for child in node.children]
 
     def _called(self, node: NodePlan) -> TreePlan | None:
         return None if node.subtree_call is None else self._plans.trees.get(node.subtree_call.tree_id)

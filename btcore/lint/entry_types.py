@@ -35,12 +35,7 @@ ChildPlace = tuple[NodePlan, int]
 """The parent of a node, and the node's index among the children."""
 
 
-def check_value_types(
-    dry_run: DryRun,
-    is_main: bool,
-    given: Collection[str],
-    collector: DiagnosticCollector,
-) -> None:
+def check_value_types(dry_run: DryRun, is_main: bool, given: Collection[str]) -> None:
     """Warn about writes that always raise, and report constants that the reading ports reject.
 
     Also warn about texts that a SetBlackboard writes to entries without a type, which BehaviorTree.CPP
@@ -52,66 +47,48 @@ def check_value_types(
     """
     if dry_run.format == 4 and not dry_run.has_untracked_access:
         untyped = _untyped_entries(dry_run, is_main, given)
-        _check_untyped_entries(dry_run, untyped, collector)
-        _check_copied_integers(dry_run, untyped, collector)
+        _check_untyped_entries(dry_run, untyped)
+        _check_copied_integers(dry_run, untyped)
     scripts: dict[str, dict[int, Assignment]] = {}
     for entry, uses in dry_run.uses.items():
         for use in uses:
             if use.access is AccessKind.WRITES and use.port is not None:
-                _check_port(dry_run, entry, use, use.port, collector)
+                _check_port(dry_run, entry, use, use.port)
             elif use.access is AccessKind.READS and use.port is not None:
-                _check_base_class(dry_run, entry, use, use.port, collector)
+                _check_base_class(dry_run, entry, use, use.port)
             elif use.access in WRITING and use.within:
                 text = use.node.element.get(use.attribute) or ""
                 if text not in scripts:
                     scripts[text] = _assignments_of(text, dry_run.enums)
-                _check_script(dry_run, entry, use, scripts[text].get(use.within), collector)
-        _check_constant(dry_run, uses, entry, collector)
+                _check_script(dry_run, entry, use, scripts[text].get(use.within))
+        _check_constant(dry_run, uses, entry)
 
 
-def _warn_refused_write(
-    dry_run: DryRun, entry: Entry, use: EntryUse, write: str, collector: DiagnosticCollector
-) -> None:
+def _warn_refused_write(dry_run: DryRun, entry: Entry, use: EntryUse, write: str) -> None:
     message = f"{write}, but the entry '{use.key}' has the type {entry.declared.name}: every write raises"
     declaration = dry_run.declared_by(entry)
     hint = f"declared by {declaration}; the type of an entry never changes" if declaration else ""
-    collector.report(
-        use.document,
-        REFUSED_ENTRY_VALUE,
-        message,
-        use.node.element,
-        attribute=use.attribute,
-        hint=hint,
-        within=use.within,
-    )
+    use.report(dry_run.collector, REFUSED_ENTRY_VALUE, message, hint)
 
 
-def _check_port(
-    dry_run: DryRun, entry: Entry, use: EntryUse, port: Port, collector: DiagnosticCollector
-) -> None:
+def _check_port(dry_run: DryRun, entry: Entry, use: EntryUse, port: Port) -> None:
     if port.role is PortRole.WRITTEN_ENTRY:
-        _check_written_literal(dry_run, entry, use, collector)
+        _check_written_literal(dry_run, entry, use)
     elif entry.declared is STRING and port.type.strong and not issubclass(port.type.python_type, str):
-        write = f"the port '{use.attribute}' of {use.node.label} writes {port.type.name}"
-        _warn_refused_write(dry_run, entry, use, write, collector)
+        _warn_refused_write(dry_run, entry, use, f"{use.title} writes {port.type.name}")
 
 
-def _check_base_class(
-    dry_run: DryRun, entry: Entry, use: EntryUse, port: Port, collector: DiagnosticCollector
-) -> None:
+def _check_base_class(dry_run: DryRun, entry: Entry, use: EntryUse, port: Port) -> None:
     """Warn if *port* reads an entry whose type is a base class of the type of the port."""
     entry_type = entry.declared
     if not entry_type.is_related(port.type) or issubclass(entry_type.python_type, port.type.python_type):
         return
     message = (
-        f"the port '{use.attribute}' of {use.node.label} reads {port.type.name}, but the entry "
-        f"'{use.key}' has the type {entry_type.name}: reading any other {entry_type.name} raises"
+        f"{use.title} reads {port.type.name}, but the entry '{use.key}' has the type {entry_type.name}: "
+        f"reading any other {entry_type.name} raises"
     )
     origin = dry_run.declared_by(entry)
-    hint = f"declared by {origin}" if origin else ""
-    collector.report(
-        use.document, BASE_CLASS_READ, message, use.node.element, attribute=use.attribute, hint=hint
-    )
+    use.report(dry_run.collector, BASE_CLASS_READ, message, f"declared by {origin}" if origin else "")
 
 
 def _written_value(use: EntryUse) -> Binding | None:
@@ -126,9 +103,7 @@ def _written_literal(use: EntryUse) -> str | None:
     return written.text if written is not None and written.key is None else None
 
 
-def _check_written_literal(
-    dry_run: DryRun, entry: Entry, use: EntryUse, collector: DiagnosticCollector
-) -> None:
+def _check_written_literal(dry_run: DryRun, entry: Entry, use: EntryUse) -> None:
     """Warn if the literal that a SetBlackboard writes doesn't convert to the type of the entry."""
     text = _written_literal(use)
     if text is None or not entry.declared.strong:
@@ -139,7 +114,7 @@ def _check_written_literal(
     except ConversionError:
         is_refused = True
     if is_refused:
-        _warn_refused_write(dry_run, entry, use, f"{use.node.label} writes '{text}'", collector)
+        _warn_refused_write(dry_run, entry, use, f"{use.node.label} writes '{text}'")
 
 
 def _assigns_integer(use: EntryUse, enums: dict[str, int]) -> bool:
@@ -171,7 +146,7 @@ def _untyped_entries(dry_run: DryRun, is_main: bool, given: Collection[str]) -> 
     return untyped
 
 
-def _check_copied_integers(dry_run: DryRun, untyped: list[Entry], collector: DiagnosticCollector) -> None:
+def _check_copied_integers(dry_run: DryRun, untyped: list[Entry]) -> None:
     """Warn about the SetBlackboard nodes that copy an integer of 64 bits to an entry of another type.
 
     Integers have 64 bits in the entries that only scripts write.
@@ -192,10 +167,10 @@ def _check_copied_integers(dry_run: DryRun, untyped: list[Entry], collector: Dia
         writers = [other for other in dry_run.uses[source] if other.access in WRITING]
         if writers and all(_assigns_integer(writer, dry_run.enums) for writer in writers):
             write = f"{use.node.label} copies an integer of 64 bits, which a script has written"
-            _warn_refused_write(dry_run, entry, use, write, collector)
+            _warn_refused_write(dry_run, entry, use, write)
 
 
-def _check_untyped_entries(dry_run: DryRun, untyped: list[Entry], collector: DiagnosticCollector) -> None:
+def _check_untyped_entries(dry_run: DryRun, untyped: list[Entry]) -> None:
     places: dict[TreePlan, dict[NodePlan, ChildPlace]] = {}
     for entry in untyped:
         uses = dry_run.uses[entry]
@@ -215,7 +190,7 @@ def _check_untyped_entries(dry_run: DryRun, untyped: list[Entry], collector: Dia
             if not creator.within or (
                 use.scope is creator.scope and _runs_before(creator, use, places[plan])
             ):
-                _warn_untyped(use, creator, collector)
+                _warn_untyped(use, creator, dry_run.collector)
 
 
 def _writes_literal(use: EntryUse) -> bool:
@@ -271,14 +246,7 @@ def _warn_untyped(use: EntryUse, creator: EntryUse, collector: DiagnosticCollect
         f"'{creator.attribute}' of {creator.node.label} in line {line} "
         f"creates the entry; a Script works in both: {use.key} := '{text}'"
     )
-    collector.report(
-        use.document,
-        TEXT_FOR_UNTYPED_ENTRY,
-        message,
-        use.node.element,
-        attribute=use.attribute,
-        hint=hint,
-    )
+    use.report(collector, TEXT_FOR_UNTYPED_ENTRY, message, hint)
 
 
 def _assignments_of(text: str, enums: dict[str, int]) -> dict[int, Assignment]:
@@ -293,13 +261,7 @@ def _assignments_of(text: str, enums: dict[str, int]) -> dict[int, Assignment]:
     }
 
 
-def _check_script(
-    dry_run: DryRun,
-    entry: Entry,
-    use: EntryUse,
-    assignment: Assignment | None,
-    collector: DiagnosticCollector,
-) -> None:
+def _check_script(dry_run: DryRun, entry: Entry, use: EntryUse, assignment: Assignment | None) -> None:
     """Warn if *assignment*, a statement of a script, assigns a constant that the entry's type refuses."""
     if not entry.declared.strong or entry.value is not None or assignment is None:
         return
@@ -309,22 +271,17 @@ def _check_script(
     try:
         assignment.evaluate(use.scope)
     except BtcoreError as error:
-        message = f"the script in '{use.attribute}' of {use.node.label} always raises: "
-        message += error.message if isinstance(error, ScriptError) else str(error)
+        reason = error.message if isinstance(error, ScriptError) else str(error)
         declaration = dry_run.declared_by(entry)
         place = f"'{use.key}' has the type {entry.declared.name}, declared by {declaration}"
         hint = place if declaration else ""
-        collector.report(
-            use.document, REFUSED_ENTRY_VALUE, message, use.node.element, attribute=use.attribute, hint=hint,
-            within=use.within, width=len(use.key),
-        )  # fmt: skip
+        message = f"{use.title} always raises: {reason}"
+        use.report(dry_run.collector, REFUSED_ENTRY_VALUE, message, hint)
     finally:
         entry.value = None
 
 
-def _check_constant(
-    dry_run: DryRun, uses: list[EntryUse], entry: Entry, collector: DiagnosticCollector
-) -> None:
+def _check_constant(dry_run: DryRun, uses: list[EntryUse], entry: Entry) -> None:
     """Report a constant of a SubTree element that a port of the inner tree rejects.
 
     This is an error (E202), as for a literal of the port, unless a leaf with the whole blackboard may replace
@@ -349,7 +306,7 @@ def _check_constant(
         if text.isidentifier():
             passed = entry_hint("pass the entry", text)
             hint = Hint(f"{hint}; {passed}", *passed.fixes)
-        collector.report(use.document, code, message, use.node.element, attribute=use.attribute, hint=hint)
+        use.report(dry_run.collector, code, message, hint)
         return
 
 

@@ -30,6 +30,7 @@ from btcore.diagnostics import Hint
 from btcore.engine.signature import PortAttribute
 from btcore.errors import ConversionError
 from btcore.fixes import SetAttributes, SetValue
+from btcore.lint.node_reporter import NodeReporter
 from btcore.lint.possible_results import is_built_in
 from btcore.names import SCRIPT_ATTRIBUTES, is_port_name, port_name_error
 from btcore.registry.manifest import Manifest
@@ -39,7 +40,6 @@ from btcore.values import NODE_STATUS, IntegerType, RealType, ValueType, VectorT
 from btcore.values.numbers import whole_float
 from btcore.xml.plan.tree_plan import NodePlan
 from btcore.xml.plan.tree_planner import value_fixes
-from btcore.xml.read.document import DiagnosticCollector, Document
 
 # Longer texts are not checked: the search for the longest number takes quadratic time.
 _MAX_NUMBER_LENGTH: Final = 64
@@ -47,7 +47,7 @@ _INTEGER: Final = re.compile(r"-?[0-9]+")
 _HALF_A_POINTER: Final = re.compile(r"\{(?P<open>[A-Za-z_@][\w.]*)|\$?\{?(?P<closed>[A-Za-z_@][\w.]*)\}")
 
 
-def check_ignored_attributes(node: NodePlan, document: Document, collector: DiagnosticCollector) -> None:
+def check_ignored_attributes(node: NodePlan, reporter: NodeReporter) -> None:
     """Warn about ignored attributes.
 
     Editors keep their own data in attributes that begin with an underscore. Such a name is reported only if
@@ -59,16 +59,12 @@ def check_ignored_attributes(node: NodePlan, document: Document, collector: Diag
             if near is not None:
                 message = f"the attribute '{key}' of {node.label} is ignored: unknown name"
                 hint: str = Hint.similar_name(near)
-                collector.report(
-                    document, IGNORED_ATTRIBUTE, message, node.element, attribute=key, hint=hint, part="name"
-                )
+                reporter.report(node, IGNORED_ATTRIBUTE, message, attribute=key, hint=hint, part="name")
         elif key not in ("ID", "name"):
             reason = port_name_error(key)
             message = f"the attribute '{key}' of {node.label} is ignored: invalid port name ({reason})"
             hint = "rename the port, here and in the code that registers it"
-            collector.report(
-                document, IGNORED_ATTRIBUTE, message, node.element, attribute=key, hint=hint, part="name"
-            )
+            reporter.report(node, IGNORED_ATTRIBUTE, message, attribute=key, hint=hint, part="name")
 
 
 @lru_cache(maxsize=64)  # every node of a file that btcore or Groot wrote may have the same attributes
@@ -77,7 +73,7 @@ def _similar_attribute(key: str, is_subtree: bool) -> str | None:
     return nearest_name(key, sorted(SCRIPT_ATTRIBUTES | ({"_autoremap"} if is_subtree else set())))
 
 
-def check_missing_ports(node: NodePlan, document: Document, collector: DiagnosticCollector) -> None:
+def check_missing_ports(node: NodePlan, reporter: NodeReporter) -> None:
     """Warn about missing ports without a default: *node* raises when it uses such a port."""
     manifest = node.manifest
     if manifest is None or node.subtree_call is not None or is_mock(manifest.cls):
@@ -98,7 +94,7 @@ def check_missing_ports(node: NodePlan, document: Document, collector: Diagnosti
     examples = [f'{port.name}="…"' if port.reads else f'{port.name}="{{…}}"' for port in missing]
     values = {port.name: f"{{{port.name}}}" for port in missing}
     hint = Hint("write " + " ".join(examples), SetAttributes(values))
-    collector.report(document, EMPTY_PORT, message, node.element, hint=hint)
+    reporter.report(node, EMPTY_PORT, message, hint=hint)
 
 
 def is_required(manifest: Manifest, port: Port) -> bool:
@@ -118,9 +114,7 @@ def is_listed(manifest: Manifest, port: Port) -> bool:
     return not (manifest.function is not None or is_attribute or is_built_in(manifest.cls))
 
 
-def check_port_literals(
-    node: NodePlan, document: Document, format: int, collector: DiagnosticCollector
-) -> None:
+def check_port_literals(node: NodePlan, format: int, reporter: NodeReporter) -> None:
     """Warn about literals of *node* that are read only in part, or were probably meant as keys."""
     for binding in node.bindings:
         port, text = binding.port, binding.text
@@ -138,54 +132,39 @@ def check_port_literals(
                 key = intended or (text if is_port_name(text) else "")
                 entry = entry_hint("use the blackboard entry", key) if key else Hint()
                 hint = Hint(entry, *value_fixes(port.type), *entry.fixes)
-                collector.report(
-                    document, INCONVERTIBLE_TEXT, message, node.element, attribute=port.name, hint=hint
-                )
+                reporter.report(node, INCONVERTIBLE_TEXT, message, attribute=port.name, hint=hint)
         elif intended:
             message = f"the {label} is the text '{text}', not an entry"
             hint = entry_hint("use the entry", intended)
-            collector.report(
-                document, INCOMPLETE_POINTER, message, node.element, attribute=port.name, hint=hint
-            )
+            reporter.report(node, INCOMPLETE_POINTER, message, attribute=port.name, hint=hint)
         elif port.direction is Direction.OUT and format == 4:
             message = f"the output {label} has no entry: '{text}' is only a text"
             key = f"{{{text}}}" if text.isidentifier() else f"{{{port.name}}}"
             shown = key if text.isidentifier() else "{…}"
             hint = Hint(f'write {port.name}="{shown}"', SetValue(key))
-            collector.report(
-                document, UNCONNECTED_OUTPUT, message, node.element, attribute=port.name, hint=hint
-            )
+            reporter.report(node, UNCONNECTED_OUTPUT, message, attribute=port.name, hint=hint)
         else:
             for item, part, type_name in partly_read(text, _literal_type(node, port), format):
                 message = f"the {label} has the type {type_name}: only '{part}' of '{item}' is read"
                 hint = _number_hint(text, item, part, type_name)
-                collector.report(
-                    document, PARTIAL_NUMBER, message, node.element, attribute=port.name, hint=hint
-                )
+                reporter.report(node, PARTIAL_NUMBER, message, attribute=port.name, hint=hint)
     for key, text in node.subtree_call.constants.items() if node.subtree_call is not None else ():
         intended = intended_key(text)
         if intended:
             message = f"'{key}' of {node.label} is the text '{text}', not an entry"
             hint = entry_hint("use the entry", intended)
-            collector.report(document, INCOMPLETE_POINTER, message, node.element, attribute=key, hint=hint)
+            reporter.report(node, INCOMPLETE_POINTER, message, attribute=key, hint=hint)
 
 
-def check_literals_of_class(node: NodePlan, document: Document, collector: DiagnosticCollector) -> None:
+def check_literals_of_class(node: NodePlan, reporter: NodeReporter) -> None:
     """Report the problems that the class of *node* finds in literals; see `TreeNode.check_literals`."""
     if node.manifest is None or node.subtree_call is not None:
         return
     for problem in node.manifest.cls.check_literals(valid_literals(node)):
         code = UNCHECKED_LITERAL if problem.is_unchecked else INCONVERTIBLE_TEXT
         message = f"the port '{problem.port}' of {node.label}: {problem.message}"
-        collector.report(
-            document,
-            code,
-            message,
-            node.element,
-            attribute=problem.port,
-            hint=problem.hint,
-            within=problem.start,
-            width=problem.width,
+        reporter.report(
+            node, code, message, problem.port, hint=problem.hint, within=problem.start, width=problem.width
         )
 
 

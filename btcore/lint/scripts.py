@@ -7,11 +7,11 @@ from btcore.diagnostic_codes import CONDITION_ASSIGNS, SCRIPT_RAISES
 from btcore.diagnostics import Hint
 from btcore.errors import ScriptError
 from btcore.fixes import ReplaceText
+from btcore.lint.node_reporter import NodeReporter
 from btcore.script.expressions import Assignment, Expression, Name
 from btcore.script.program import condition_result
 from btcore.xml.plan.key_uses import iter_subexpressions, parse_statements
 from btcore.xml.plan.tree_plan import NodePlan
-from btcore.xml.read.document import DiagnosticCollector, Document
 
 
 def is_constant(expression: Expression, enums: Mapping[str, int]) -> bool:
@@ -37,14 +37,12 @@ def find_certain_error(statements: Sequence[Expression], enums: Mapping[str, int
     return None
 
 
-def check_script_results(
-    node: NodePlan, document: Document, enums: Mapping[str, int], collector: DiagnosticCollector
-) -> None:
+def check_script_results(node: NodePlan, enums: Mapping[str, int], reporter: NodeReporter) -> None:
     """Warn about scripts of *node* that always raise, and about conditions that assign, not compare."""
     for attribute, text, is_condition in node.iter_scripts():
         if not text and is_condition and attribute not in node.conditions:
             message = f"the script in '{attribute}' of {node.label} always raises: it is empty"
-            collector.report(document, SCRIPT_RAISES, message, node.element, attribute=attribute)
+            reporter.report(node, SCRIPT_RAISES, message, attribute)
         try:
             statements = parse_statements(text, enums)
         except ScriptError:
@@ -52,40 +50,20 @@ def check_script_results(
         error = find_certain_error(statements, enums)
         if error is not None:
             message = f"the script in '{attribute}' of {node.label} always raises: {error.message}"
-            collector.report(
-                document,
-                SCRIPT_RAISES,
-                message,
-                node.element,
-                attribute=attribute,
-                within=error.column,
-                width=error.width,
-            )
+            reporter.report(node, SCRIPT_RAISES, message, attribute, within=error.column, width=error.width)
         elif is_condition:
-            _check_condition(node, attribute, statements[-1], enums, document, collector)
+            _check_condition(node, attribute, statements[-1], enums, reporter)
 
 
 def _check_condition(
-    node: NodePlan,
-    attribute: str,
-    last: Expression,
-    enums: Mapping[str, int],
-    document: Document,
-    collector: DiagnosticCollector,
+    node: NodePlan, attribute: str, last: Expression, enums: Mapping[str, int], reporter: NodeReporter
 ) -> None:
     """Check *last*, the last statement of a condition. Its value is the result of the condition."""
     if isinstance(last, Assignment) and last.operator == "=" and isinstance(last.target, Name):
         message = f"'{attribute}' of {node.label} assigns to '{last.target.name}' instead of comparing"
         hint: str = Hint(f"to compare, write {last.target.name} == …", ReplaceText("=="))
-        collector.report(
-            document,
-            CONDITION_ASSIGNS,
-            message,
-            node.element,
-            attribute=attribute,
-            hint=hint,
-            within=last.column,
-            width=last.width,
+        reporter.report(
+            node, CONDITION_ASSIGNS, message, attribute, hint=hint, within=last.column, width=last.width
         )
         return
     value = last.value if isinstance(last, Assignment) else last
@@ -104,13 +82,6 @@ def _check_condition(
         else:
             message = f"{failure}: its result is {result}, neither true nor false"
             hint = "valid results are 0, 1 and reals from 0 up; or write a comparison"
-        collector.report(
-            document,
-            SCRIPT_RAISES,
-            message,
-            node.element,
-            attribute=attribute,
-            hint=hint,
-            within=value.column,
-            width=value.width,
+        reporter.report(
+            node, SCRIPT_RAISES, message, attribute, hint=hint, within=value.column, width=value.width
         )

@@ -6,11 +6,12 @@ from btcore.blackboard.ports import remapped_key
 from btcore.diagnostic_codes import BRACES_IN_FORMAT_3, INCOMPLETE_POINTER, UNUSED_TREE, USELESS_REMAPPING
 from btcore.diagnostics import Hint
 from btcore.fixes import RenameElement, SetValue
+from btcore.lint.node_reporter import NodeReporter
 from btcore.suggestions import join_names, nearest_name
 from btcore.xml.plan.key_uses import NON_KEY_ATTRIBUTES, TreeKeys
 from btcore.xml.plan.plan import Plans, reachable_trees
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
-from btcore.xml.read.document import DiagnosticCollector, Document
+from btcore.xml.read.document import DiagnosticCollector
 
 
 def check_unused_trees(plans: Plans, main: TreePlan, collector: DiagnosticCollector) -> None:
@@ -31,10 +32,9 @@ def check_unused_trees(plans: Plans, main: TreePlan, collector: DiagnosticCollec
 
 def check_remappings(
     node: NodePlan,
-    document: Document,
     tree_keys: TreeKeys,
     models: Mapping[str, Mapping[str, str | None]],
-    collector: DiagnosticCollector,
+    reporter: NodeReporter,
 ) -> None:
     """Warn about attributes of a SubTree element that the called tree doesn't use.
 
@@ -58,22 +58,20 @@ def check_remappings(
                 SetValue(text[1:-1]),
                 RenameElement("SubTreePlus"),
             )
-            collector.report(document, BRACES_IN_FORMAT_3, message, node.element, attribute=key, hint=hint)
+            reporter.report(node, BRACES_IN_FORMAT_3, message, attribute=key, hint=hint)
         if call.remaps.get(key) == "=" and node.element.get(key) is None:
             message = (
                 f"the model of '{call.tree_id}' has the default '{text}' for '{key}', which means the entry "
                 "'=' of the calling tree"
             )
             hint = f'write default="{{{key}}}" in the model'
-            collector.report(document, INCOMPLETE_POINTER, message, node.element, hint=hint)
+            reporter.report(node, INCOMPLETE_POINTER, message, hint=hint)
         if used is None or key in used or key in declared or node.element.get(key) is None:
             continue
         message = f"no port or script in the tree of {node.label} uses '{key}'"
-        may_search = collector.take_comparisons(used)
+        may_search = reporter.collector.take_comparisons(used)
         unused = _unused_key_hint(key, used, call.port_texts) if may_search else ""
-        collector.report(
-            document, USELESS_REMAPPING, message, node.element, attribute=key, hint=unused, part="name"
-        )
+        reporter.report(node, USELESS_REMAPPING, message, attribute=key, hint=unused, part="name")
 
 
 def _unused_key_hint(key: str, used: set[str], written: Mapping[str, str]) -> str:

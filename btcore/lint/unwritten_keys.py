@@ -16,15 +16,14 @@ from btcore.xml.read.document import DiagnosticCollector
 class WrittenKeys:
     """The keys that are written in a dry run, to suggest them in place of unwritten keys."""
 
-    def __init__(self, dry_run: DryRun, given: Collection[str], collector: DiagnosticCollector) -> None:
+    def __init__(self, dry_run: DryRun, given: Collection[str]) -> None:
         self.dry_run = dry_run
         self._given = given
-        self._collector = collector
         self._written: dict[Blackboard, dict[str, None]] = {}
 
     def guess(self, key: str, names: Collection[str]) -> str | None:
         """Return the name in *names* that is most similar to *key*; None if none is, or not searched."""
-        return nearest_name(key, names) if self._collector.take_comparisons(names) else None
+        return nearest_name(key, names) if self.dry_run.collector.take_comparisons(names) else None
 
     def written_in(self, board: Blackboard) -> Collection[str]:
         """Return the keys of *board* that are written."""
@@ -39,9 +38,7 @@ class WrittenKeys:
         return known
 
 
-def check_keys(
-    dry_run: DryRun, is_main: bool, given: Collection[str], collector: DiagnosticCollector
-) -> None:
+def check_keys(dry_run: DryRun, is_main: bool, given: Collection[str]) -> None:
     """Warn about keys that are never written.
 
     The initial content of the blackboard is known for the main tree only, so keys of the outermost
@@ -51,7 +48,7 @@ def check_keys(
         dry_run: A completed dry run of the tree.
         given: Keys that the tree's blackboard holds before the first tick.
     """
-    keys = WrittenKeys(dry_run, given, collector)
+    keys, collector = WrittenKeys(dry_run, given), dry_run.collector
     homes = dry_run.entry_homes()
     for entry, uses in dry_run.uses.items():
         if entry not in homes or entry.value is not None:
@@ -67,7 +64,7 @@ def check_keys(
             _warn_never_created(uses, collector, key if of_root else "")
         # A name in capitals may be an enum member that only the C++ code registers.
         elif not (dry_run.has_mocks and all(use.within and use.key.isupper() for use in uses)):
-            _warn_never_written(keys, uses, board, key, collector)
+            _warn_never_written(keys, uses, board, key)
 
 
 def _warn_empty_script_entry(uses: Sequence[EntryUse], collector: DiagnosticCollector, of_root: bool) -> bool:
@@ -83,9 +80,7 @@ def _warn_empty_script_entry(uses: Sequence[EntryUse], collector: DiagnosticColl
         hint = "load the tree with a blackboard that holds the script: load(…, blackboard=…)"
         if not of_root:
             hint = f'pass the script in the SubTree element: {use.key}="…"'
-        collector.report(
-            use.document, UNWRITTEN_KEY, message, use.node.element, attribute=use.attribute, hint=hint
-        )
+        use.report(collector, UNWRITTEN_KEY, message, hint)
         return True
     return False
 
@@ -99,21 +94,12 @@ def _warn_never_created(uses: Sequence[EntryUse], collector: DiagnosticCollector
     if not assignments or any(use.access is AccessKind.WRITES or is_declaration(use) for use in uses):
         return
     use = assignments[0]
-    script = f"the script in '{use.attribute}' of {use.node.label}"
+    message = f"{use.title} assigns to the entry '{use.key}', which is never created"
     hint = f"to create it, write {use.key} := …"
     if root_key:
         hint += f"; or fill the blackboard before the first tick: {fill_example(root_key)}"
     creation = (CreateEntry(),) if use.access is AccessKind.ASSIGNS else ()
-    collector.report(
-        use.document,
-        ASSIGNMENT_TO_MISSING_ENTRY,
-        f"{script} assigns to the entry '{use.key}', which is never created",
-        use.node.element,
-        attribute=use.attribute,
-        hint=Hint(hint, *creation, outer_key=root_key),
-        within=use.within,
-        width=len(use.key),
-    )
+    use.report(collector, ASSIGNMENT_TO_MISSING_ENTRY, message, Hint(hint, *creation, outer_key=root_key))
 
 
 def is_declaration(use: EntryUse) -> bool:
@@ -126,9 +112,7 @@ def fill_example(key: str) -> str:
     return f'tree.blackboard["{key}"] = …, or btcore run --set {key}=VALUE'
 
 
-def _warn_never_written(
-    keys: WrittenKeys, uses: Sequence[EntryUse], board: Blackboard, key: str, collector: DiagnosticCollector
-) -> None:
+def _warn_never_written(keys: WrittenKeys, uses: Sequence[EntryUse], board: Blackboard, key: str) -> None:
     readers = [use for use in uses if use.access in READING]
     if not readers:
         return
@@ -137,18 +121,10 @@ def _warn_never_written(
     use = readers[0]
     others = len(places) - 1
     more = f" ({others} more {'place reads' if others == 1 else 'places read'} it)" if others else ""
-    reader = f"the {'script in' if use.port is None else 'port'} '{use.attribute}' of {use.node.label}"
     key_text = f"{{{use.key}}}" if use.port is not None and is_pointer(use) else f"'{use.key}'"
-    collector.report(
-        use.document,
-        UNWRITTEN_KEY,
-        f"{reader} reads {key_text}, which is never written{more}",
-        use.node.element,
-        attribute=use.attribute,
-        hint=_unwritten_key_hint(keys, use, board, key),
-        within=use.within,
-        width=len(use.key) if use.within else 0,
-    )
+    message = f"{use.title} reads {key_text}, which is never written{more}"
+    hint = _unwritten_key_hint(keys, use, board, key)
+    use.report(keys.dry_run.collector, UNWRITTEN_KEY, message, hint)
 
 
 def is_pointer(use: EntryUse) -> bool:

@@ -4,18 +4,14 @@ import re
 from collections.abc import Collection
 from typing import Final
 
-from btcore.diagnostic_codes import (
-    FIRST_TICK_REFUSED,
-    INCONVERTIBLE_TEXT,
-    LOOSE_TEXT,
-    UNDETERMINED_MAIN_TREE,
-)
+from btcore.diagnostic_codes import FIRST_TICK_REFUSED, INCONVERTIBLE_TEXT, LOOSE_TEXT, UNDETERMINED_MAIN_TREE
 from btcore.diagnostics import Diagnostic
 from btcore.engine.node_config import MAX_NODES
 from btcore.lint.children import check_child_count, check_reachable_children
 from btcore.lint.dry_run import DryRun
 from btcore.lint.endless_ticks import EndlessTickCheck
 from btcore.lint.entry_types import check_value_types
+from btcore.lint.node_reporter import NodeReporter
 from btcore.lint.ports import (
     check_ignored_attributes,
     check_literals_of_class,
@@ -77,7 +73,6 @@ def validate_document(
 
 
 def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> DiagnosticCollector:
-    """Return what was found in the document and in the trees of *plans*."""
     collector = DiagnosticCollector(plans.diagnostics)
     definitions, main = plans.definitions, plans.main_tree
     names_main = definitions.sources.main_document.root.get("main_tree_to_execute") is not None
@@ -102,13 +97,12 @@ def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> Dia
                 nodes_left -= plans.sizes[root.id].nodes
                 if nodes_left < 0:
                     break
-            dry_run = DryRun(plans)
-            for error in dry_run.run(root):
-                collector.add(error)
+            dry_run = DryRun(plans, collector)
+            dry_run.run(root)
             # A subtree model declares ports that callers of the tree provide.
             known = {*given, *models.get(root.id, ())}
-            check_keys(dry_run, root is main, known, collector)
-            check_value_types(dry_run, root is main, known, collector)
+            check_keys(dry_run, root is main, known)
+            check_value_types(dry_run, root is main, known)
     return collector
 
 
@@ -117,16 +111,16 @@ def _check_nodes(plans: Plans, collector: DiagnosticCollector) -> ResultAnalysis
     models, enums = plans.definitions.subtree_models, plans.registry.types.enums
     tree_keys = TreeKeys(plans)
     for tree in plans.trees.values():
-        document = tree.definition.document
+        reporter = NodeReporter(tree.definition.document, collector)
         for node in tree.nodes():
-            check_child_count(node, document, plans.dialect.format, collector)
-            check_ignored_attributes(node, document, collector)
-            check_port_literals(node, document, plans.dialect.format, collector)
-            check_literals_of_class(node, document, collector)
-            check_missing_ports(node, document, collector)
-            check_script_results(node, document, enums, collector)
-            check_reachable_children(node, document, results, collector)
-            check_remappings(node, document, tree_keys, models, collector)
+            check_child_count(node, plans.dialect.format, reporter)
+            check_ignored_attributes(node, reporter)
+            check_port_literals(node, plans.dialect.format, reporter)
+            check_literals_of_class(node, reporter)
+            check_missing_ports(node, reporter)
+            check_script_results(node, enums, reporter)
+            check_reachable_children(node, results, reporter)
+            check_remappings(node, tree_keys, models, reporter)
     return results
 
 

@@ -106,7 +106,6 @@ class BtLog(Log):
 
     def __init__(self, tree: Tree, path: str | os.PathLike[str], *, idle: bool = True) -> None:
         self.path = Path(path)
-        expect_extension(self.path, EXTENSION)
         xml = tree_to_xml(tree).encode("utf-8")
         super().__init__(tree, str(self.path), idle=idle)
         self._file = BtLogWriter(self.path, xml, self.epoch // NS_PER_US)

@@ -9,7 +9,7 @@ from typing import ClassVar, Final, TextIO
 from btcore.clock import NS_PER_S
 from btcore.escaping import escape_controls
 from btcore.logs.log import Log
-from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status, Transition
+from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Transition
 from btcore.tree.drawing import shows_colours
 from btcore.tree.tree import Tree
 
@@ -55,7 +55,10 @@ class ConsoleLog(Log):
         self.relative = relative
         if colours is None:
             colours = shows_colours(self.stream)
-        self._words = {status: _word(status, colours) for status in _COLOURS}
+        self._words = {
+            status: f"\x1b[{colour}m{status.name}\x1b[0m" if colours else status.name
+            for status, colour in _COLOURS.items()
+        }
         self._names = {node.config.uid: escape_controls(node.name, one_line=True) for node in tree.nodes}
         super().__init__(tree, str(getattr(self.stream, "name", "console")), idle=idle)
         self.attach()
@@ -73,7 +76,3 @@ class ConsoleLog(Log):
         encoding = self.stream.encoding or "utf-8"
         self.stream.write(text.encode(encoding, "backslashreplace").decode(encoding))
         self.stream.flush()
-
-
-def _word(status: Status, colours: bool) -> str:
-    return f"\x1b[{_COLOURS[status]}m{status.name}\x1b[0m" if colours else status.name

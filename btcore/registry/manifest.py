@@ -229,7 +229,6 @@ class _MissingInput(Input):
         self.node = node
 
     def read(self) -> object:
-        """Raise NodeError."""
         return self.node.get_input(self.name)
 
 

@@ -357,12 +357,7 @@ class Registry:
             self._libraries.append(library)
 
     def _manifest_of(
-        self,
-        implementation: Any,
-        id: str | None,
-        names: Mapping[str, Any],
-        library: str,
-        format: int = 4,
+        self, implementation: Any, id: str | None, names: Mapping[str, Any], library: str, format: int = 4
     ) -> Manifest:
         if inspect.isclass(implementation):
             if not issubclass(implementation, TreeNode):

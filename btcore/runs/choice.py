@@ -11,9 +11,7 @@ be provided. Of several candidates, the first criterion in which they differ dec
     |   with a required option                  | `bag_robot`                  | one, and `simulator`: none |
     | 2 is used for another type anyway         | that explores, `exploration` | `navigation` (`Servers`)   |
     | 3 is the user's, not an installed one     | with a plugin, its robot     | `simulator`                |
-    | 4 needs objects of other providers, which | that explores,               | `navigator`, which needs   |
-    |   are all used anyway                     | `exploring_navigator`        | `navigation`               |
-    | 5 is not a default                        | with another package's robot | `simulator`                |
+    | 4 is not a default                        | with another package's robot | `simulator`                |
 
 The other candidates are rejected. They are used for no other type either, and neither is a provider that
 needs what only they provide: the map of a simulated world does not fit another robot. Since they, or such a
@@ -195,6 +193,15 @@ class _Candidates(NamedTuple):
         return f"{problem} ({request})" if request.chain else problem
 
 
+class _Rank(NamedTuple):
+    """The criteria of the table in the module's docstring; the greatest rank is best."""
+
+    required_options: int
+    is_used: bool
+    is_of_user: bool
+    is_not_default: bool
+
+
 class _Attempt:
     """An attempt to assign a provider to each needed type. It ends when further providers are rejected."""
 
@@ -208,15 +215,7 @@ class _Attempt:
         self._problems: dict[str, str] = {}
 
     def assign(self, requests: Sequence[_Request], side_effects: Sequence[Provider]) -> dict[Provider, str]:
-        """Assign a provider to each needed type, until providers are rejected.
-
-        Args:
-            requests: What the leaves and the program need.
-            side_effects: The side-effect providers of which a setting was given.
-
-        Returns:
-            The providers that are rejected, with the reason; none if each needed type is assigned.
-        """
+        """Assign a provider to each needed type, until providers are rejected; return why these are."""
         self._pending = [self._candidates.find(request) for request in requests]
         for provider in side_effects:
             self._use(provider, ())
@@ -267,16 +266,13 @@ class _Attempt:
             )
         return best[0]
 
-    def _rank(self, provider: Provider) -> tuple[int, ...]:
-        """Return the five criteria of the table in the module's docstring; the greatest rank is best."""
+    def _rank(self, provider: Provider) -> _Rank:
         given = provider.settings.keys() & self._candidates.given
-        needed = [self._available.of_type(need.type_name) for need in provider.object_needs]
-        return (
-            sum(bool(required_option_names(settings)) for settings in given),
-            provider in self._used,
-            provider in self._available.of_user,
-            bool(needed) and all(any(other in self._used for other in of_type) for of_type in needed),
-            not provider.is_default,
+        return _Rank(
+            required_options=sum(bool(required_option_names(settings)) for settings in given),
+            is_used=provider in self._used,
+            is_of_user=provider in self._available.of_user,
+            is_not_default=not provider.is_default,
         )
 
     def result(self) -> Choice:

@@ -130,8 +130,7 @@ class RunProviders:
         self.choice = Choice()
         self.report = report
         self.tree: Tree | None = None
-        self.resources = Resources()
-        self.resources.remedy = "the run does not provide it"
+        self.resources = Resources(remedy="the run does not provide it")
 
     def choose(self) -> None:
         """Choose the providers."""
@@ -213,7 +212,7 @@ class RunProviders:
                 f"the provider {provider} declares a Clock, but provides no object with a clock"
             )
         clock = next(filter(is_clock, self._program_resources), None)
-        return clock or (SimClock() if self._settings[RunSettings].fast else SystemClock())
+        return clock or (SimClock() if self._settings.of(RunSettings).fast else SystemClock())
 
     def replace_tree(self, tree: Tree) -> None:
         """Pass *tree* to the providers that need the tree; those that cannot take it are opened again."""

@@ -68,7 +68,6 @@ Runnable = str | PathLike[str] | Plans | TreelessProgram
 
 
 def _plan_source(source: object, arguments: LoadArguments) -> Plans | TreelessProgram:
-    """Return the plans of a tree, or a program."""
     if isinstance(source, (str, PathLike)):
         with paused_garbage_collection():
             source = plan_inputs(parse_file, (source,), arguments)
@@ -157,7 +156,7 @@ class Run:
         self._prepare = prepare
         # `GivenSettings` come from the options of a command, whose values click has checked.
         self.settings = settings if isinstance(settings, GivenSettings) else GivenSettings.checked(settings)
-        self.run_settings = self.settings[RunSettings]
+        self.run_settings = self.settings.of(RunSettings)
         self.report = Report(lambda: self.end_reason)
         self.error: NodeExecutionError | None = None
         self.elapsed_s = 0.0

@@ -85,16 +85,16 @@ class GivenSettings:
         """Use *settings* in place of those of their class."""
         self._by_class[type(settings)] = settings
 
-    def __getitem__(self, settings: type[AnySettings]) -> AnySettings:
+    def of(self, settings_class: type[AnySettings]) -> AnySettings:
         """Return the settings of a class, given or with their defaults.
 
         Raises:
             TypeError: They have a required option, which was not given.
         """
-        given = self._by_class.get(settings)
-        return settings() if given is None else given  # type: ignore[return-value]
+        given = self._by_class.get(settings_class)
+        return settings_class() if given is None else given  # type: ignore[return-value]
 
-    def find(self, settings: type[AnySettings]) -> AnySettings | None:
+    def find(self, settings_class: type[AnySettings]) -> AnySettings | None:
         """Return the settings of a class; None if a required option was not given."""
-        is_missing = settings not in self.classes and required_option_names(settings)
-        return None if is_missing else self[settings]
+        is_missing = settings_class not in self.classes and required_option_names(settings_class)
+        return None if is_missing else self.of(settings_class)

@@ -142,11 +142,9 @@ class _Watch(Observer):
         self.record(None)
 
     def raised(self, error: NodeExecutionError, stamp: int) -> None:
-        """Record the results of the nodes that did not raise."""
         self.record(error)
 
     def record(self, error: NodeExecutionError | None) -> None:
-        """Record the results of the last tick. *error* is the exception that ended it, or None."""
         for key, results in self.ticks.take(error)[0].items():
             self.known[key].results.update(results)
 

@@ -99,14 +99,8 @@ class Act(MockAction):
         return self.outcomes or super().own_outcomes()
 
 
-class Ask(MockCondition):
+class Ask(Act, MockCondition):
     """A mock condition with a port for its own outcomes; without a value it follows those of the tree."""
-
-    outcomes: In[str] = ""
-
-    def own_outcomes(self) -> str | None:
-        """Return the value of the port."""
-        return self.outcomes or super().own_outcomes()
 
 
 def with_mock_leaves(nodes: Registry, outputs: GivenOutputs | None = None) -> Registry:

@@ -3,10 +3,10 @@
 The first of the alternatives is always the simplest, so that hypothesis shrinks a tree towards a single leaf.
 """
 
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cache
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 from xml.sax.saxutils import quoteattr
 
 from hypothesis import strategies as st
@@ -279,18 +279,8 @@ class TreeGenerator:
 
 
 # Strategies are reused, because hypothesis validates a strategy at its first draw, which takes long.
-
-
-@cache
-def cached_sampled_from(elements: Sequence[Any]) -> SearchStrategy[Any]:
-    """Return a strategy of *elements*, a tuple of hashable objects."""
-    return st.sampled_from(elements)
-
-
-@cache
-def cached_integers(least: int, most: int) -> SearchStrategy[int]:
-    """Return a strategy of the integers from *least* to *most*."""
-    return st.integers(least, most)
+cached_sampled_from = cache(st.sampled_from)
+cached_integers = cache(st.integers)
 
 
 @cache

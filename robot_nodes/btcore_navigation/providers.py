@@ -30,6 +30,7 @@ _EXAMPLE: Final = (
 # The names of protocols, whose modules import numpy.
 _POSE_NAVIGATOR: Final = "btcore_navigation.leaves.navigate.PoseNavigator"
 _NAVIGATION_SERVERS: Final = "btcore_navigation.navigation_servers.NavigationServers"
+_NAVIGATION: Final = "btcore_navigation.stack.Navigation"
 _EXPLORER: Final = "btcore_navigation.leaves.explore.Explorer"
 _HEAD_TRACKER: Final = "btcore_robot.leaves.lifecycle_leaves.HeadTrackerProtocol"
 _OBJECT_LOCATOR: Final = "btcore_robot.leaves.lifecycle_leaves.ObjectLocatorProtocol"
@@ -161,14 +162,8 @@ def navigation(
 
 @provider(provides=(_POSE_NAVIGATOR,))
 def navigator(navigation: "Navigation") -> object:
-    """Return the navigation, for leaves that navigate on a map."""
+    """Return the navigation or the exploration, for leaves that navigate on a map."""
     return navigation
-
-
-@provider(provides=(_POSE_NAVIGATOR,), default=True)
-def exploring_navigator(exploration: "Exploration") -> object:
-    """Return the exploration, for leaves that navigate on the map that it makes."""
-    return exploration
 
 
 @provider(provides=(_NAVIGATION_SERVERS,))
@@ -177,7 +172,7 @@ def navigation_servers(servers: "Servers") -> object:
     return servers
 
 
-@provider(provides=(_EXPLORER,), default=True)
+@provider(provides=(_EXPLORER, _NAVIGATION), default=True)
 def exploration(
     robot: "Robot",
     map: "OccupancyMap | None",

@@ -12,14 +12,7 @@ from rich.text import Text
 from btcore.blackboard.ports import remapped_key
 from btcore.cli import files, terminal
 from btcore.cli.node_libraries import load_libraries
-from btcore.cli.tree_source import (
-    STDIN,
-    TreeOptions,
-    complete_tree,
-    find_source,
-    given_option,
-    parse_source,
-)
+from btcore.cli.tree_source import STDIN, TreeOptions, complete_tree, find_source, given_option, parse_source
 from btcore.diagnostics import Diagnostic, shown_diagnostics
 from btcore.errors import TreeError
 from btcore.exit_codes import ExitCode

@@ -128,7 +128,7 @@ class DetectorSettings(Settings):
 def _obstacle(ctx: click.Context, settings: GivenSettings, program: str, name: str) -> int:
     from btcore_robot.book.obstacle_watcher import ObstacleWatcher
 
-    detector = settings[DetectorSettings]
+    detector = settings.of(DetectorSettings)
 
     def create(runner: BookRunner) -> Results:
         parameters = {"colour_by_distance": detector.colour_by_distance}

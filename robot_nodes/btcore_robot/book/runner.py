@@ -142,11 +142,11 @@ def run_components(
     Raises:
         SettingsError: The picture cannot be written.
     """
-    output = settings[OutputSettings]
+    output = settings.of(OutputSettings)
     log_sink = (lambda line: None) if output.quiet else _print
     clock: RealTimeSchedule | SimulatedSchedule | None = None
     if not embodied:
-        clock = SimulatedSchedule() if settings[RunSettings].fast else RealTimeSchedule()
+        clock = SimulatedSchedule() if settings.of(RunSettings).fast else RealTimeSchedule()
     results = Results()
 
     def prepare(run: Run) -> None:

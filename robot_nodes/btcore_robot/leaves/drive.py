@@ -9,6 +9,7 @@ import math
 from typing import Annotated, ClassVar
 
 from btcore import FAILURE, RUNNING, SUCCESS, In, NodeSpec, StatefulAction, Status
+from btcore.clock import NS_PER_S
 from btcore_robot.control.bumpgo_fsm import freest_direction, is_free_ahead
 from btcore_robot.robot import Robot
 
@@ -18,24 +19,28 @@ BACK_SPEED = -0.3
 """The speed (m/s) of Back."""
 TURN_SPEED = 0.5
 """The angular speed (rad/s) of Turn, to the left."""
-MANOEUVRE_TIME = 3_000_000_000
+MANOEUVRE_TIME = 3 * NS_PER_S
 """The duration (ns) of Back and Turn."""
-PATROL_TIME = 15_000_000_000
+PATROL_TIME = 15 * NS_PER_S
 """The duration (ns) of Patrol: at 0.5 rad/s more than a full turn."""
 
-FULL_TURN_TIME = round(2 * math.pi / TURN_SPEED * 1e9)
+FULL_TURN_TIME = round(2 * math.pi / TURN_SPEED * NS_PER_S)
 """The time (ns) of a full turn."""
 
 
-class Forward(StatefulAction):
-    """Drive forward at 0.3 m/s. Always RUNNING."""
-
-    spec = NodeSpec(results=frozenset(), state_fields=())
+class _DrivingAction(StatefulAction):
+    """An action that sends a command in each tick."""
 
     @staticmethod
     def metadata() -> dict[str, str]:
         """Return that a halt does not affect the base, for proofs: each command replaces the last one."""
         return {"hands_over": "true"}
+
+
+class Forward(_DrivingAction):
+    """Drive forward at 0.3 m/s. Always RUNNING."""
+
+    spec = NodeSpec(results=frozenset(), state_fields=())
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
@@ -50,7 +55,7 @@ class Forward(StatefulAction):
         return RUNNING
 
 
-class _Manoeuvre(StatefulAction):
+class _Manoeuvre(_DrivingAction):
     """Drive at *v* (m/s) and *w* (rad/s) for *duration* (ns) after the first tick, then SUCCESS."""
 
     v: ClassVar[float] = 0.0
@@ -58,11 +63,6 @@ class _Manoeuvre(StatefulAction):
     duration: ClassVar[int] = MANOEUVRE_TIME
 
     spec = NodeSpec(results=frozenset({SUCCESS}), state_fields=("started",), may_complete_on_start=False)
-
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that a halt does not affect the base, for proofs: each command replaces the last one."""
-        return {"hands_over": "true"}
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot
@@ -99,7 +99,7 @@ class Patrol(_Manoeuvre):
     duration = PATROL_TIME
 
 
-class TurnToFree(StatefulAction):
+class TurnToFree(_DrivingAction):
     """Turn at 0.5 rad/s towards the freest direction until *clear* metres are free ahead, then SUCCESS.
 
     FAILURE when a full turn finds no free direction. The free distance in a direction is the smallest range
@@ -111,11 +111,6 @@ class TurnToFree(StatefulAction):
     clear: Annotated[In[float], "The distance (m) that has to be free ahead."] = 2.0
 
     spec = NodeSpec(state_fields=("side", "started"))
-
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that a halt does not affect the base, for proofs: each command replaces the last one."""
-        return {"hands_over": "true"}
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot

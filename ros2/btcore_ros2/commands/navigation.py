@@ -34,7 +34,7 @@ def navigation(ctx: click.Context, /, settings: GivenSettings, without_navigator
     parameters from a file of Nav2. Ctrl-C ends the navigation, and so does a client that shuts down its
     lifecycle nodes.
     """
-    with open_session(settings[RosSettings], settings.find(RosRobotSettings), "navigation") as session:
+    with open_session(settings.of(RosSettings), settings.find(RosRobotSettings), "navigation") as session:
         return _run(ctx, session, settings, navigates=not without_navigators)
 
 

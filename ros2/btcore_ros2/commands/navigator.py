@@ -65,7 +65,7 @@ def navigator(
     controller_server. A goal may name another tree in the field behavior_tree. Ctrl-C cancels the goals and
     ends the navigator, and so does a client that shuts down the lifecycle node bt_navigator.
     """
-    ros = settings[RosSettings]
+    ros = settings.of(RosSettings)
     if ros.lockstep:
         raise click.UsageError("--lockstep does not belong here: the navigator runs in real time")
     with open_session(ros, name="bt_navigator") as session:

@@ -82,7 +82,7 @@ def serve(
     arguments = [] if action_name is None else ["-p", f"action_name:={action_name}"]
     if tick_frequency is not None:
         arguments += ["-p", f"tick_frequency:={tick_frequency}"]
-    ros, ros_robot = settings[RosSettings], settings.find(RosRobotSettings)
+    ros, ros_robot = settings.of(RosSettings), settings.find(RosRobotSettings)
     with open_session(ros, ros_robot, NODE_NAME, arguments) as session:
         source = _TreeSource(ctx, session, trees, plugins)
         wanted = LoadedTrees(source.read_files(), source.nodes).check()
@@ -183,7 +183,7 @@ def _set_port(settings: GivenSettings, session: RosSession) -> bool:
     port = declare_parameter(session.node, "groot2_port", GROOT2_PORT, fixed=FIXED_PORT)
     if not _PUBLISHES:
         _warn(f"the trees are not published for Groot: {install_command('zmq')}")
-    for given in [settings[struct] for struct in settings.classes]:
+    for given in [settings.of(struct) for struct in settings.classes]:
         if "groot2" in getattr(given, "publish", ()) and getattr(given, "port", None) is None:
             settings.replace(msgspec.structs.replace(given, port=port))
             return True

@@ -44,8 +44,8 @@ def sim(ctx: click.Context, /, settings: GivenSettings, wait_limit: float, as_js
     """
     if RosRobotSettings in settings.classes:
         raise click.UsageError("--ros2 does not belong here: this command simulates its own robot")
-    ros = settings[RosSettings]
-    settings.replace(msgspec.structs.replace(settings[RunSettings], fast=ros.lockstep))
+    ros = settings.of(RosSettings)
+    settings.replace(msgspec.structs.replace(settings.of(RunSettings), fast=ros.lockstep))
     # --lockstep is for the clients: the session of the simulation itself waits for nothing.
     with open_session(RosSettings(ros.ros_args), name="simulation") as session:
         return _run(ctx, session, settings, wait_limit if ros.lockstep else None, as_json)

@@ -58,7 +58,7 @@ def test_leaves_navigate_by_nav2_beside_what_navigation_provides_else(wanted: An
     settings = RosRobotSettings("tiago"), Nav2Settings(True)
     found = used([Robot, PoseNavigator, NavigationServers, wanted], *settings)
     assert {"nav2_client", provider} <= found
-    assert not found & {"navigator", "exploring_navigator", "navigation_servers"}
+    assert not found & {"navigator", "navigation_servers"}
 
 
 def test_a_tree_that_explores_navigates_on_the_map_that_it_makes(tmp_path: Path) -> None:

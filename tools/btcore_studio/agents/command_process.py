@@ -36,8 +36,7 @@ MAX_WAITING: Final = 20
 SIMULATION: Final = (
     *("btdb", "db3", "fbl", "json", "mcap", "nav2", "prove", "robot_nodes", "stats", "sweep"),
     *("simulator", "world_map", "world_places", "map_file", "waypoints"),
-    *("navigation", "navigator", "navigation_servers", "exploration", "exploring_navigator"),
-    *("head_tracker", "object_locator"),
+    *("navigation", "navigator", "navigation_servers", "exploration", "head_tracker", "object_locator"),
 )
 """The entry points of btcore that are used: logs and nodes of btcore, and a robot in a simulated world."""
 
