@@ -13,6 +13,14 @@ from btcore.status import FAILURE, SUCCESS, Status
 from btcore.values import ANY_VALUE, STRING, ValueType, number_of
 
 
+def copy_error(key: str, declared: ValueType, given: ValueType) -> BlackboardError:
+    """Return the error for a copy to the entry *key* of type *declared* from an entry of type *given*."""
+    return BlackboardError(
+        f"the type of the entry '{key}' cannot change from {declared.name} to {given.name}: "
+        "copy to another entry, or assign the value in a Script, which converts it"
+    )
+
+
 @mypyc_attr(allow_interpreted_subclasses=True)
 class SetBlackboard(SyncAction):
     """Writes `value` to the entry named by `output_key` (the name itself, without braces), and succeeds.
@@ -77,11 +85,7 @@ class SetBlackboard(SyncAction):
             # A Python int may stand for any integer type, and an object for its base class.
             is_exact = source.value_type is not None or (source.declared.strong and not source.inferred)
             if not target.declared.accepts(value) or (is_exact and number_of(value) is not None):
-                raise BlackboardError(
-                    f"the type of the entry '{key}' cannot change from {target.declared.name} to "
-                    f"{value_type.name}: copy to another entry, or assign the value in a Script, which "
-                    "converts it"
-                )
+                raise copy_error(key, target.declared, value_type)
         self.store(key, target, value, value_type)
 
     def put_text(self, key: str, text: str) -> None:
