@@ -83,9 +83,11 @@ class DryRun(NodeCreator):
         """Create *tree*, and fill the attributes."""
         self.create_nodes(tree)
         for use in self._recorded:
-            entry = self._find_or_create_entry(use)
-            if entry is not None:
-                self.uses.setdefault(entry, []).append(use)
+            try:
+                entry = use.scope.find(use.key) or use.scope.create(use.key)
+            except BlackboardError:
+                continue  # a key with two @, which has been reported
+            self.uses.setdefault(entry, []).append(use)
         # A node that reads a key from an entry which the tree writes may write to any entry.
         self.has_untracked_access = self.has_untracked_access or any(
             has_writer(uses) and any(use.access is AccessKind.READS_AS_KEY for use in uses)
@@ -105,15 +107,6 @@ class DryRun(NodeCreator):
             for key, entry in board.local_entries().items():
                 homes.setdefault(entry, (board, key))
         return homes
-
-    def _find_or_create_entry(self, use: EntryUse) -> Entry | None:
-        entry = use.scope.find(use.key)
-        if entry is not None:
-            return entry
-        try:
-            return use.scope.create(use.key)
-        except BlackboardError:
-            return None  # a key with two @, which has been reported
 
     # --- steps of the creation, each recording the entries that it uses
 

@@ -143,19 +143,17 @@ def _unwritten_key_hint(keys: WrittenKeys, use: EntryUse, board: Blackboard, key
     known = keys.written_in(board)
     if key.strip() in known:
         correct = f"{{{key.strip()}}}"
-        fix = SetValue(correct)
-        return Hint(f"spaces inside the braces are part of the key: write {correct}", fix)
+        return Hint(f"spaces inside the braces are part of the key: write {correct}", SetValue(correct))
     near = keys.guess(key, known)
     if near is not None:
         return Hint.similar_name(near)
     entrance = keys.dry_run.entrances.get(board)
     if entrance is None:
-        enum = (
-            ""
-            if not (use.within and use.key.isupper())
-            else "if it is the name of an enum member, register the enum with nodes.add_enum(…); else "
-        )
-        hint = f"{enum}write it first, or fill the blackboard before the first tick: {fill_example(key)}"
+        hint = f"write it first, or fill the blackboard before the first tick: {fill_example(key)}"
+        if use.within and use.key.isupper():
+            hint = (
+                f"if it is the name of an enum member, register the enum with nodes.add_enum(…); else {hint}"
+            )
         return Hint(hint, outer_key=key)
     line = entrance.document.line(entrance.node.element)
     called = f"{entrance.node.id} of '{entrance.key}' in line {line}"

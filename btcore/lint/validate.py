@@ -83,7 +83,8 @@ def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> Dia
     for root in roots:
         plans.sizes[root.id].ensure_recursion_limit()
     models = definitions.subtree_models
-    results = _check_nodes(plans, collector)
+    results = ResultAnalysis(plans)
+    _check_nodes(plans, results, collector)
     EndlessTickCheck(plans, results, collector).check(roots)
     for document in definitions.sources.documents:
         _check_loose_text(document, collector)
@@ -106,8 +107,7 @@ def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> Dia
     return collector
 
 
-def _check_nodes(plans: Plans, collector: DiagnosticCollector) -> ResultAnalysis:
-    results = ResultAnalysis(plans)
+def _check_nodes(plans: Plans, results: ResultAnalysis, collector: DiagnosticCollector) -> None:
     models, enums = plans.definitions.subtree_models, plans.registry.types.enums
     tree_keys = TreeKeys(plans)
     for tree in plans.trees.values():
@@ -121,7 +121,6 @@ def _check_nodes(plans: Plans, collector: DiagnosticCollector) -> ResultAnalysis
             check_script_results(node, enums, reporter)
             check_reachable_children(node, results, reporter)
             check_remappings(node, tree_keys, models, reporter)
-    return results
 
 
 def _check_loose_text(document: Document, collector: DiagnosticCollector) -> None:

@@ -290,7 +290,7 @@ class Registry:
         if callable(offered):
             by = offered()
         elif not isinstance(by, str):
-            by = self._manifest_of(by, None, _names_of_caller(), library_of(by))
+            by = create_manifest(_id_of(by), by, self.types, _names_of_caller(), library_of(by))
         self.substitutions[filter] = SubstitutionRule(filter, by)
 
     def apply_substitutions(self, config: NodeConfig, manifest: Manifest, children: int) -> Manifest:
@@ -329,7 +329,8 @@ class Registry:
         library: str,
         format: int | None = None,
     ) -> None:
-        manifest = self._manifest_of(implementation, id, names, library, format or 4)
+        id = _id_of(implementation, id)
+        manifest = create_manifest(id, implementation, self.types, names, library, format or 4)
         formats = (3, 4) if format is None else (format,)
         for used_format in formats:
             known = self.get(manifest.id, used_format)
@@ -355,30 +356,6 @@ class Registry:
             self._nodes[used_format][manifest.id] = manifest
         if library not in self._libraries:
             self._libraries.append(library)
-
-    def _manifest_of(
-        self, implementation: Any, id: str | None, names: Mapping[str, Any], library: str, format: int = 4
-    ) -> Manifest:
-        if inspect.isclass(implementation):
-            if not issubclass(implementation, TreeNode):
-                raise RegistrationError(
-                    f"{implementation.__qualname__} is not a node: derive it from StatefulAction, "
-                    "SyncAction, Condition, ControlNode or DecoratorNode"
-                )
-            id = id or implementation.__name__
-        elif isinstance(implementation, TreeNode):
-            name = type(implementation).__name__
-            raise RegistrationError(
-                f"an object of the class {name} is given: register the class, nodes.add({name}); a tree "
-                "creates an object for each of its nodes"
-            )
-        elif callable(implementation):
-            mark = getattr(implementation, MARK, None)
-            id = id or (mark.id if mark else None) or camel_case(getattr(implementation, "__name__", ""))
-        else:
-            hint = ": nodes.add(first, second)" if isinstance(implementation, (list, tuple, set)) else ""
-            raise RegistrationError(f"{implementation!r} is neither a function nor a node class{hint}")
-        return create_manifest(id, implementation, self.types, names, library, format)
 
     # --- node libraries
 
@@ -486,6 +463,30 @@ def import_plugin(library: str | Path, name: str | None = None) -> Plugin:
     if isinstance(library, str) and not library.endswith(".py") and ":" in library:
         library, function = library.split(":", 1)
     return Plugin(_import(str(library), name), function)
+
+
+def _id_of(implementation: Any, id: str | None = None) -> str:
+    """Return the registration ID of a function or node class, by default that of its decorator or name."""
+    if inspect.isclass(implementation):
+        if not issubclass(implementation, TreeNode):
+            raise RegistrationError(
+                f"{implementation.__qualname__} is not a node: derive it from StatefulAction, "
+                "SyncAction, Condition, ControlNode or DecoratorNode"
+            )
+        id = id or implementation.__name__
+    elif isinstance(implementation, TreeNode):
+        name = type(implementation).__name__
+        raise RegistrationError(
+            f"an object of the class {name} is given: register the class, nodes.add({name}); a tree "
+            "creates an object for each of its nodes"
+        )
+    elif callable(implementation):
+        mark = getattr(implementation, MARK, None)
+        id = id or (mark.id if mark else None) or camel_case(getattr(implementation, "__name__", ""))
+    else:
+        hint = ": nodes.add(first, second)" if isinstance(implementation, (list, tuple, set)) else ""
+        raise RegistrationError(f"{implementation!r} is neither a function nor a node class{hint}")
+    return id
 
 
 def _leaves_in(module: ModuleType) -> Iterable[Any]:

@@ -6,7 +6,7 @@ A node class declares a resource as an annotated attribute, such as `lamp: Lamp`
 import dis
 import inspect
 from collections.abc import Iterable, Iterator, Mapping
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from types import CodeType
 from typing import Any, Final, TypeGuard
 
@@ -29,15 +29,22 @@ class Resources(list[object]):
         remedy: What to do if an object is missing, for messages.
     """
 
-    def __init__(self, objects: Iterable[object] = (), remedy: str = "pass it in resources=[…]") -> None:
-        super().__init__(objects)
-        self.remedy = remedy
-        self._assigned: dict[Any, object] = {}  # by their types
-        self._found: dict[Parameter, object] = {}  # the results of `find`
+    remedy = "pass it in resources=[…]"
+
+    @cached_property
+    def _assigned(self) -> dict[Any, object]:
+        """The assigned objects, by their types."""
+        return {}
+
+    @cached_property
+    def _found(self) -> dict[Parameter, object]:
+        """The results of `find`."""
+        return {}
 
     def copy(self) -> "Resources":
         """Return a copy, to which another tree adds its own instances of `TreeResource`."""
-        copied = Resources(self, self.remedy)
+        copied = Resources(self)
+        copied.remedy = self.remedy
         copied._assigned.update(self._assigned)
         return copied
 

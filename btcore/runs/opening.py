@@ -6,6 +6,7 @@ An exception whose message is not meant for the user becomes a `ProviderError` t
 import contextlib
 import inspect
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cached_property
 from traceback import walk_tb
 from types import TracebackType
 
@@ -122,7 +123,7 @@ class RunProviders:
         self._available = available
         self._settings = settings
         self._program_resources = program_resources
-        self._clock = clock
+        self._program_clock = clock
         self._leaf_types = leaf_types
         self._opened: dict[Provider, OpenedProvider] = {}
         self.wanted_types: list[TypeRef] = []
@@ -130,7 +131,8 @@ class RunProviders:
         self.choice = Choice()
         self.report = report
         self.tree: Tree | None = None
-        self.resources = Resources(remedy="the run does not provide it")
+        self.resources = Resources()
+        self.resources.remedy = "the run does not provide it"
 
     def choose(self) -> None:
         """Choose the providers."""
@@ -194,14 +196,11 @@ class RunProviders:
         provider = self.choice.providers.get(type_name)
         return self._opened[provider].object_for(type_name) if provider in self._opened else None
 
-    @property
+    @cached_property
     def clock(self) -> Clock:
         """The clock of the run."""
-        if self._clock is None:
-            self._clock = self._find_clock()
-        return self._clock
-
-    def _find_clock(self) -> Clock:
+        if self._program_clock is not None:
+            return self._program_clock
         provider = self.choice.clock
         if provider in self._opened:
             for provided in self._opened[provider].objects:

@@ -194,7 +194,10 @@ class Provider:
     @cached_property
     def type_names(self) -> frozenset[str]:
         """The full names of the provided types and of their base classes."""
-        return frozenset(name for type in self.types for name in _names_with_bases(type))
+        classes = (base for type in self.types for base in getattr(type, "__mro__", (type,)))
+        return frozenset(
+            full_name(cls) for cls in classes if getattr(cls, "__module__", None) not in _GENERAL_MODULES
+        )
 
     @cached_property
     def needs(self) -> tuple[Need, ...]:
@@ -315,12 +318,6 @@ def fits(resource: object, needed: TypeRef) -> bool:
         return isinstance(resource, needed) and getattr(needed, "_is_protocol", False)  # type: ignore[arg-type]
     except TypeError:
         return False
-
-
-def _names_with_bases(type: TypeRef) -> Iterator[str]:
-    for base in getattr(type, "__mro__", (type,)):
-        if getattr(base, "__module__", None) not in _GENERAL_MODULES:
-            yield full_name(base)
 
 
 def _resolve(function: Callable[..., Any]) -> dict[str, Any]:

@@ -154,8 +154,7 @@ class Run:
         plans = [planned for planned in self._sources if isinstance(planned, Plans)]
         leaf_types = list(dict.fromkeys(chain(*(tree.required_resources() for tree in plans))))
         self._prepare = prepare
-        # `GivenSettings` come from the options of a command, whose values click has checked.
-        self.settings = settings if isinstance(settings, GivenSettings) else GivenSettings.checked(settings)
+        self.settings = settings if isinstance(settings, GivenSettings) else GivenSettings(settings)
         self.run_settings = self.settings.of(RunSettings)
         self.report = Report(lambda: self.end_reason)
         self.error: NodeExecutionError | None = None

@@ -1,8 +1,8 @@
 """Settings: the options of providers, and those of every run."""
 
 from collections import Counter
-from collections.abc import Iterable, Sequence, Set
-from typing import Annotated, Self, TypeVar
+from collections.abc import Sequence, Set
+from typing import Annotated, TypeVar
 
 from btcore.errors import SettingsError
 from btcore.options import Options, check_settings, option, required_option_names
@@ -58,23 +58,18 @@ class RunSettings(Settings):
 
 
 class GivenSettings:
-    """The settings that were given for a run, one object of each class. Other classes have their defaults."""
+    """The settings that were given for a run, one object of each class. Other classes have their defaults.
 
-    def __init__(self, settings: Iterable[Settings] = ()) -> None:
-        self._by_class = {type(given): given for given in settings}
+    Raises:
+        SettingsError: A value is invalid, or a class is given several times.
+        TypeError: An object is no settings object.
+    """
 
-    @classmethod
-    def checked(cls, settings: Sequence[Settings]) -> Self:
-        """Return the settings of a program, whose values were not checked as options yet.
-
-        Raises:
-            SettingsError: A value is invalid, or a class is given several times.
-            TypeError: An object is no settings object.
-        """
+    def __init__(self, settings: Sequence[Settings] = ()) -> None:
         for settings_type, count in Counter(map(type, settings)).items():
             if count > 1:
                 raise SettingsError(f"{settings_type.__name__} are given {count} times")
-        return cls(map(check_settings, settings))
+        self._by_class = {type(given): check_settings(given) for given in settings}
 
     @property
     def classes(self) -> Set[type[Settings]]:

@@ -125,7 +125,9 @@ def xml_documents(
     """
     skipped = skipped and format == 4
     allowed = TreeOptions(
-        _texts_of_leaves(skipped, raising) if own_outcomes else {"Act": None, "Ask": None},
+        mocks=_texts_of_leaves(skipped, raising) if own_outcomes else {"Act": None, "Ask": None},
+        own=_find_own_nodes(tags, nodes, format),
+        ports=ports or {},
         format=format,
         skipped=skipped,
         timed=timed,
@@ -133,8 +135,6 @@ def xml_documents(
         scripts=scripts and format == 4,
         max_depth=max_depth,
         tags=tags,
-        own=_find_own_nodes(tags, nodes, format),
-        texts=ports or {},
     )
     budget = draw(cached_integers(1, max_nodes))
     ids = ["Main", *(f"Sub{number}" for number in range(1, 1 + draw(cached_integers(0, subtrees))))]

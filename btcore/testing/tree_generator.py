@@ -4,7 +4,6 @@ The first of the alternatives is always the simplest, so that hypothesis shrinks
 """
 
 from collections.abc import Callable, Collection, Iterator, Mapping
-from dataclasses import dataclass, field
 from functools import cache
 from typing import Final, NamedTuple
 from xml.sax.saxutils import quoteattr
@@ -86,34 +85,25 @@ class Element(NamedTuple):
     children: "list[Element]"
 
 
-@dataclass
-class TreeOptions:
-    """The nodes and attributes that may occur in a random tree, see `xml_documents`.
+class TreeOptions(NamedTuple):
+    """The nodes and attributes that may occur in a random tree, as the arguments of `xml_documents`.
 
     Attributes:
         mocks: The mock leaves by tag, each with a strategy for its port `outcomes`; None = without outcomes
             of its own.
-        format: The XML format.
-        skipped: Whether nodes may be skipped.
-        timed: Whether nodes with durations may occur.
-        conditions: Whether attributes such as `_skipIf` may occur.
-        scripts: Whether scripts may occur.
-        max_depth: The maximum number of levels.
-        tags: The tags that may occur; None for all built-in nodes.
         own: The manifests of the nodes that are not built in, by tag.
-        texts: Strategies for the values of ports, by tag and port name.
     """
 
     mocks: Mapping[str, SearchStrategy[str] | None]
-    format: int = 4
-    skipped: bool = True
-    timed: bool = False
-    conditions: bool = False
-    scripts: bool = False
-    max_depth: int = 100
-    tags: Collection[str] | None = None
-    own: Mapping[str, Manifest] = field(default_factory=dict)
-    texts: Mapping[str, Mapping[str, SearchStrategy[str]]] = field(default_factory=dict)
+    own: Mapping[str, Manifest]
+    ports: Mapping[str, Mapping[str, SearchStrategy[str]]]
+    format: int
+    skipped: bool
+    timed: bool
+    conditions: bool
+    scripts: bool
+    max_depth: int
+    tags: Collection[str] | None
 
     def may_occur(self, manifest: Manifest) -> bool:
         """Return whether the built-in node of *manifest* may occur."""
@@ -248,7 +238,7 @@ class TreeGenerator:
         """Draw the values of the ports of a node with *count* children, by port name."""
         texts: dict[str, str] = {}
         for port in self.manifests[tag].ports.values():
-            strategy = self.options.texts.get(tag, {}).get(port.name)
+            strategy = self.options.ports.get(tag, {}).get(port.name)
             if strategy is not None:
                 texts[port.name] = self.draw(strategy)
             elif port.role in _NUMBERS:

@@ -94,12 +94,11 @@ def validate(
         if fix and before != after:
             files.write(path, after.encode())
     diagnostics = [item for path in paths for item in check(path)]
-    errors = [item for item in diagnostics if item.is_error]
-    warnings = [item for item in diagnostics if not item.is_error]
-    valid = not errors and not (strict and warnings)
+    diagnostics.sort(key=lambda item: not item.is_error)  # errors first
+    valid = not any(strict or item.is_error for item in diagnostics)
     fix_count = sum(file.fix_count for file in fixed) if fix else 0
     if as_json:
-        shown, _ = shown_diagnostics([*errors, *warnings])
+        shown, _ = shown_diagnostics(diagnostics)
         data = {
             "ok": valid,
             "files": len(paths),
@@ -110,7 +109,7 @@ def validate(
         terminal.print_json(data)
     else:
         console = terminal.stderr_console() if diff else terminal.stdout_console()
-        _print(console, errors, warnings, len(paths), fix_count, valid)
+        _print(console, diagnostics, len(paths), fix_count, valid)
         terminal.print_notes(libraries.missing_library_notes(diagnostics))
     return ExitCode.SUCCESS if valid else ExitCode.USER_ERROR
 
@@ -151,19 +150,14 @@ def _print_difference(fixed: Iterable[_FixedFile]) -> None:
 
 
 def _print(
-    console: Console,
-    errors: Sequence[Diagnostic],
-    warnings: Sequence[Diagnostic],
-    file_count: int,
-    fix_count: int,
-    valid: bool,
+    console: Console, diagnostics: Sequence[Diagnostic], file_count: int, fix_count: int, valid: bool
 ) -> None:
-    diagnostics = [*errors, *warnings]
     if diagnostics:
         terminal.print_diagnostics(diagnostics, console)
         console.print()
     mark = Text("✔ ", style="bold green") if valid else Text("✘ ", style="bold red")
-    counts = {"file": file_count, "error": len(errors), "warning": len(warnings)}
+    error_count = sum(item.is_error for item in diagnostics)
+    counts = {"file": file_count, "error": error_count, "warning": len(diagnostics) - error_count}
     parts = [terminal.counted(count, noun, zero="no") for noun, count in counts.items()]
     if fix_count:
         parts.append(f"{terminal.counted(fix_count, 'problem')} fixed")
