@@ -1,6 +1,6 @@
 """Write a running tree as XML, for Groot 2 monitors and for loading it again."""
 
-from collections.abc import Iterable
+from collections.abc import Iterator
 
 from btcore.engine.node import TreeNode
 from btcore.names import POSTCONDITION_ATTRIBUTES, PRECONDITION_ATTRIBUTES, is_port_name
@@ -52,51 +52,44 @@ def tree_to_xml(tree: Tree, metadata: bool = True, builtin_models: bool = True) 
 def _write(
     node: TreeNode, depth: int, instances: dict[str, Subtree], metadata: bool, lines: list[str]
 ) -> None:
-    indent = _STEP * depth
-    if node.spec.node_type is NodeType.SUBTREE:
-        words = _call(node, instances[node.config.path], metadata)
-        lines.append(f"{indent}<SubTree {' '.join(words)}/>")
-        return
-    words = [node.config.id, *_words(node, metadata)]
-    if not node.children:
-        lines.append(f"{indent}<{' '.join(words)}/>")
-        return
-    lines.append(f"{indent}<{' '.join(words)}>")
-    for child in node.children:
+    is_call = node.spec.node_type is NodeType.SUBTREE
+    tag = "SubTree" if is_call else node.config.id
+    pairs = _call(node, instances[node.config.path], metadata) if is_call else _attributes(node, metadata)
+    indent, words = _STEP * depth, [tag, *(f"{key}={quoted(text)}" for key, text in pairs)]
+    children = () if is_call else node.children
+    lines.append(f"{indent}<{' '.join(words)}{'>' if children else '/>'}")
+    for child in children:
         _write(child, depth + 1, instances, metadata, lines)
-    lines.append(f"{indent}</{node.config.id}>")
+    if children:
+        lines.append(f"{indent}</{tag}>")
 
 
-def _words(node: TreeNode, metadata: bool) -> list[str]:
+def _attributes(node: TreeNode, metadata: bool) -> Iterator[tuple[str, str]]:
     config = node.config
-    pairs = [("name", node.name)]
+    yield "name", node.name
     if metadata:
-        pairs.append(("_uid", str(node.config.uid)))
-    pairs += ((key, port.text) for key, port in config.inputs.items())
-    pairs += ((key, port.text) for key, port in config.outputs.items() if key not in config.inputs)
-    return _joined([*pairs, *_scripts(node)])
+        yield "_uid", str(config.uid)
+    yield from ((key, port.text) for key, port in config.inputs.items())
+    yield from ((key, port.text) for key, port in config.outputs.items() if key not in config.inputs)
+    yield from _scripts(node)
 
 
-def _call(node: TreeNode, instance: Subtree, metadata: bool) -> list[str]:
-    """Return the attributes of a SubTree, which is written without a name."""
-    pairs = [("ID", instance.id)]
-    if metadata:
-        pairs += (("_fullpath", instance.path), ("_uid", str(node.config.uid)))
+def _call(node: TreeNode, instance: Subtree, metadata: bool) -> Iterator[tuple[str, str]]:
+    """Yield the attributes of a SubTree, which is written without a name."""
     config = node.config
+    yield "ID", instance.id
+    if metadata:
+        yield "_fullpath", instance.path
+        yield "_uid", str(config.uid)
     # A SubTree of format 3 has the outer key without braces.
-    bare = config.format == 3 and node.config.id == "SubTree"
+    bare = config.format == 3 and config.id == "SubTree"
     for key, text in config.attributes.items():
         if is_port_name(key):
-            pairs.append((key, f"{{{text}}}" if bare else text))
-    return _joined([*pairs, *_scripts(node)])
+            yield key, f"{{{text}}}" if bare else text
+    yield from _scripts(node)
 
 
-def _scripts(node: TreeNode) -> list[tuple[str, str]]:
-    scripts = node.config.conditions
-    return [
-        (key, scripts[key]) for key in (*PRECONDITION_ATTRIBUTES, *POSTCONDITION_ATTRIBUTES) if key in scripts
-    ]
-
-
-def _joined(pairs: Iterable[tuple[str, str]]) -> list[str]:
-    return [f"{key}={quoted(text)}" for key, text in pairs]
+def _scripts(node: TreeNode) -> Iterator[tuple[str, str]]:
+    for key in (*PRECONDITION_ATTRIBUTES, *POSTCONDITION_ATTRIBUTES):
+        if key in node.config.conditions:
+            yield key, node.config.conditions[key]

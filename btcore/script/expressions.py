@@ -49,9 +49,24 @@ class Expression:
         """Evaluate the expression on *board*, and return its value. Raise ScriptError."""
         raise NotImplementedError
 
-    def error(self, message: str) -> ScriptError:
-        """Return an error at the position of this expression."""
-        return ScriptError(message, self.text, self.column, self.width)
+    def error(self, message: str, operator: Token | None = None) -> ScriptError:
+        """Return an error at the position of this expression, or of one of its operators."""
+        if operator is None:
+            return ScriptError(message, self.text, self.column, self.width)
+        return ScriptError(message, self.text, operator.start + 1, operator.width)
+
+    def no_value_error(self, operand: "Expression", place: str, operator: Token | None = None) -> ScriptError:
+        """Return the error for an operand without a value.
+
+        Args:
+            place: The place of the operand in the script, such as `before '<'`.
+            operator: As in `error`.
+        """
+        name = operand.name if isinstance(operand, Name) else ""
+        entry = f"the entry '{name}'" if name else "the entry"
+        error = self.error(f"the operand {place} has no value: {entry} was never written", operator)
+        error.unwritten_key = name
+        return error
 
 
 class Literal(Expression):
@@ -88,21 +103,6 @@ class Name(Expression):
         return entry.value
 
 
-def no_value_error(operand: Expression, place: str, text: str, column: int, width: int) -> ScriptError:
-    """Return the error for an operand without a value.
-
-    Args:
-        place: The place of the operand in the script, such as `before '<'`.
-        column: The column of the operator.
-        width: The number of characters to mark.
-    """
-    name = operand.name if isinstance(operand, Name) else ""
-    entry = f"the entry '{name}'" if name else "the entry"
-    error = ScriptError(f"the operand {place} has no value: {entry} was never written", text, column, width)
-    error.unwritten_key = name
-    return error
-
-
 class UnaryOperation(Expression):
     """A value with one or more of the signs `-`, `~` and `!` before it."""
 
@@ -119,8 +119,7 @@ class UnaryOperation(Expression):
                 value = negate(sign, value)
         except ConversionError as error:
             if value is None:
-                place = f"after '{self.signs[-1]}'"
-                raise no_value_error(self.operand, place, self.text, self.column, self.width) from None
+                raise self.no_value_error(self.operand, f"after '{self.signs[-1]}'") from None
             raise self.error(str(error)) from None
         return value
 
@@ -148,11 +147,10 @@ class Chain(Expression):
         token = self.tokens[index]
         if left is None:
             operand = self.operands[index - 1] if index else self.first
-            return no_value_error(operand, f"before '{token.text}'", self.text, token.start + 1, token.width)
+            return self.no_value_error(operand, f"before '{token.text}'", token)
         if right is None:
-            operand = self.operands[index]
-            return no_value_error(operand, f"after '{token.text}'", self.text, token.start + 1, token.width)
-        return ScriptError(str(error), self.text, token.start + 1, token.width)
+            return self.no_value_error(self.operands[index], f"after '{token.text}'", token)
+        return self.error(str(error), token)
 
 
 class OperatorChain(Chain):
@@ -248,8 +246,7 @@ class ConditionalExpression(Expression):
                 chosen = as_double(number) != 0.0
         except ConversionError as error:
             if value is None:
-                place = "before '?'"
-                raise no_value_error(self.condition, place, self.text, self.column, self.width) from None
+                raise self.no_value_error(self.condition, "before '?'") from None
             raise self.error(str(error)) from None
         return self.then.evaluate(board) if chosen else self.other.evaluate(board)
 
@@ -280,8 +277,7 @@ class Assignment(Expression):
             entry = self._create(board, target)
         value = self.value.evaluate(board)
         if value is None:
-            place = f"after '{self.operator}'"
-            raise no_value_error(self.value, place, self.text, self.column, self.width)
+            raise self.no_value_error(self.value, f"after '{self.operator}'")
         try:
             if self.operator == ":=" or self.operator == "=":
                 if entry.value is None and not isinstance(value, str):

@@ -19,7 +19,6 @@ from btcore.script.lexer import BOOLEAN, END, INTEGER, MALFORMED, NAME, REAL, ST
 from btcore.values import as_bool, number_of
 from btcore.values.numbers import MAX_INT64, leading_float
 
-_NO_ENUMS: Final[dict[str, int]] = {}
 # The operators by precedence: level 1 binds the loosest, the last level the tightest.
 _OPERATORS: Final = (":= = += -= *= /=", "?", "||", "&&", "== != < > <= >=", "| ^", "&", "+ - ..", "* /")
 _PRECEDENCE: Final[dict[str, int]] = {
@@ -202,7 +201,7 @@ def compile_script(text: str, enums: Mapping[str, int] | None = None) -> Program
         >>> btcore.compile_script("n * 2 + 1").run(board)
         7.0
     """
-    return Program(text, Parser(text, _NO_ENUMS if enums is None else enums).parse())
+    return Program(text, Parser(text, {} if enums is None else enums).parse())
 
 
 def condition_result(value: object) -> bool:

@@ -8,6 +8,7 @@ result and has no other effect: a node that was RUNNING is not halted.
 import threading
 import time
 from collections.abc import Callable, Sequence
+from copy import copy
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
 from typing import Final
@@ -121,7 +122,7 @@ class Hooks:
                 known.desired_status = hook.desired_status
                 self._condition.notify_all()
                 return True
-            self._hooks[hook.position, hook.uid] = _copy(hook)
+            self._hooks[hook.position, hook.uid] = replace(hook)
             if hook.position is HookPosition.PRE:
                 node.set_pre_tick_function(self._on_pre_tick)
             else:
@@ -200,7 +201,7 @@ class Hooks:
     def all(self) -> list[Hook]:
         """Return copies of all hooks: first those with position PRE, then those with position POST."""
         with self._condition:
-            return [_copy(hook) for hook in sorted(self._hooks.values(), key=lambda hook: hook.position)]
+            return [copy(hook) for hook in sorted(self._hooks.values(), key=lambda hook: hook.position)]
 
     def subscribe(self, listener: Callable[[Hook], object]) -> Callable[[], None]:
         """Subscribe *listener*, which is called when a hook fires. Return a function that unsubscribes it.
@@ -296,9 +297,3 @@ class Hooks:
             node.set_pre_tick_function(None)
         else:
             node.set_post_tick_function(None)
-
-
-def _copy(hook: Hook) -> Hook:
-    copy = replace(hook)
-    copy.waiting = hook.waiting
-    return copy

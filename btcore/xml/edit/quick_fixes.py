@@ -91,7 +91,6 @@ class _Problem:
         start: The start of the marked text.
         end: The end of the marked text.
         place: What the marked text is in.
-        element: The element whose tag is marked, or None.
     """
 
     def __init__(self, editor: DocumentEditor, start: int, end: int) -> None:
@@ -101,11 +100,9 @@ class _Problem:
         # A diagnostic about an element begins at its "<", where a cursor is still in the text before it.
         inside = start + 1 if editor.text[start : start + 1] == "<" else start
         self.place: Place = editor.scan.element_at(inside)
-        self.element: ScannedElement | None = self.place.element
 
     @property
     def marked(self) -> str:
-        """The marked text."""
         return self.editor.text[self.start : self.end]
 
     @property
@@ -121,7 +118,7 @@ _TitledEdits = Iterator[tuple[str, Sequence[Edit]]]
 
 def _titled_edits(fix: fixes.Fix, problem: _Problem) -> _TitledEdits:
     """Yield the edits of a fix, each list with its title; nothing if the text does not permit the fix."""
-    element, attribute = problem.element, problem.place.attribute
+    element, attribute = problem.place.element, problem.place.attribute
     if element is not None:
         yield from _edits_of_element(fix, problem.editor, element)
         if attribute is not None:
@@ -193,7 +190,7 @@ def _edits_of_attribute(
 
 def _other_edits(fix: fixes.Fix, problem: _Problem) -> _TitledEdits:
     """Yield the edits of a fix that changes the marked characters, a tag that is cut off or another place."""
-    editor, element, attribute = problem.editor, problem.element, problem.place.attribute
+    editor, element, attribute = problem.editor, problem.place.element, problem.place.attribute
     match fix:
         case fixes.Rename():
             yield from _renamed(fix.text, problem)
@@ -282,13 +279,13 @@ def _with_end_tag(name: str, problem: _Problem) -> _TitledEdits:
     change = (f"Change to {end_tag}", [Edit(problem.start, problem.end, end_tag)])
     insert = (f"Insert {end_tag}", [_inserted_end_tag(problem, name)])
     # An end tag with a start tag is in its place, and the end tag of an element inside is missing.
-    yield from (insert, change) if problem.element is not None else (change, insert)
+    yield from (insert, change) if problem.place.element is not None else (change, insert)
 
 
 def _inserted_end_tag(problem: _Problem, name: str) -> Edit:
     """Return the edit that inserts an end tag before the marked tag, in a line of its own if that fits."""
     editor, at = problem.editor, problem.start
-    inside = problem.element.iter(name) if problem.element is not None else ()
+    inside = problem.place.element.iter(name) if problem.place.element is not None else ()
     unclosed = [element for element in inside if element.end_tag_start < 0 and not element.is_empty]
     own = editor.indent(unclosed[-1]) if unclosed else None
     before = editor.indent_at(at)

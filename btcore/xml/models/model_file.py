@@ -194,8 +194,7 @@ def add_mock(
     """Register a mock node. Ports whose name is not valid in format 4 exist in format 3 only."""
     origin = Path(document.file).stem.replace(".", "_") if document.file else "model"
     allowed = [port for port in ports if not port_name_error(port.name) or port_name_error(port.name, 3)]
-    if len(allowed) == len(ports):
-        nodes.add(make_mock_class(id, node_type, ports, description, origin, metadata), ID=id)
-    else:
-        nodes.add(make_mock_class(id, node_type, ports, description, origin, metadata), ID=id, format=3)
-        nodes.add(make_mock_class(id, node_type, allowed, description, origin, metadata), ID=id, format=4)
+    by_format = {None: ports} if len(allowed) == len(ports) else {3: ports, 4: allowed}
+    for format, its_ports in by_format.items():
+        cls = make_mock_class(id, node_type, its_ports, description, origin, metadata)
+        nodes.add(cls, ID=id, format=format)

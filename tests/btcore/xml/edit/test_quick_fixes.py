@@ -1,15 +1,18 @@
 # ruff: noqa: E501 - each case is a line
 """The fixes of diagnostics: each removes its problem. They do not depend on the messages, which are replaced."""
 
+import inspect
 from pathlib import Path
 
 import pytest
 
+from btcore import fixes
 from btcore.diagnostics import Diagnostic
 from btcore.errors import TreeError
 from btcore.input_files import real_path
 from btcore.lint.validate import validate_document
 from btcore.registry.registry import Registry
+from btcore.xml.edit import quick_fixes
 from btcore.xml.edit.editor import apply_edits
 from btcore.xml.edit.quick_fixes import FixMaker
 from btcore.xml.read.read import parse_file
@@ -212,3 +215,9 @@ def test_wrapped_children_are_indented(tmp_path: Path) -> None:
         "<Inverter>\r\n\t\t\t\t<AlwaysFailure/>\r\n\t\t\t</Inverter>\r\n\t\t</Sequence>\r\n\t</BehaviorTree>\r\n"
         "</root>\r\n"
     )
+
+
+def test_every_fix_has_edits() -> None:
+    source = inspect.getsource(quick_fixes)
+    names = [name for name, cls in vars(fixes).items() if isinstance(cls, type) and not name.startswith("_")]
+    assert [name for name in names if name != "Fix" and f"case fixes.{name}()" not in source] == []
