@@ -75,6 +75,13 @@ class Entry:
             return self.value_type
         return self.declared if self.declared.strong else type_of(self.value)
 
+    def copy(self, value: object) -> "Entry":
+        """Return a copy with another value."""
+        copy = Entry(self.declared, self.inferred)
+        copy.value, copy.value_type = value, self.value_type
+        copy.sequence_id, copy.stamp = self.sequence_id, self.stamp
+        return copy
+
     def put(self, value: object, stamp: int) -> None:
         """Store a value, and count the write.
 
@@ -95,6 +102,22 @@ _WIDER: Final[dict[str, tuple[ValueType, ...]]] = {
 }
 
 
+class WriteRecorder:
+    """What records the writes of a blackboard's users: `btcore.engine.journal.Journal`."""
+
+    def write(self, board: "Blackboard", key: str, value: object, declared: ValueType | None) -> bool:
+        """Set an entry and record it. Return False, without effect, if the write is not to be recorded."""
+        raise NotImplementedError
+
+    def remove(self, board: "Blackboard", key: str) -> bool:
+        """Remove an entry and record it. Return False, without effect, if this is not to be recorded."""
+        raise NotImplementedError
+
+    def add_entries(self, board: "Blackboard") -> None:
+        """Record all entries of a scope, which were replaced."""
+        raise NotImplementedError
+
+
 class Blackboard:
     """One scope of entries. User code reads and writes it like a dict, and it is a Mapping.
 
@@ -112,6 +135,7 @@ class Blackboard:
     Attributes:
         autoremap: Whether keys without a remapping name the parent's entries.
         now: The function that returns the time of the clock (ns).
+        recorder: Records the writes of users, or None.
 
     Examples:
         >>> from btcore import Blackboard
@@ -128,6 +152,7 @@ class Blackboard:
             clock = parent.clock if parent is not None else SystemClock()
         self.clock: Clock = clock
         self.now: Callable[[], int] = FAST_NOW.get(type(clock), clock.now)
+        self.recorder: WriteRecorder | None = None
         self._entries: dict[str, Entry] = {}
         # The keys of the parent to which keys of this scope are remapped.
         self._remaps: dict[str, str] = {}
@@ -148,6 +173,10 @@ class Blackboard:
             external: The key in the parent scope.
         """
         self._remaps.setdefault(internal, external)
+
+    def remappings(self) -> Mapping[str, str]:
+        """Return the keys of the parent to which keys of this scope are remapped."""
+        return self._remaps
 
     def local_entries(self) -> dict[str, Entry]:
         """Return the entries that are stored in this scope itself."""
@@ -223,6 +252,8 @@ class Blackboard:
         Raises:
             BlackboardError: The value does not fit the type of the entry, or is None.
         """
+        if self.recorder is not None and self.recorder.write(self, key, value, declared):
+            return
         if key.startswith("@"):
             self.root.set(key[1:], value, declared)
             return
@@ -241,6 +272,12 @@ class Blackboard:
         elif entry.value_type is not None or not entry_type.accepts(value):
             value = self._convert_to_entry(key, entry, value)
         entry.put(value, self.now())
+
+    def written_entry(self, key: str) -> Entry:
+        """Return the entry that `set` has written. For an `@` in a remapping, `find` may return another."""
+        if key.startswith("@"):
+            return self.root.written_entry(key[1:])
+        return self._find_or_create(key, ANY, False)
 
     @overload
     def get(self, key: str) -> object: ...
@@ -280,6 +317,8 @@ class Blackboard:
 
     def unset(self, key: str) -> None:
         """Remove the entry *key*, with its type, from this scope itself, if there is such an entry."""
+        if self.recorder is not None and self.recorder.remove(self, key):
+            return
         self._entries.pop(key, None)
 
     def clone_into(self, other: "Blackboard") -> None:
@@ -297,6 +336,8 @@ class Blackboard:
                 known.inferred = entry.inferred
                 known.put(entry.value, now)
             known.value_type = entry.value_type
+        if other.recorder is not None:
+            other.recorder.add_entries(other)
 
     def __reduce_ex__(self, protocol: SupportsIndex) -> NoReturn:
         raise TypeError("a blackboard cannot be copied or pickled; clone_into() copies its entries")

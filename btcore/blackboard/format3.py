@@ -30,6 +30,8 @@ class Format3Blackboard(Blackboard):
 
     def set(self, key: str, value: object, declared: ValueType | None = None) -> None:
         """Write *value* to the entry of *key* after remapping. Create it if it does not exist."""
+        if self.recorder is not None and self.recorder.write(self, key, value, declared):
+            return
         if value is None:
             raise BlackboardError(f"None can't be written to '{key}'")
         value = to_builtin_number(value)
@@ -49,6 +51,10 @@ class Format3Blackboard(Blackboard):
             except ConversionError as error:
                 raise BlackboardError(f"the entry '{key}' is of type {entry_type.name}: {error}") from error
         entry.put(value, self.now())
+
+    def written_entry(self, key: str) -> Entry:
+        """Return the entry that `set` has written."""
+        return self._find_or_create(key, ANY, False)
 
     def create(self, key: str, declared: ValueType = ANY, only_read: bool = False) -> Entry:
         """Return the entry of *key*. A port does not change the rule for texts of an existing entry.

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from mypy_extensions import mypyc_attr
 
 from btcore.clock import NS_PER_S, Clock, SystemClock, TickSchedule
+from btcore.engine.journal import Journal, RepetitionEnded
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.observers import Observers
 
@@ -56,6 +57,8 @@ class TreeContext:
         uses_time: Whether a node has read the clock, so that the tree reads it at the start of each tick.
         tick_start: The time (ns) at which the present tick began, by which its timers are judged; -1 = not
             known.
+        journal: Records what ticks depend on from outside; None = nothing is recorded.
+        recorded_end: In a replay, answers `must_end_repetitions` as in the recorded run.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -73,6 +76,8 @@ class TreeContext:
         self.stopped_ns = 0
         self.uses_time = False  # most trees without timers never read the clock, which takes time
         self.tick_start = -1
+        self.journal: Journal | None = None
+        self.recorded_end: Callable[[int, int], bool] | None = None
         self._tick_end = 0  # ns of real time, 0 = no limit
 
     @property
@@ -166,7 +171,7 @@ class TreeContext:
         self.must_check_end = True
 
     def must_end_tick(self) -> bool:
-        """Return whether the tick must end now. Nodes call it between two repetitions within one tick."""
+        """Return whether the tick must end now."""
         if self.is_interrupted:
             return True
         if self._tick_end and time.monotonic_ns() >= self._tick_end:
@@ -176,6 +181,15 @@ class TreeContext:
         # of compiled nodes might call none.
         self.wake_event.is_set()
         return self.is_interrupted
+
+    def must_end_repetitions(self, uid: int, count: int) -> bool:
+        """Return whether the node *uid*, which has repeated its child *count* times, must pause; recorded."""
+        if self.recorded_end is not None:
+            return self.recorded_end(uid, count)
+        must_end = self.must_end_tick()
+        if must_end and self.journal is not None:
+            self.journal.add(RepetitionEnded(uid, count))
+        return must_end
 
     def _clear_wake_up(self) -> bool:
         # A wake-up that another thread sends between these lines may count twice, but is never lost.

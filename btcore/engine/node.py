@@ -13,8 +13,18 @@ from typing import Any, ClassVar, Final, NoReturn, SupportsIndex
 from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.blackboard import Blackboard
+from btcore.blackboard.ports import Port
 from btcore.diagnostics import LiteralProblem
 from btcore.engine.context import TreeContext
+from btcore.engine.journal import (
+    ChildHalted,
+    ChildTicked,
+    HaltedOutside,
+    Journal,
+    OutsideHaltEnded,
+    Raised,
+    StatusForced,
+)
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.node_spec import NodeSpec
 from btcore.engine.tick_extras import UNDECIDED, NodeConditions, TickCounts, TickExtras
@@ -340,6 +350,25 @@ def attach_to_tree(node: TreeNode, config: NodeConfig, context: TreeContext, bla
         node._tick_extras.conditions = NodeConditions(config.conditions, config.enums, blackboard)
 
 
+def start_recording(node: TreeNode, journal: Journal, is_outside: bool) -> None:
+    """Record the results of *node* if it is from outside, else what its parent from outside does to it."""
+    with node._context.lock:
+        node._tick_extras = extras = node._tick_extras or TickExtras()
+        extras.journal = journal
+        extras.is_outside = is_outside
+
+
+def stop_recording(node: TreeNode) -> None:
+    """End the effect of `start_recording`."""
+    with node._context.lock:
+        extras = node._tick_extras
+        if extras is not None:
+            extras.journal = None
+            extras.is_outside = False
+            if extras.is_empty:
+                node._tick_extras = None
+
+
 def tick_counts_of(node: TreeNode) -> TickCounts | None:
     """Return the tick counters of *node*; None before `start_tick_counts` was called."""
     return None if node._tick_extras is None else node._tick_extras.tick_counts
@@ -429,6 +458,15 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
 
 def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
     """Call `tick` of *node* unless a pre-condition or callback decides, then what *extras* adds after it."""
+    journal = extras.journal
+    if journal is not None and journal.is_outside:
+        # The parent, which is from outside, ticks a child.
+        journal.enter()
+        journal.add(ChildTicked(node.config.uid))
+        try:
+            return _tick_with_extras(node, extras)
+        finally:
+            journal.leave()
     conditions = extras.conditions
     counts = extras.tick_counts
     if counts is not None:
@@ -446,21 +484,81 @@ def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
         and node._status is not SUCCESS
         and node._status is not FAILURE
     ):
-        forced = pre_tick(node)
+        forced = pre_tick(node) if node._context.journal is None else _pre_tick_outside(node, pre_tick)
         if forced is SUCCESS or forced is FAILURE:
             status = forced
     if status is UNDECIDED:
-        status = _as_status(node, node.tick())
+        if journal is not None and extras.is_outside:
+            status = _tick_outside(node, journal)
+        else:
+            status = _as_status(node, node.tick())
     if conditions is not None and (status is SUCCESS or status is FAILURE):
         conditions.run_postconditions(status)
     post_tick = extras.post_tick
     if post_tick is not None:
-        forced = post_tick(node, status)
+        recorded = node._context.journal is not None
+        forced = _post_tick_outside(node, status, post_tick) if recorded else post_tick(node, status)
         if forced is SUCCESS or forced is FAILURE:
             status = forced
     if counts is not None:
         counts.add_result(status)
     return status
+
+
+def _tick_outside(node: TreeNode, journal: Journal) -> Status:
+    """Call `tick` of *node*, which is from outside, and record its result."""
+    journal.leave()
+    try:
+        status = _as_status(node, node.tick())
+    except BaseException as error:
+        journal.enter()
+        journal.add(Raised(node.config.uid, error))
+        raise
+    journal.enter()
+    journal.add_result(node.config, status)
+    return status
+
+
+def _halt_outside(node: TreeNode, journal: Journal) -> None:
+    """Call `halt` of *node*, which is from outside. Record what it does, unless it only resets the node."""
+    start = journal.record_count
+    journal.leave()
+    raised: BaseException | None = None
+    try:
+        node.halt()
+    except BaseException as error:
+        raised = error
+        raise
+    finally:
+        journal.enter()
+        uid = node.config.uid
+        if raised is not None or not journal.drop_reset(start, uid) or node._status is not IDLE:
+            journal.insert(start, HaltedOutside(uid))
+            journal.add(OutsideHaltEnded(uid, raised))
+
+
+def _pre_tick_outside(node: TreeNode, pre_tick: Callable[[Any], Status]) -> Status:
+    return _call_outside(node, True, lambda: pre_tick(node))
+
+
+def _post_tick_outside(node: TreeNode, status: Status, post_tick: Callable[[Any, Status], Status]) -> Status:
+    return _call_outside(node, False, lambda: post_tick(node, status))
+
+
+def _call_outside(node: TreeNode, is_pre_tick: bool, callback: Callable[[], Status]) -> Status:
+    """Call a callback of *node*, and record the status that it forces."""
+    journal = node._context.journal
+    assert journal is not None
+    start = journal.record_count
+    journal.leave()
+    try:
+        forced = callback()
+    finally:
+        journal.enter()
+    forces = forced is SUCCESS or forced is FAILURE
+    if forces or journal.record_count > start:
+        journal.add(StatusForced(node.config.uid, is_pre_tick, forced if forces else SKIPPED))
+    return forced
 
 
 def _as_status(node: TreeNode, result: object) -> Status:
@@ -510,7 +608,10 @@ def read_clock(node: TreeNode) -> int:
     """Return the time (ns) of the tree's clock; see `TreeNode.now`."""
     context = node._context
     context.uses_time = True
-    return context.clock.now()
+    now: int = context.clock.now()
+    if context.journal is not None:
+        context.journal.add_time(now)
+    return now
 
 
 def input_or(node: TreeNode, name: str, default: object) -> object:
@@ -535,12 +636,25 @@ def reset_status(node: TreeNode) -> None:
 def halt_node(node: TreeNode) -> None:
     """Halt *node*, whatever its status; see `TreeNode.halt_node`."""
     extras = node._tick_extras
+    journal = None if extras is None else extras.journal
+    if journal is not None and journal.is_outside:
+        # The parent, which is from outside, halts a child.
+        journal.enter()
+        journal.add(ChildHalted(node.config.uid))
+        try:
+            halt_node(node)
+        finally:
+            journal.leave()
+        return
     try:
         if extras is not None:
             counts = extras.tick_counts
             if counts is not None and node._status is RUNNING:
                 counts.halted += 1
-        node.halt()
+        if journal is not None and extras is not None and extras.is_outside:
+            _halt_outside(node, journal)
+        else:
+            node.halt()
         if extras is not None and extras.conditions is not None:
             extras.conditions.run_on_halted()
     except NodeExecutionError as error:
@@ -552,3 +666,46 @@ def halt_node(node: TreeNode) -> None:
     except BaseException as error:
         reset_status(node)
         raise execution_error(node, error, "being halted") from error
+
+
+# --- ports that are attributes of a leaf
+#
+# The attributes are properties with these functions, and not compiled descriptors, because mypyc drops the
+# `__set__` of a descriptor class. The functions are here because this module is compiled; their class,
+# `PortAttribute`, is in `signature.py`, which is not, because mypyc cannot compile a subclass of property.
+
+PORT_PLACEHOLDER: Final = object()
+"""The argument for a port in the `__init__` of a dataclass: assigning it to the port has no effect."""
+
+
+def port_getter(port: Port) -> Callable[[Any], object]:
+    """Return a function that reads *port* of a node, or raises AttributeError for an output."""
+    name = port.name
+    if not port.reads:
+
+        def refuse(node: TreeNode) -> object:
+            raise AttributeError(
+                f"port [{name}] is an output: it can be assigned, but not read; to read and assign it, "
+                "annotate it with InOut[…]"
+            )
+
+        return refuse
+
+    def read(node: TreeNode) -> object:
+        return node.config.input(name).read()
+
+    return read
+
+
+def port_setter(port: Port) -> Callable[[Any, object], None]:
+    """Return a function that writes a value to *port* of a node, or raises AttributeError for an input."""
+    name, writes = port.name, port.writes
+
+    def write(node: TreeNode, value: object) -> None:
+        if value is PORT_PLACEHOLDER:
+            return
+        if not writes:
+            raise AttributeError(f"port [{name}] is an input: it can be read, but not assigned")
+        node.config.output(name).write(value)
+
+    return write

@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final
 
 from btcore.blackboard.blackboard import Blackboard
+from btcore.engine.journal import Journal
 from btcore.script.program import Program, compile_script, condition_result
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 
@@ -125,6 +126,10 @@ class TickExtras:
     """The conditions, callbacks and counters of one node.
 
     Most nodes of a tree in a program have none; under `btcore run` all nodes have counters.
+
+    Attributes:
+        journal: The journal of the tree, if the node or its parent is from outside.
+        is_outside: Whether the node is from outside, so that the journal records its results.
     """
 
     def __init__(self) -> None:
@@ -132,6 +137,8 @@ class TickExtras:
         self.tick_counts: TickCounts | None = None
         self.pre_tick: Callable[[Any], Status] | None = None
         self.post_tick: Callable[[Any, Status], Status] | None = None
+        self.journal: Journal | None = None
+        self.is_outside = False
 
     @property
     def is_empty(self) -> bool:
@@ -141,4 +148,5 @@ class TickExtras:
             and self.tick_counts is None
             and self.pre_tick is None
             and self.post_tick is None
+            and self.journal is None
         )

@@ -49,11 +49,32 @@ class Transitions:
         self._count = count
         self._transitions: list[Transition] | None = None
 
+    def checksum(self, start: int) -> int:
+        """Return a number of 32 bits that depends on *start*, the nodes and the statuses, not on times."""
+        checksum = start
+        records = self._records
+        count, at = len(records), 0
+        while at < count:
+            config = records[at + 1]
+            third = records[at + 2] if at + 2 < count else 0
+            if type(third) is int:
+                checksum = _add_to_checksum(checksum, config, SUCCESS)
+                at += 2
+                continue
+            if type(third) is list:
+                for node, previous in zip(cast(list[object], config), third, strict=False):
+                    if previous is not IDLE:
+                        checksum = _add_to_checksum(checksum, node, IDLE)
+            else:
+                checksum = _add_to_checksum(checksum, config, cast(Status, records[at + 3]))
+            at += 4
+        return checksum
+
     def to_list(self) -> list[Transition]:
         """Return all transitions in a list."""
         transitions = self._transitions
         if transitions is None:
-            self._transitions = transitions = _decode(self.first, self.tick, self._records)
+            self._transitions = transitions = decode_transitions(self.first, self.tick, self._records)
         return transitions
 
     def __len__(self) -> int:
@@ -134,6 +155,11 @@ class TransitionRecorder:
         """Handle a transition when it is recorded. Subclasses override this method."""
 
     @property
+    def records(self) -> list[object]:
+        """The records since the last call of `take_transitions`."""
+        return self._records
+
+    @property
     def has_records(self) -> bool:
         """Whether transitions were recorded since the last call of `take_transitions`."""
         return bool(self._records)
@@ -155,7 +181,12 @@ class TransitionRecorder:
         return _create_transition(number, stamp, self.tick, config, previous, status)
 
 
-def _decode(number: int, tick: int, records: list[object]) -> list[Transition]:
+def _add_to_checksum(checksum: int, config: object, status: Status) -> int:
+    # The factor of a linear congruential generator, VAX MTH$RANDOM. The products have at most 49 bits.
+    return (checksum * 69069 + cast(NodeConfig, config).uid * 8 + cast(int, status) + 1) & 0xFFFFFFFF
+
+
+def decode_transitions(number: int, tick: int, records: list[object]) -> list[Transition]:
     """Return the transitions in *records*; *number* is the number of the first."""
     transitions: list[Transition] = []
     at = 0

@@ -33,6 +33,7 @@ from btcore.values import parse_constant, type_of
 from btcore.xml.plan.plan import Plans, report_invalid_scripts
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.read.document import DiagnosticCollector
+from btcore.xml.read.read import Sources
 
 
 def instantiate(
@@ -68,7 +69,13 @@ def instantiate(
         creator.context,
         plans.registry,
         tick_limit,
+        _texts(plans.definitions.sources),
     )
+
+
+def _texts(sources: Sources) -> list[tuple[str, str, bool]]:
+    shared = sources.shared_documents
+    return [(document.file, document.text, document in shared) for document in sources.documents]
 
 
 def make_leaf_tree(leaf: type[TreeNode], id: str, clock: Clock) -> Tree:

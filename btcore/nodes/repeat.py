@@ -94,7 +94,7 @@ class RepeatedNode(DecoratorNode):
         # Without a tick limit, the call only lets Python handle signals, which takes time and may be late.
         context = self._context
         is_due = context.must_check_end or self._count % _REPETITIONS_PER_CHECK == 0
-        return is_due and context.must_end_tick()
+        return is_due and context.must_end_repetitions(self.config.uid, self._count)
 
     def limit_after(self, limit: int) -> int:
         """Return the limit that applies after a repetition, given the *limit* before."""

@@ -10,6 +10,7 @@ from btcore.blackboard.blackboard import Blackboard, copy_scopes
 from btcore.blackboard.ports import PortRole
 from btcore.clock import NS_PER_S, Clock, SystemClock, TickSchedule
 from btcore.engine.context import TreeContext
+from btcore.engine.journal import HaltBegan, StepEnded, TickBegan
 from btcore.engine.node import (
     TreeNode,
     add_to_backtrace,
@@ -82,6 +83,8 @@ class Tree:
             None = no limit. A tick that repeats nodes for longer raises NodeExecutionError. The time at a
             breakpoint does not count. A single node that takes too long is not interrupted.
         context: The objects that the tree's nodes share.
+        documents: The documents from which the tree was loaded, the main document last: the file, the text,
+            and whether trees of later documents replace its trees.
 
     Examples:
         >>> import btcore
@@ -105,6 +108,7 @@ class Tree:
         context: TreeContext,
         registry: Registry,
         tick_limit: float | None = None,
+        documents: Sequence[tuple[str, str, bool]] = (),
     ) -> None:
         self.id = id
         self.format = format
@@ -116,6 +120,7 @@ class Tree:
         if tick_limit is not None and not 0 < tick_limit < inf:  # also raises for NaN
             raise ValueError(f"invalid tick_limit {tick_limit!r}: use a number of seconds above 0, or None")
         self.tick_limit = tick_limit
+        self.documents = tuple(documents)
         self.ticks = 0
         self.status: Status = IDLE
         self._hooks: Hooks | None = None
@@ -271,7 +276,11 @@ class Tree:
             NodeExecutionError: A node raised while it was halted. All nodes are halted before the exception
                 is raised. If several nodes raised, it is the first error; *later_errors* holds the others.
         """
-        errors = self._halt_everything()
+        _begin_recorded_halt(self.context)
+        try:
+            errors = self._halt_everything()
+        finally:
+            _end_recorded_step(self.context, IDLE)
         self.status = IDLE
         if errors:
             first = errors[0]
@@ -477,10 +486,14 @@ def _tick(tree: Tree, repeat: bool) -> Status:
             if observers is not None:
                 context.stopped_ns = 0
                 observers.begin_tick(tree.ticks)
+                if context.journal is not None:  # a journal needs observers
+                    _begin_recorded_tick(context, tree.ticks)
             status = execute_tick(root)
             if status is SUCCESS or status is FAILURE:
                 reset_status(root)
             if observers is not None:
+                if context.journal is not None:
+                    _end_recorded_step(context, status)
                 observers.end_tick(status, context.stopped_ns)
             if status is not RUNNING or not repeat or not context.consume_wake_up():
                 break
@@ -490,13 +503,36 @@ def _tick(tree: Tree, repeat: bool) -> Status:
             raise tree._timeout_error()
     except NodeExecutionError as error:
         tree.status = IDLE
+        _begin_recorded_halt(context)
         tree._notify_error(error)
         error.later_errors += tree._halt_everything()
         raise
     finally:
         tree._in_tick = False
         context.tick_start = -1
+        if context.journal is not None:
+            _end_recorded_step(context, IDLE)
         if limit is not None:
             context.clear_tick_limit()
     tree.status = status
     return status
+
+
+# Functions of their own, because the code of `_tick` stays faster without this.
+
+
+def _begin_recorded_tick(context: TreeContext, tick: int) -> None:
+    if context.journal is not None:
+        context.journal.begin(TickBegan(tick, context.tick_start))
+
+
+def _begin_recorded_halt(context: TreeContext) -> None:
+    """Begin a step of the journal for a halt, unless the halt is a part of a tick."""
+    if context.journal is not None and context.journal.is_outside:
+        context.journal.begin(HaltBegan())
+
+
+def _end_recorded_step(context: TreeContext, status: Status) -> None:
+    """End the step of the journal, unless it has ended."""
+    if context.journal is not None and not context.journal.is_outside:
+        context.journal.end(StepEnded(status))

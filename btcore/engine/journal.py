@@ -1,0 +1,296 @@
+"""The journal of a tree: in order, everything from outside that its ticks depend on.
+
+A tick is determined by the tree, the blackboard, and what comes from outside: the results, exceptions and
+writes of nodes that are not built in, the times that nodes read, the statuses that callbacks force, and the
+writes of other threads. While a tree has a journal, built-in code runs *inside*: it holds a lock, so that no
+other thread can write to the blackboard. Around each call of code from outside, the lock is released.
+"""
+
+import threading
+from collections.abc import Callable
+from typing import Any, Final, NamedTuple
+
+from btcore.blackboard.blackboard import Blackboard, Entry, WriteRecorder
+from btcore.engine.node_config import NodeConfig
+from btcore.engine.observers import Observers
+from btcore.engine.transition_records import decode_transitions
+from btcore.status import IDLE, Status
+from btcore.values import ValueType
+
+NO_THREAD: Final = -1
+
+
+class TickBegan(NamedTuple):
+    """The root is ticked: the number of the tick, and its time (ns; -1 = no node has read the clock)."""
+
+    tick: int
+    time: int
+
+
+class HaltBegan(NamedTuple):
+    """The whole tree is halted, between two ticks."""
+
+
+class StepEnded(NamedTuple):
+    """The tick or the halt has ended. *status* is the result; IDLE after a halt or an exception."""
+
+    status: Status
+
+
+class Raised(NamedTuple):
+    """The tick of a node from outside raised *error*, an exception."""
+
+    uid: int
+    error: Any
+
+
+class HaltedOutside(NamedTuple):
+    """The halt of a node from outside begins, in which more happens than that its status becomes IDLE."""
+
+    uid: int
+
+
+class OutsideHaltEnded(NamedTuple):
+    """The halt that began by `HaltedOutside` has ended; *error* is what it raised, or None."""
+
+    uid: int
+    error: Any
+
+
+class ChildTicked(NamedTuple):
+    """A node from outside ticks a child."""
+
+    uid: int
+
+
+class ChildHalted(NamedTuple):
+    """A node from outside halts a child."""
+
+    uid: int
+
+
+class StatusSet(NamedTuple):
+    """A node from outside stores the status of itself or of a child, which it has not ticked or halted."""
+
+    uid: int
+    status: Status
+
+
+class StatusForced(NamedTuple):
+    """A callback before or after the tick of a node forces its result; SKIPPED = it only wrote entries."""
+
+    uid: int
+    is_pre_tick: bool
+    status: Status
+
+
+class RepetitionEnded(NamedTuple):
+    """A built-in node pauses after *repetitions*, because of a tick limit or a signal."""
+
+    uid: int
+    repetitions: int
+
+
+class TimeRead(NamedTuple):
+    """A built-in node reads the clock, after *repeats* that read the same time as before."""
+
+    time: int
+    repeats: int
+
+
+class Written(NamedTuple):
+    """An entry is written.
+
+    Attributes:
+        board: The scope on which the entry was written.
+        key: The key, before remapping.
+        value: The value that the entry has now, encoded.
+        declared: The type that the writer has declared, or None.
+    """
+
+    board: Blackboard
+    key: str
+    value: Any
+    declared: ValueType | None
+
+
+class Removed(NamedTuple):
+    """An entry of a scope is removed."""
+
+    board: Blackboard
+    key: str
+
+
+class Replaced(NamedTuple):
+    """All entries of a scope are replaced, by entries whose values are encoded."""
+
+    board: Blackboard
+    entries: dict[str, Entry]
+
+
+Event = (
+    TickBegan
+    | HaltBegan
+    | StepEnded
+    | Raised
+    | HaltedOutside
+    | OutsideHaltEnded
+    | ChildTicked
+    | ChildHalted
+    | StatusSet
+    | StatusForced
+    | RepetitionEnded
+    | TimeRead
+    | Written
+    | Removed
+    | Replaced
+)
+
+
+class Journal(WriteRecorder):
+    """Records what the ticks of a tree depend on, in a flat list of pairs.
+
+    A pair is the config of a node from outside and the result of its tick, or None and an event.
+
+    Args:
+        observers: The observers of the tree, which record what nodes from outside do to statuses.
+        encode: Returns the recorded form of a value; the value itself may change later.
+        deliver: Called with the pairs at the end of each tick and halt, on the thread that ticks.
+    """
+
+    def __init__(
+        self,
+        observers: Observers,
+        encode: Callable[[object], object],
+        deliver: Callable[[list[object]], object],
+    ) -> None:
+        self._observers = observers
+        self._encode = encode
+        self._deliver = deliver
+        self._records: list[object] = []
+        self._lock = threading.Lock()
+        self._inside = NO_THREAD  # the thread that is inside
+        self._tick_thread = 0
+        # The transitions when the thread left the inside: further ones were made outside.
+        self._transitions: list[object] = []
+        self._transition_count = 0
+        self._time = -1
+        self._repeats = 0
+
+    @property
+    def is_outside(self) -> bool:
+        """Whether the thread that ticks executes code from outside, or the tree is not in a tick or halt."""
+        return self._inside != self._tick_thread
+
+    @property
+    def record_count(self) -> int:
+        """The number of recorded values."""
+        return len(self._records)
+
+    # --- inside and outside
+
+    def enter(self) -> None:
+        """Go inside: until `leave`, no other thread can write to the blackboard."""
+        self._lock.acquire()
+        self._inside = self._tick_thread
+        transitions = self._observers.records
+        if len(transitions) != self._transition_count or transitions is not self._transitions:
+            self._add_status_changes(transitions)
+
+    def leave(self) -> None:
+        """Go outside."""
+        transitions = self._observers.records
+        self._transitions = transitions
+        self._transition_count = len(transitions)
+        self._inside = NO_THREAD
+        self._lock.release()
+
+    def _add_status_changes(self, transitions: list[object]) -> None:
+        start = self._transition_count if transitions is self._transitions else 0
+        for change in decode_transitions(0, 0, transitions[start:]):
+            self.add(StatusSet(change.uid, change.status))
+
+    # --- recording
+
+    def add(self, event: Event) -> None:
+        """Record *event*."""
+        self._records.append(None)
+        self._records.append(event)
+
+    def add_result(self, config: NodeConfig, status: Status) -> None:
+        """Record that the tick of the node from outside with *config* returned *status*."""
+        self._records.append(config)
+        self._records.append(status)
+
+    def insert(self, index: int, event: Event) -> None:
+        """Record *event* before the records from *index* on."""
+        self._records[index:index] = [None, event]
+
+    def drop_reset(self, start: int, uid: int) -> bool:
+        """Return whether nothing is recorded from *start* on but that a node became IDLE; forget that."""
+        records = self._records
+        if len(records) == start + 2:
+            event = records[start + 1]
+            if isinstance(event, StatusSet) and event.uid == uid and event.status is IDLE:
+                del records[start:]
+                return True
+        return len(records) == start
+
+    def add_time(self, time: int) -> None:
+        """Record that a built-in node has read *time* (ns). Of other nodes only the results are recorded."""
+        if self._inside != self._tick_thread:
+            return
+        if time == self._time:
+            self._repeats += 1
+            return
+        self.add(TimeRead(time, self._repeats))
+        self._time = time
+        self._repeats = 0
+
+    def begin(self, event: TickBegan | HaltBegan) -> None:
+        """Go inside for a tick or a halt of the tree."""
+        self._tick_thread = threading.get_ident()
+        self.enter()
+        self._time = event.time if isinstance(event, TickBegan) else -1
+        self._repeats = 0
+        self.add(event)
+
+    def end(self, event: StepEnded) -> None:
+        """End the tick or halt, and deliver the records."""
+        self.add(event)
+        records = self._records
+        self._records = []
+        self.leave()
+        self._deliver(records)
+
+    # --- writes
+
+    def write(self, board: Blackboard, key: str, value: object, declared: ValueType | None) -> bool:
+        """Write an entry, and record it. Return False, without effect, if called from inside."""
+        thread = threading.get_ident()
+        if self._inside == thread:
+            return False
+        with self._lock:
+            self._inside = thread
+            try:
+                board.set(key, value, declared)
+                self.add(Written(board, key, self._encode(board.written_entry(key).value), declared))
+            finally:
+                self._inside = NO_THREAD
+        return True
+
+    def remove(self, board: Blackboard, key: str) -> bool:
+        """Remove an entry, and record it. Return False, without effect, if called from inside."""
+        thread = threading.get_ident()
+        if self._inside == thread:
+            return False
+        with self._lock:
+            if board.local_entries().pop(key, None) is not None:
+                self.add(Removed(board, key))
+        return True
+
+    def add_entries(self, board: Blackboard) -> None:
+        """Record all entries of a scope, which were replaced."""
+        entries = {key: entry.copy(self._encode(entry.value)) for key, entry in board.local_entries().items()}
+        with self._lock:
+            self.add(Replaced(board, entries))
