@@ -38,7 +38,7 @@ LANES := $(addprefix test-,core monitor robot sim tools docs)
 # the others execute hardly a compiled line that these do not.
 COMPILED_TESTS := $(addprefix tests/btcore/,blackboard engine loading nodes registry script test_builds.py \
 	test_status.py tree values xml/plan xml/read/test_element.py) tests/conformance tests/fuzz tests/properties \
-	tests/regressions/btcore tests/tools/btcore_batch tests/docs/test_docstring_examples.py
+	tests/regressions/btcore tests/tools/btcore_batch tests/tools/btcore_recorder tests/docs/test_docstring_examples.py
 # Tests that wait for other processes run first: meanwhile other tests use the cores, and the last tests do not wait.
 WAITING := $(wildcard tests/test_*.py) tests/tools/
 ALL_TESTS := $(WAITING) $(filter-out $(WAITING) tests/__pycache__/,$(wildcard tests/*/))
@@ -78,6 +78,7 @@ KILLS ?= 100
 PROOFS ?= 1000
 SCHEDULES ?= 500
 PREVIEWS ?= 9
+RECORDED_RUNS ?= 2000
 TYPED ?= 200
 ROS2_RUNS ?=
 GOALS ?= 2000
@@ -273,6 +274,8 @@ accept-engine: .venv/ready .venv-compiled/ready
 accept-tools: .venv/ready
 	@$(if $(EDITS),BTCORE_EXPECT=pure BTCORE_EDITS=$(EDITS) .venv/bin/pytest -n $(CORES) --dist worksteal \
 		tests/tools/btcore_studio/edit)
+	@$(if $(RECORDED_RUNS),BTCORE_EXPECT=pure BTCORE_RUNS=$(RECORDED_RUNS) .venv/bin/pytest -n $(CORES) \
+		tests/tools/btcore_recorder/test_replay.py)
 	@.venv/bin/python tests/acceptance/mcp_attacks.py $(MCP_ATTACKS)
 	@.venv/bin/python tests/acceptance/mistakes.py $(MISTAKES)
 	@.venv/bin/python tests/acceptance/preview.py --trials $(PREVIEWS)

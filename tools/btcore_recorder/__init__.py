@@ -1,19 +1,25 @@
-"""Understanding runs: statistics of the nodes, and the first difference between two runs.
+"""Recording and understanding runs: replay, statistics of the nodes, the first difference between two runs.
 
 See docs/guides/recording.md.
 """
 
 from btcore_recorder.divergence import Divergence, Step, find_divergence, steps
+from btcore_recorder.file_recorder import FileRecorder, record
+from btcore_recorder.replay import Difference, Replay
 from btcore_recorder.statistics import RecordedStatistics, recorded_statistics
 from btcore_recorder.tree_observer import NodeStatistics, TreeObserver
 
 __all__ = [
+    "Difference",
     "Divergence",
+    "FileRecorder",
     "NodeStatistics",
     "RecordedStatistics",
+    "Replay",
     "Step",
     "TreeObserver",
     "find_divergence",
+    "record",
     "recorded_statistics",
     "steps",
 ]

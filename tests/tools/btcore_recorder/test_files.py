@@ -1,0 +1,208 @@
+"""Recordings in files: what is written, what damage is found, and what cannot be recorded."""
+
+import logging
+from contextlib import suppress
+from io import FileIO
+from pathlib import Path
+from random import Random
+
+import pytest
+
+import btcore
+from btcore import BtcoreError, NodeExecutionError, Tree
+from btcore.logs import LogError
+from btcore_recorder import Replay, record
+from btcore_recorder.text_form import RunRecording, read_recording
+from btcore_recorder.values import Decoder, Encoder, NotReplayable
+from tests.tools.btcore_recorder.random_leaves import Colour, Spot, any_value, random_registry
+
+NODES = random_registry()
+XML = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
+    <Write name="pen" out="{o}" number="{n}" spot="{s}" colour="{c}"/>
+    <Hold out="{h}"/><Script code="done := true"/>
+</Sequence></BehaviorTree></root>
+"""
+
+
+def written_tree() -> Tree:
+    return btcore.loads(XML, nodes=NODES, resources=[Random(3)], clock=btcore.SimClock())
+
+
+def record_run(path: Path) -> Tree:
+    tree = written_tree()
+    with record(tree, path):
+        for number in range(6):
+            with suppress(NodeExecutionError):
+                tree.tick_exactly_once()
+            tree.blackboard["n"] = number
+        with suppress(NodeExecutionError):
+            tree.halt()
+    return tree
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("recording") / "run.btrec.txt"
+    record_run(path)
+    return path
+
+
+def test_a_recorded_file_is_replayed_without_the_nodes(file: Path) -> None:
+    replay = Replay(file)
+    assert replay.verify() is None
+    assert [step.tick for step in replay.steps] == [1, 2, 3, 4, 5, 6, 0]
+    assert replay.tree.ticks == 6
+
+
+def test_the_tree_is_not_changed_by_a_recording_that_has_ended(tmp_path: Path) -> None:
+    tree = record_run(tmp_path / "run.btrec.txt")
+    assert tree.context.journal is None
+    assert tree.blackboard.recorder is None
+    assert all(node._tick_extras is None for node in tree)
+    with pytest.raises(BtcoreError, match="was ticked already"):
+        record(tree, tmp_path / "again.btrec.txt")
+
+
+def test_a_file_that_is_cut_off_anywhere_holds_only_complete_steps(file: Path, tmp_path: Path) -> None:
+    data, whole = file.read_bytes(), read_recording(file)
+    cut = tmp_path / "cut.btrec.txt"
+    for size in range(len(data)):
+        cut.write_bytes(data[:size])
+        check_beginning(cut, whole)
+
+
+def test_a_changed_bit_is_found(file: Path, tmp_path: Path) -> None:
+    data, whole = file.read_bytes(), read_recording(file)
+    source, flipped = Random(1), tmp_path / "flipped.btrec.txt"
+    for _ in range(1000):
+        damaged = bytearray(data)
+        damaged[source.randrange(len(data))] ^= 1 << source.randrange(8)
+        flipped.write_bytes(damaged)
+        check_beginning(flipped, whole)
+
+
+def check_beginning(path: Path, whole: RunRecording) -> None:
+    """Check that *path* is refused, or holds the beginning of *whole* and says so unless it is complete."""
+    try:
+        recording = read_recording(path)
+    except LogError:
+        return
+    assert recording.head._replace(types={}) == whole.head._replace(types={})
+    assert recording.steps == whole.steps[: len(recording.steps)]
+    is_between_steps = path.read_bytes().endswith(b"]\n") and not recording.damage
+    assert recording.damage or recording.steps == whole.steps or is_between_steps
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("hello", "it does not begin with 'btrec'"),
+        ("btrec [2]\n", "this recording has format 2; btcore supports format 1"),
+        ("btrec [1]\n", ":1: the head of this recording is damaged: the head does not end"),
+        ("btrec [1]\ntree [4]\n", ":2: the head of this recording is damaged: 'tree' does not belong here"),
+        (
+            "btrec [1]\nhead [7]\n",
+            ":2: the head of this recording is damaged: the lines before it were changed",
+        ),
+        ("btrec [1]\nhead [null]\n", "the tree, its documents or its scope are missing"),
+        ("btrec [1]\n" + "tree " + "[" * 5000 + "\n", ":2: the head of this recording is damaged"),
+    ],
+)
+def test_what_is_not_a_recording_is_refused(tmp_path: Path, text: str, message: str) -> None:
+    path = tmp_path / "run.btrec.txt"
+    path.write_text(text)
+    with pytest.raises(LogError) as raised:
+        Replay(path)
+    assert str(path) in str(raised.value)
+    assert message in str(raised.value)
+
+
+@pytest.mark.parametrize("line", ['result [9, "SUCCESS"]', "child_ticked [0]", 'written [7, "a", 1, null]'])
+def test_nodes_and_scopes_that_do_not_exist_are_refused(file: Path, tmp_path: Path, line: str) -> None:
+    head, _, _ = file.read_text().partition("\ntick ")
+    path = tmp_path / "run.btrec.txt"
+    path.write_text(f'{head}\ntick [1, -1]\n{line}\nend ["SUCCESS", 0, null]\n')
+    with pytest.raises(LogError, match="names a node or scope that does not exist"):
+        Replay(path)
+
+
+def test_only_documents_are_recorded(tmp_path: Path) -> None:
+    tree = written_tree()
+    tree.documents = ()
+    with pytest.raises(BtcoreError, match="is not from a document"):
+        record(tree, tmp_path / "run.btrec.txt")
+
+
+def test_trees_with_substitution_rules_are_not_recorded(tmp_path: Path) -> None:
+    nodes = NODES.copy()
+    nodes.substitute("pen", "AlwaysSuccess")
+    tree = btcore.loads(XML, nodes=nodes, resources=[Random(3)])
+    with pytest.raises(BtcoreError, match="rules may have replaced"):
+        record(tree, tmp_path / "run.btrec.txt")
+
+
+def test_a_tree_is_recorded_once(tmp_path: Path) -> None:
+    tree = written_tree()
+    with record(tree, tmp_path / "run.btrec.txt"), pytest.raises(BtcoreError, match="being recorded already"):
+        record(tree, tmp_path / "other.btrec.txt")
+
+
+def test_the_name_of_the_file_is_checked(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match=r"must end in \.btrec\.txt; did you mean run\.btrec\.txt"):
+        record(written_tree(), tmp_path / "run.btlog")
+    tree = written_tree()
+    with pytest.raises(LogError, match="does not exist"):
+        record(tree, tmp_path / "missing/run.btrec.txt")
+    assert tree.context.journal is None
+
+
+def test_a_full_disk_ends_the_recording_but_not_the_run(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    path = tmp_path / "run.btrec.txt"
+    tree = written_tree()
+    with caplog.at_level(logging.WARNING, "btcore"), record(tree, path) as recorder:
+        recorder._file.close()
+        recorder._file = FileIO("/dev/full", "wb")  # the disk is full from now on
+        tree.tick_exactly_once()
+    assert recorder.is_incomplete
+    assert "is incomplete, writing failed: No space left on device" in caplog.text
+    assert tree.ticks == 1
+
+
+# --- values
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_values_are_recorded_exactly(seed: int) -> None:
+    value = any_value(Random(seed))
+    types: dict[str, object] = {}
+    encoded = Encoder(types.__setitem__).encode(value)
+    decoded = Decoder(types).decode(encoded)
+    if isinstance(value, (Spot, Colour)):
+        assert type(decoded) is not type(value)
+        assert repr(decoded) == repr(value)
+    else:
+        assert (type(decoded), decoded) == (type(value), value)
+
+
+def test_other_values_are_recorded_as_text() -> None:
+    endless: list[object] = []
+    endless.append(endless)
+    encoder = Encoder(lambda name, description: None)
+    for value, text in [
+        (range(3), "range(0, 3)"),
+        ("x" * 200_000, "str of 200,000 items"),
+        (endless, "a list that cannot be recorded"),
+    ]:
+        assert Decoder({}).decode(encoder.encode(value)) == NotReplayable(text)
+
+
+def test_types_of_one_name_are_distinguished() -> None:
+    types: dict[str, object] = {}
+    encoder = Encoder(types.__setitem__)
+    other = type("Spot", (), {})
+    other.__qualname__ = "Spot"
+    assert encoder.name(Spot) == "Spot"
+    assert encoder.name(other) == "Spot#2"
+    assert types == {"Spot": {"fields": ["x", "y"]}, "Spot#2": {}}

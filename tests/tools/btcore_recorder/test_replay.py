@@ -1,0 +1,301 @@
+"""A replay does what the recorded run did: every transition, every entry, at every tick."""
+
+import os
+import sys
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import btcore
+from btcore import (
+    Blackboard,
+    BtcoreError,
+    NodeExecutionError,
+    Observer,
+    SimClock,
+    Status,
+    SystemClock,
+    Transition,
+    Tree,
+)
+from btcore.blackboard.format3 import Format3Blackboard
+from btcore.testing import xml_documents
+from btcore.testing.tree_generator import BUILTIN_MANIFESTS, SCRIPT_KEYS
+from btcore.tree.hooks import Hook, HookMode, HookPosition
+from btcore_recorder import Replay
+from btcore_recorder.inputs import scopes_of
+from btcore_recorder.recorder import Recorder
+from btcore_recorder.text_form import RunRecording, read_recording, to_text
+from tests.conformance.recorded_cases import Journal, conformance_registry, read_cases
+from tests.tools.btcore_recorder.random_leaves import NODE_IDS, Spot, random_registry
+
+NODES = random_registry()
+TAGS = (*BUILTIN_MANIFESTS[4], *NODE_IDS)
+CASES = Path(__file__).parents[2] / "conformance/data"
+RUNS = os.environ.get("BTCORE_RUNS")
+
+Entries = list[dict[str, tuple[str, int, str]]]
+
+
+class Run(Observer):
+    """A recorded run, with what a replay must repeat.
+
+    Attributes:
+        transitions_of_run: The transitions, without their times.
+        entries: The entries after each step. Other threads may change *ignored* entries meanwhile.
+    """
+
+    def __init__(self, tree: Tree, ignored: str = "") -> None:
+        self.tree = tree
+        self.transitions_of_run: list[tuple[int, int, Status, Status]] = []
+        self.entries: list[Entries] = []
+        self._ignored = ignored
+        self._types: dict[str, Any] = {}
+        self._raw: list[Any] = []
+        self._recorder = Recorder(tree, self._add, self._types.__setitem__)
+        tree.subscribe(self)
+
+    def transition(self, change: Transition) -> None:
+        self.transitions_of_run.append((change.tick, change.uid, change.previous, change.status))
+
+    def _add(self, step: Any) -> None:
+        self._raw.append(step)
+        self.entries.append(entries_of(self.tree, self._ignored))
+
+    def end(self) -> RunRecording:
+        """End the recording, and return it."""
+        self._recorder.close()
+        head = self._recorder.head
+        head = head._replace(types={**head.types, **self._types})
+        return RunRecording(head, tuple(self._recorder.step(step) for step in self._raw))
+
+
+def entries_of(tree: Tree, ignored: str = "") -> Entries:
+    return [
+        {
+            key: (repr(entry.value).rpartition(".")[2], entry.sequence_id, entry.declared.name)
+            for key, entry in list(board.local_entries().items())
+            if key not in ignored
+        }
+        for board in scopes_of(tree)
+    ]
+
+
+def check_replay(run: Run, recording: RunRecording) -> None:
+    """Check that a replay of *recording* does what *run* did."""
+    replay = Replay(recording)
+    changes: list[tuple[int, int, Status, Status]] = []
+
+    class Transitions(Observer):
+        def transition(self, change: Transition) -> None:
+            changes.append((change.tick, change.uid, change.previous, change.status))
+
+    replay.tree.subscribe(Transitions())
+    for entries in run.entries:
+        assert replay.step(), replay.difference
+        assert entries_of(replay.tree, run._ignored) == entries
+    assert changes == run.transitions_of_run
+
+
+def act(tree: Tree, action: str, source: Random) -> None:
+    """Do to *tree* what a program may do between two ticks."""
+    with suppress(NodeExecutionError):
+        match action:
+            case "tick":
+                tree.tick_exactly_once()
+                if not isinstance(tree.clock, SystemClock):
+                    tree.sleep(0.01)
+            case "tick once":
+                tree.tick_exactly_once()
+                for _ in range(3):
+                    if tree.status is btcore.RUNNING and tree.context.consume_wake_up():
+                        tree.tick_exactly_once()
+            case "halt":
+                tree.halt()
+            case "write":
+                tree.blackboard[source.choice("abcw")] = source.randrange(9)
+                tree.blackboard["spot"] = Spot(1.0, 2.0)
+            case "unset":
+                tree.blackboard.unset("z")
+            case "restore":
+                backup = tree.backup_blackboards()
+                tree.blackboard["x"] = source.randrange(9)
+                tree.restore_blackboards(backup)
+            case "inject":
+                status = source.choice([btcore.SUCCESS, btcore.FAILURE])
+                position, once = source.choice(list(HookPosition)), source.random() < 0.5
+                uid = source.randrange(1, len(tree.nodes) + 1)
+                tree.hooks.insert(Hook(uid, position, HookMode.REPLACE, status, once=once))
+
+
+ACTIONS = st.lists(
+    st.sampled_from(["tick"] * 6 + ["tick once", "halt", "write", "unset", "restore", "inject"]),
+    min_size=1,
+    max_size=12,
+)
+DOCUMENTS = xml_documents(
+    nodes=NODES, tags=TAGS, subtrees=2, conditions=True, scripts=True, timed=True, raising=True
+)
+
+
+def random_run(xml: str, seed: int, clock: btcore.Clock) -> Run:
+    board = Blackboard(clock=clock)
+    for key in SCRIPT_KEYS:
+        board[key] = 0
+    resources = [Journal(), Random(seed)]
+    tree = btcore.loads(xml, nodes=NODES, clock=clock, resources=resources, blackboard=board)
+    return Run(tree)
+
+
+@settings(max_examples=int(RUNS) if RUNS else settings().max_examples)
+@given(DOCUMENTS, ACTIONS, st.integers(0, 2**32), st.booleans())
+def test_a_replay_repeats_the_run(xml: str, actions: list[str], seed: int, real_time: bool) -> None:
+    run = random_run(xml, seed, SystemClock() if real_time else SimClock())
+    for action in actions:
+        act(run.tree, action, Random(seed))
+    check_replay(run, run.end())
+
+
+@settings(max_examples=int(RUNS) // 4 if RUNS else max(10, settings().max_examples // 5))
+@given(DOCUMENTS, st.integers(0, 2**32))
+def test_writes_of_another_thread_within_ticks_are_repeated(xml: str, seed: int) -> None:
+    run = random_run(xml, seed, SimClock())
+    run._ignored = "".join(SCRIPT_KEYS)  # written between the end of a tick and the reading of the entries
+    ended = threading.Event()
+    source = Random(seed)
+
+    def write_on() -> None:
+        while not ended.is_set():
+            run.tree.blackboard[source.choice(SCRIPT_KEYS)] = source.randrange(5)
+
+    thread = threading.Thread(target=write_on)
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        thread.start()
+        for action in ("tick", "tick", "halt", "tick"):
+            act(run.tree, action, source)
+    finally:
+        ended.set()
+        thread.join()
+        sys.setswitchinterval(interval)
+    check_replay(run, run.end())
+
+
+@pytest.mark.parametrize(
+    "name", ["v4_control", "v4_full", "v4_once", "v4_scopes", "v4_mutated", "v3_full", "more/g3_conds"]
+)
+def test_recorded_cases_replay_from_the_results_of_leaves(name: str) -> None:
+    nodes = conformance_registry()
+    cases = [case for case in read_cases(CASES / f"{name}.jsonl.gz") if "load_error" not in case["expect"]]
+    for case in cases if RUNS else cases[::20]:
+        board: Blackboard = Format3Blackboard() if case["format"] == 3 else Blackboard()
+        for key, value in case.get("bb", {}).items():
+            board.set(key, value)
+        arguments: dict[str, Any] = {"tree": case.get("tree"), "format": case["format"], "blackboard": board}
+        try:
+            tree = btcore.loads(
+                case["xml"], nodes=nodes, resources=[Journal()], clock=SimClock(), **arguments
+            )
+        except BtcoreError:
+            continue  # a documented difference
+        run = Run(tree)
+        tick: Callable[[], Status] = tree.tick_once if case.get("tick") == "once" else tree.tick_exactly_once
+        with suppress(NodeExecutionError):
+            for _ in range(case["ticks"]):
+                tick()
+        check_replay(run, run.end())
+
+
+def test_a_pause_because_of_the_tick_limit_is_repeated() -> None:
+    repeat = '<Repeat num_cycles="-1"><AlwaysSuccess/></Repeat>'
+    tree = btcore.loads(f'<root><BehaviorTree ID="Main">{repeat}</BehaviorTree></root>', tick_limit=0.01)
+    run = Run(tree)
+    with pytest.raises(NodeExecutionError, match="tick limit"):
+        tree.tick_once()
+    recording = run.end()
+    assert [step.tick for step in recording.steps] == [1, 0]
+    assert [type(event).__name__ for event in recording.steps[0].inputs] == ["RepetitionEnded"]
+    check_replay(run, recording)
+
+
+def test_the_scopes_around_a_tree_are_recorded() -> None:
+    outer = Blackboard()
+    outer["count"] = 3
+    inner = Blackboard(outer)
+    inner.autoremap = True
+    inner.remap("n", "count")
+    b = btcore.Builder()
+    tree = b.build(b.Script(code="n := n + 1; count = count * 2"), blackboard=inner)
+    run = Run(tree)
+    tree.tick_once()
+    recording = run.end()
+    assert outer["count"] == 8
+    check_replay(run, recording)
+
+
+@given(DOCUMENTS, ACTIONS, st.integers(0, 2**32))
+@settings(max_examples=10)
+def test_the_text_form_loses_nothing(
+    tmp_path_factory: pytest.TempPathFactory, xml: str, actions: list[str], seed: int
+) -> None:
+    run = random_run(xml.replace("\n", "\r\n"), seed, SimClock())
+    for action in actions:
+        act(run.tree, action, Random(seed))
+    recording = run.end()
+    path = tmp_path_factory.mktemp("text") / "run.btrec.txt"
+    text = to_text(recording, [node.path for node in run.tree.nodes])
+    path.write_bytes(text.encode("utf-8", "surrogatepass"))
+    assert read_recording(path) == recording
+
+
+# --- differences
+
+
+def recorded_door() -> RunRecording:
+    b = btcore.Builder(NODES)
+    tree = b.build(
+        b.Sequence(b.Act(name="door", outcomes="RS|F"), b.Script(code="n := 1")), resources=[Journal()]
+    )
+    run = Run(tree)
+    for _ in range(3):
+        tree.tick_exactly_once()
+    return run.end()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "difference"),
+    [
+        (
+            'result [2, "SUCCESS"]',
+            'result [2, "FAILURE"]',
+            "recorded: the result is SUCCESS; now: the result is FAILURE",
+        ),
+        ('result [2, "SUCCESS"]\n', "", "recorded: the end of the step; now: 'door' is ticked"),
+        (
+            "<Script",
+            "<AlwaysSuccess/><Script",
+            "recorded: other transitions; now: transitions with another checksum",
+        ),
+    ],
+)
+def test_the_first_difference_is_found(tmp_path: Path, old: str, new: str, difference: str) -> None:
+    path = tmp_path / "door.btrec.txt"
+    text = to_text(recorded_door())
+    assert old in text
+    # Without the checksums of lines, as in a file that was written by hand.
+    lines = [
+        f"{line.rpartition(' ')[0]} null]" if line.startswith(("head [", "end [")) else line
+        for line in text.replace(old, new).split("\n")
+    ]
+    path.write_text("\n".join(lines).replace("head null]", "head [null]"))
+    found = Replay(path).verify()
+    assert found is not None
+    assert difference in str(found)

@@ -1,0 +1,184 @@
+"""What a recording consists of: the tree, and for each tick what it depends on from outside.
+
+`btcore.engine.journal` records it in a running tree. Here the values are independent of the tree: nodes are
+numbers (UIDs), scopes are indices, values have the form of `btcore_recorder.values`.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+from btcore.blackboard.blackboard import Blackboard
+from btcore.engine.journal import (
+    ChildHalted,
+    ChildTicked,
+    HaltedOutside,
+    RepetitionEnded,
+    StatusForced,
+    StatusSet,
+    TimeRead,
+)
+from btcore.status import Status
+from btcore.tree.tree import Tree
+
+
+class Result(NamedTuple):
+    """The tick of a node from outside returned *status*."""
+
+    uid: int
+    status: Status
+
+
+class RecordedError(NamedTuple):
+    """An exception: the name of its class, and its text."""
+
+    type: str
+    text: str
+
+
+class Raised(NamedTuple):
+    """The tick of a node from outside raised an exception."""
+
+    uid: int
+    error: RecordedError
+
+
+class OutsideHaltEnded(NamedTuple):
+    """The halt that began by `HaltedOutside` has ended; *error* is what it raised, or None."""
+
+    uid: int
+    error: RecordedError | None
+
+
+class Written(NamedTuple):
+    """An entry was written.
+
+    Attributes:
+        scope: The index of the scope on which it was written.
+        key: The key, before remapping.
+        value: The value.
+        declared: The name of the type that the writer has declared, or None.
+    """
+
+    scope: int
+    key: str
+    value: Any
+    declared: str | None
+
+
+class Removed(NamedTuple):
+    """An entry of a scope was removed."""
+
+    scope: int
+    key: str
+
+
+class RecordedEntry(NamedTuple):
+    """An entry, with the names of its types."""
+
+    value: Any
+    declared: str
+    inferred: bool
+    value_type: str | None
+    sequence_id: int
+
+
+class Replaced(NamedTuple):
+    """All entries of a scope were replaced."""
+
+    scope: int
+    entries: Mapping[str, RecordedEntry]
+
+
+Input = (
+    Result
+    | Raised
+    | HaltedOutside
+    | OutsideHaltEnded
+    | ChildTicked
+    | ChildHalted
+    | StatusSet
+    | StatusForced
+    | RepetitionEnded
+    | TimeRead
+    | Written
+    | Removed
+    | Replaced
+)
+
+
+class Step(NamedTuple):
+    """A tick of the root, or a halt of the whole tree.
+
+    Attributes:
+        tick: The number of the tick; 0 = a halt.
+        time: The time (ns) at which the tick began; -1 = no node had read the clock.
+        before: What happened since the previous step.
+        inputs: What the step depends on from outside, in order.
+        status: The result of the tick; IDLE after a halt or an exception.
+        checksum: The checksum of all transitions up to the end of the step.
+    """
+
+    tick: int
+    time: int
+    before: tuple[Input, ...]
+    inputs: tuple[Input, ...]
+    status: Status
+    checksum: int
+
+
+class RecordedClass(NamedTuple):
+    """The class of nodes from outside with a registration ID.
+
+    Attributes:
+        id: The registration ID.
+        kind: "leaf", "decorator" or "control".
+        node_type: The name of the node type.
+        must_complete: Whether RUNNING is not a valid result.
+        ports: For each port its name, its direction, the name of its type, and its default or None.
+    """
+
+    id: str
+    kind: str
+    node_type: str
+    must_complete: bool
+    ports: tuple[tuple[str, str, str, str | None], ...]
+
+
+class Head(NamedTuple):
+    """The tree of a recording.
+
+    Attributes:
+        tree_id: The ID of the main tree.
+        format: The XML format, 3 or 4.
+        documents: The documents, as in `btcore.Tree.documents`.
+        enums: The numbers of enum names in scripts.
+        types: Descriptions of the user's types, by name.
+        classes: The classes of nodes from outside.
+        entries: The entries when the recording began.
+        scopes: For each scope the keys of its entries, with their index in *entries*.
+        outer: For the scope of the main tree and each parent whether it has automatic remapping, and its
+            remappings.
+    """
+
+    tree_id: str
+    format: int
+    documents: tuple[tuple[str, str, bool], ...]
+    enums: Mapping[str, int]
+    types: Mapping[str, Any]
+    classes: tuple[RecordedClass, ...]
+    entries: tuple[RecordedEntry, ...]
+    scopes: tuple[Mapping[str, int], ...]
+    outer: tuple[tuple[bool, Mapping[str, str]], ...]
+
+
+def scopes_of(tree: Tree) -> list[Blackboard]:
+    """Return the scopes of *tree* by their indices: those around the main tree, then the others."""
+    boards = [*with_parents(tree.blackboard), *(subtree.blackboard for subtree in tree.subtrees)]
+    return list({id(board): board for board in boards}.values())
+
+
+def with_parents(board: Blackboard | None) -> Iterator[Blackboard]:
+    """Yield *board* and the scopes around it."""
+    while board is not None:
+        yield board
+        board = board.parent

@@ -1,0 +1,234 @@
+"""Records a running tree: what its ticks depend on from outside, and a checksum of what follows from it."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, cast
+
+from btcore.blackboard.blackboard import Entry
+from btcore.engine import journal
+from btcore.engine.control import ControlNode, DecoratorNode
+from btcore.engine.node import TreeNode, start_recording, stop_recording
+from btcore.engine.node_config import NodeConfig
+from btcore.engine.observers import Observer
+from btcore.engine.transition_records import Transitions
+from btcore.errors import BtcoreError
+from btcore.registry.manifest import Manifest
+from btcore.status import IDLE, Status
+from btcore.tree.tree import Tree
+from btcore_recorder.inputs import (
+    Head,
+    Input,
+    OutsideHaltEnded,
+    Raised,
+    RecordedClass,
+    RecordedEntry,
+    RecordedError,
+    Removed,
+    Replaced,
+    Result,
+    Step,
+    Written,
+    scopes_of,
+    with_parents,
+)
+from btcore_recorder.values import Encoder
+
+
+def is_outside(cls: type[TreeNode]) -> bool:
+    """Return whether the results of *cls* are recorded: it is not built in, or a person decides them."""
+    module = cls.__module__
+    return not module.startswith("btcore.nodes.") or module == "btcore.nodes.manual_selector"
+
+
+class RawStep(NamedTuple):
+    """What the journal recorded up to the end of a tick or halt, with the checksum of all transitions."""
+
+    records: list[object]
+    checksum: int
+
+
+class Recorder(Observer):
+    """Records the ticks and halts of *tree* until it is closed.
+
+    Args:
+        tree: The tree, which has not been ticked yet.
+        deliver: Called with each step, on the thread that ticks. `step` converts it, on any thread.
+        found: Called with the name and description of each user's type that is met later than in the head.
+
+    Attributes:
+        head: The head of the recording.
+
+    Raises:
+        BtcoreError: The tree was ticked already, or is being recorded, or is not from a document, or its
+            registry has substitution rules.
+    """
+
+    def __init__(
+        self, tree: Tree, deliver: Callable[[RawStep], object], found: Callable[[str, Any], object]
+    ) -> None:
+        if tree.ticks or any(node._status is not IDLE for node in tree.nodes):
+            raise BtcoreError(f"tree '{tree.id}' was ticked already: record it from its first tick on")
+        if tree.context.journal is not None:
+            raise BtcoreError(f"tree '{tree.id}' is being recorded already")
+        if tree.registry.substitutions:
+            raise BtcoreError(
+                f"tree '{tree.id}' has nodes that rules may have replaced: it cannot be recorded"
+            )
+        self._tree = tree
+        self._deliver = deliver
+        self._found = found
+        self._encoder = Encoder(self._add_type)
+        self._boards = scopes_of(tree)
+        self._scopes = {id(board): index for index, board in enumerate(self._boards)}
+        self._checksum = 0
+        self._records: list[object] | None = None
+        self._types: dict[str, Any] | None = {}
+        self.head = self._make_head()
+        self._types = None
+        self._unsubscribe = tree.subscribe(self)
+        observers = tree.context.observers
+        assert observers is not None
+        self._journal = journal.Journal(observers, self._encoder.encode, self._end_step)
+        for node in tree.nodes:
+            if is_outside(type(node)):
+                start_recording(node, self._journal, True)
+                for child in node.children:
+                    if not is_outside(type(child)):
+                        start_recording(child, self._journal, False)
+        for board in self._boards:
+            board.recorder = self._journal
+        tree.context.journal = self._journal
+
+    def close(self) -> None:
+        """End the recording. Call it while no tick is in progress."""
+        context = self._tree.context
+        if context.journal is not self._journal:
+            return
+        context.journal = None
+        for board in self._boards:
+            board.recorder = None
+        for node in self._tree.nodes:
+            stop_recording(node)
+        self._unsubscribe()
+
+    # --- the head
+
+    def _make_head(self) -> Head:
+        tree = self._tree
+        if not tree.documents:
+            raise BtcoreError(f"tree '{tree.id}' is not from a document: it cannot be recorded")
+        texts = [text for _, text, _ in tree.documents]
+        # Also those of trees that are not used: a document with an unknown node cannot be loaded.
+        classes = [
+            _describe(manifest)
+            for manifest in tree.registry.manifests_of(tree.format).values()
+            if is_outside(manifest.cls) and any(manifest.id in text for text in texts)
+        ]
+        entries: list[RecordedEntry] = []
+        indices: dict[int, int] = {}
+        scopes: list[dict[str, int]] = []
+        for board in self._boards:
+            keys = {}
+            for key, entry in board.local_entries().items():
+                # Scopes of format 3 share the entries of remapped keys.
+                if id(entry) not in indices:
+                    indices[id(entry)] = len(entries)
+                    entries.append(_recorded_entry(entry, self._encoder.encode(entry.value)))
+                keys[key] = indices[id(entry)]
+            scopes.append(keys)
+        types = self._types
+        assert types is not None
+        return Head(
+            tree.id,
+            tree.format,
+            tree.documents,
+            dict(tree.registry.types.enums),
+            types,
+            tuple(classes),
+            tuple(entries),
+            tuple(scopes),
+            tuple((board.autoremap, dict(board.remappings())) for board in with_parents(tree.blackboard)),
+        )
+
+    def _add_type(self, name: str, description: Any) -> None:
+        if self._types is None:
+            self._found(name, description)
+        else:
+            self._types[name] = description
+
+    # --- steps
+
+    def transitions(self, changes: Transitions) -> None:
+        """Add the transitions to the checksum."""
+        self._checksum = changes.checksum(self._checksum)
+
+    def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
+        """Deliver the step, now that its transitions are known."""
+        if self._records is not None:
+            records, self._records = self._records, None
+            self._deliver(RawStep(records, self._checksum))
+
+    def _end_step(self, records: list[object]) -> None:
+        end = records[-1]
+        assert isinstance(end, journal.StepEnded)
+        # After an exception and in a halt, the transitions are known already.
+        if end.status is IDLE:
+            self._deliver(RawStep(records, self._checksum))
+        else:
+            self._records = records
+
+    def step(self, raw: RawStep) -> Step:
+        """Return *raw* in the form that does not depend on the tree. Thread-safe."""
+        before: list[Input] = []
+        inputs: list[Input] = []
+        tick, time, status = 0, -1, IDLE
+        for first, second in zip(raw.records[::2], raw.records[1::2], strict=True):
+            if first is not None:
+                inputs.append(Result(cast(NodeConfig, first).uid, cast(Status, second)))
+                continue
+            event = cast(journal.Event, second)
+            if isinstance(event, (journal.TickBegan, journal.HaltBegan)):
+                before, inputs = inputs, []
+                if isinstance(event, journal.TickBegan):
+                    tick, time = event
+            elif isinstance(event, journal.StepEnded):
+                status = event.status
+            else:
+                inputs.append(self._input(event))
+        return Step(tick, time, tuple(before), tuple(inputs), status, raw.checksum)
+
+    def _input(self, event: journal.Event) -> Input:
+        match event:
+            case journal.Raised(uid, error):
+                return Raised(uid, _recorded_error(error))
+            case journal.OutsideHaltEnded(uid, error):
+                return OutsideHaltEnded(uid, None if error is None else _recorded_error(error))
+            case journal.Written(board, key, value, declared):
+                scope = self._scopes[id(board)]
+                return Written(scope, key, value, None if declared is None else declared.name)
+            case journal.Removed(board, key):
+                return Removed(self._scopes[id(board)], key)
+            case journal.Replaced(board, entries):
+                recorded = {key: _recorded_entry(entry, entry.value) for key, entry in entries.items()}
+                return Replaced(self._scopes[id(board)], recorded)
+        return cast(Input, event)
+
+
+def _recorded_entry(entry: Entry, encoded: Any) -> RecordedEntry:
+    value_type = None if entry.value_type is None else entry.value_type.name
+    return RecordedEntry(encoded, entry.declared.name, entry.inferred, value_type, entry.sequence_id)
+
+
+def _recorded_error(error: object) -> RecordedError:
+    return RecordedError(type(error).__name__, str(error))
+
+
+def _describe(manifest: Manifest) -> RecordedClass:
+    cls, kind = manifest.cls, "leaf"
+    if issubclass(cls, DecoratorNode):
+        kind = "decorator"
+    elif issubclass(cls, ControlNode):
+        kind = "control"
+    ports = [
+        (port.name, port.direction.name, port.type.name, port.default) for port in manifest.ports.values()
+    ]
+    return RecordedClass(manifest.id, kind, manifest.type.name, cls._must_complete, tuple(ports))

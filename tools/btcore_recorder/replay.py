@@ -1,0 +1,504 @@
+"""Runs a recording again: the engine ticks the recorded tree, and gets from outside what was recorded."""
+
+import os
+from collections import deque
+from collections.abc import Iterable, Iterator, Sequence
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+from btcore.blackboard.blackboard import Blackboard, Entry
+from btcore.blackboard.format3 import Format3Blackboard
+from btcore.blackboard.ports import Direction, Port
+from btcore.engine.control import ControlNode, DecoratorNode
+from btcore.engine.journal import (
+    ChildHalted,
+    ChildTicked,
+    HaltedOutside,
+    RepetitionEnded,
+    StatusForced,
+    StatusSet,
+    TimeRead,
+)
+from btcore.engine.leaf import LeafNode
+from btcore.engine.node import TreeNode, execute_tick, halt_node, reset_status
+from btcore.engine.node_spec import NodeSpec
+from btcore.engine.observers import Observer
+from btcore.engine.transition_records import Transitions
+from btcore.errors import BtcoreError, NodeExecutionError, TickInterrupt
+from btcore.loading.instantiate import instantiate
+from btcore.logs.files import LogError
+from btcore.registry.registry import Registry
+from btcore.status import IDLE, SKIPPED, NodeType, Status
+from btcore.tree.tree import Tree
+from btcore.values import TypeRegistry, UserType, ValueType, VectorType
+from btcore.xml.define import define
+from btcore.xml.plan.plan import plan
+from btcore.xml.read.document import Diagnostics
+from btcore.xml.read.read import Sources, parse_text
+from btcore_recorder.inputs import (
+    Head,
+    Input,
+    OutsideHaltEnded,
+    Raised,
+    RecordedClass,
+    RecordedEntry,
+    RecordedError,
+    Removed,
+    Replaced,
+    Result,
+    Step,
+    Written,
+    scopes_of,
+)
+from btcore_recorder.text_form import RunRecording, read_recording
+from btcore_recorder.values import Decoder
+
+
+class Difference(NamedTuple):
+    """The first difference between a recording and its replay.
+
+    Attributes:
+        step: The index of the step.
+        tick: The number of the tick; 0 = a halt.
+        recorded: What was recorded.
+        now: What happens in the replay.
+    """
+
+    step: int
+    tick: int
+    recorded: str
+    now: str
+
+    def __str__(self) -> str:
+        place = f"tick {self.tick}" if self.tick else f"the halt after step {self.step}"
+        return f"{place}: recorded: {self.recorded}; now: {self.now}"
+
+
+class _Differs(TickInterrupt):
+    """Ends a tick of a replay that differs from the recording."""
+
+
+class _StandInClock:
+    """The clock of the nodes from outside, of entries and of observers: the time at which the step began."""
+
+    def __init__(self) -> None:
+        self.time = 0
+
+    def now(self) -> int:
+        return self.time
+
+    def wait_until(self, deadline: int, wake: object) -> bool:
+        return False
+
+
+class _RecordedTimes(_StandInClock):
+    """The clock of the built-in nodes: the times that they have read."""
+
+    def __init__(self, inputs: "_Inputs") -> None:
+        super().__init__()
+        self._inputs = inputs
+        self._repeats = 0
+
+    def begin(self, time: int) -> None:
+        """Begin a step at *time*, which the tree reads first unless it is −1."""
+        self.time = time
+        self._repeats = 0 if time < 0 else -1
+
+    def now(self) -> int:
+        head = self._inputs.next
+        if isinstance(head, TimeRead) and self._repeats == head.repeats:
+            self._inputs.take()
+            self.time = head.time
+            self._repeats = 0
+        else:
+            self._repeats += 1
+        return self.time
+
+
+class _Inputs:
+    """The inputs of a step that were not used yet."""
+
+    def __init__(self) -> None:
+        self._left: deque[Input] = deque()
+
+    def begin(self, inputs: Iterable[Input]) -> None:
+        self._left = deque(inputs)
+
+    @property
+    def next(self) -> Input | None:
+        """The next input, or None."""
+        return self._left[0] if self._left else None
+
+    def take(self) -> Input | None:
+        """Take the next input."""
+        return self._left.popleft() if self._left else None
+
+    def __iter__(self) -> Iterator[Input]:
+        return iter(self._left)
+
+
+class _Outside:
+    """Does what nodes from outside have done."""
+
+    def __init__(self, inputs: _Inputs, decoder: Decoder, known_types: TypeRegistry) -> None:
+        self._inputs = inputs
+        self._decoder = decoder
+        self._known_types = known_types
+        self.nodes: Sequence[TreeNode] = ()
+        self.boards: Sequence[Blackboard] = ()
+        self._types: dict[str, ValueType] = {}
+        self.difference: tuple[str, str] | None = None
+        self._child_error: NodeExecutionError | None = None
+
+    def tick(self, node: TreeNode) -> Status:
+        """Do what the tick of *node* did."""
+        uid = node.config.uid
+        while True:
+            event = self._inputs.take()
+            if isinstance(event, Result):
+                if event.uid != uid:
+                    self.differ(self.words(event), f"'{node.path}' is ticked")
+                return event.status
+            if isinstance(event, Raised):
+                if event.uid != uid:
+                    self.differ(self.words(event), f"'{node.path}' is ticked")
+                self._raise(event.error)
+            self.apply(event, f"'{node.path}' is ticked")
+
+    def halt(self, node: TreeNode) -> None:
+        """Do what the halt of *node* did."""
+        head = self._inputs.next
+        if not (isinstance(head, HaltedOutside) and head.uid == node.config.uid):
+            reset_status(node)
+            return
+        self._inputs.take()
+        while True:
+            event = self._inputs.take()
+            if isinstance(event, OutsideHaltEnded) and event.uid == node.config.uid:
+                if event.error is not None:
+                    self._raise(event.error)
+                return
+            self.apply(event, f"'{node.path}' is halted")
+
+    def repetition_ended(self, uid: int, count: int) -> bool:
+        """Return whether the node with *uid* pauses after *count* repetitions."""
+        if self._inputs.next == RepetitionEnded(uid, count):
+            self._inputs.take()
+            return True
+        return False
+
+    def pre_tick(self, node: TreeNode) -> Status:
+        """Return the status that a callback forced before the tick of *node*."""
+        return self._forced(node, True)
+
+    def post_tick(self, node: TreeNode, status: Status) -> Status:
+        """Return the status that a callback forced after the tick of *node*."""
+        return self._forced(node, False)
+
+    def _forced(self, node: TreeNode, is_pre_tick: bool) -> Status:
+        first = next(
+            (event for event in self._inputs if not isinstance(event, (Written, Removed, Replaced))), None
+        )
+        uid = node.config.uid
+        if not (isinstance(first, StatusForced) and first[:2] == (uid, is_pre_tick)):
+            return SKIPPED
+        while (event := self._inputs.take()) is not first:
+            self.apply(event, "a callback is called")
+        return first.status
+
+    def apply(self, event: Input | None, now: str) -> None:
+        """Do what *event* says, which is not the end of a tick or halt."""
+        match event:
+            case Written(scope, key, value, declared):
+                value_type = None if declared is None else self.type(declared)
+                try:
+                    self.boards[scope].set(key, self._decoder.decode(value), value_type)
+                except (BtcoreError, ValueError) as error:
+                    self.differ(self.words(event), str(error))
+            case Removed(scope, key):
+                self.boards[scope].unset(key)
+            case Replaced(scope, entries):
+                held = self.boards[scope].local_entries()
+                held.clear()
+                held.update((key, self.entry(recorded)) for key, recorded in entries.items())
+            case StatusSet(uid, status):
+                node = self.nodes[uid - 1]
+                if status is IDLE:
+                    reset_status(node)
+                else:
+                    node.set_status(status)
+            case ChildTicked(uid):
+                try:
+                    execute_tick(self.nodes[uid - 1])
+                except NodeExecutionError as error:
+                    self._child_error = error
+            case ChildHalted(uid):
+                try:
+                    halt_node(self.nodes[uid - 1])
+                except NodeExecutionError as error:
+                    self._child_error = error
+            case _:
+                self.differ("the end of the step" if event is None else self.words(event), now)
+
+    def differ(self, recorded: str, now: str) -> None:
+        """End the step with a difference."""
+        if self.difference is None:
+            self.difference = recorded, now
+        raise _Differs
+
+    def words(self, event: Input) -> str:
+        """Return *event* for a message."""
+        uid = getattr(event, "uid", None)
+        path = "" if uid is None else f" of '{self.nodes[uid - 1].path}'"
+        return f"{type(event).__name__}{path}: {tuple(event)}"
+
+    def entry(self, recorded: RecordedEntry) -> Entry:
+        """Return a recorded entry."""
+        entry = Entry(self.type(recorded.declared), recorded.inferred)
+        entry.value_type = None if recorded.value_type is None else self.type(recorded.value_type)
+        entry.value, entry.sequence_id = self._decoder.decode(recorded.value), recorded.sequence_id
+        return entry
+
+    def type(self, name: str) -> ValueType:
+        """Return the type with a recorded name."""
+        known = self._types.get(name) or self._known_types.named(name)
+        if known is None:
+            if name.startswith("std::vector<"):
+                known = VectorType(self.type(name[len("std::vector<") : -1]))
+            else:
+                known = UserType(self._decoder.stand_in(name), name)
+            self._types[name] = known
+        return known
+
+    def _raise(self, recorded: RecordedError) -> None:
+        if recorded.type == "NodeExecutionError" and self._child_error is not None:
+            error, self._child_error = self._child_error, None
+            raise error
+        if recorded.type == "TickInterrupt":
+            raise TickInterrupt
+        raise type(recorded.type, (Exception,), {})(recorded.text)
+
+
+class _StandInLeaf(LeafNode):
+    outside: ClassVar[_Outside]
+    spec = NodeSpec(state_fields=())
+
+    def tick(self) -> Status:
+        return self.outside.tick(self)
+
+    def halt(self) -> None:
+        self.outside.halt(self)
+
+
+class _StandInControl(ControlNode):
+    outside: ClassVar[_Outside]
+    spec = NodeSpec(state_fields=(), child_count=(0, None), child_count_at_load=(0, None))
+
+    def tick(self) -> Status:
+        return self.outside.tick(self)
+
+    def halt(self) -> None:
+        self.outside.halt(self)
+
+
+class _StandInDecorator(DecoratorNode):
+    outside: ClassVar[_Outside]
+    spec = NodeSpec(state_fields=())
+
+    def tick(self) -> Status:
+        return self.outside.tick(self)
+
+    def halt(self) -> None:
+        self.outside.halt(self)
+
+
+_STAND_INS: dict[str, type[TreeNode]] = {
+    "leaf": _StandInLeaf,
+    "control": _StandInControl,
+    "decorator": _StandInDecorator,
+}
+
+
+class _Checksum(Observer):
+    def __init__(self) -> None:
+        self.value = 0
+
+    def transitions(self, changes: Transitions) -> None:
+        self.value = changes.checksum(self.value)
+
+
+class Replay:
+    """A recording that is run again, step by step.
+
+    The leaves return, write and raise what was recorded; the engine computes everything else. Neither a robot
+    nor the libraries of the leaves are needed.
+
+    Args:
+        recording: A recording, or the path of its file.
+
+    Attributes:
+        steps: The recorded steps: the ticks of the root, and the halts of the whole tree.
+        tree: The tree, after the latest step.
+        difference: The first difference between the recording and the replay, or None.
+
+    Raises:
+        LogError: The file cannot be read, or the recording is invalid.
+        TreeError: The recorded tree cannot be loaded.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore_recorder import Replay, record
+        >>> b = btcore.Builder()
+        >>> tree = b.build(b.Inverter(b.AlwaysSuccess(name="door")))
+        >>> with record(tree, "run.btrec.txt"):
+        ...     _ = tree.tick_once()
+        >>> replay = Replay("run.btrec.txt")
+        >>> replay.step(), replay.tree.status
+        (True, <Status.FAILURE: 3>)
+    """
+
+    def __init__(self, recording: RunRecording | str | os.PathLike[str]) -> None:
+        if not isinstance(recording, RunRecording):
+            recording = read_recording(Path(recording))
+        head, steps = recording.head, recording.steps
+        self.steps = steps
+        self.difference: Difference | None = None
+        self._index = 0
+        self._inputs = _Inputs()
+        decoder = Decoder(dict(head.types))
+        registry = Registry.standard()
+        self._outside = outside = _Outside(self._inputs, decoder, registry.types)
+        registry.add_enum(head.enums)
+        for recorded in head.classes:
+            if recorded.id in registry:
+                registry.remove(recorded.id)
+            registry.add(_stand_in_class(recorded, outside), ID=recorded.id)
+        self._stamps = _StandInClock()
+        self._decoder = decoder
+        self.tree = self._load(head, registry)
+        outside.nodes, outside.boards = self.tree.nodes, scopes_of(self.tree)
+        _check_numbers(recording, len(outside.nodes), len(outside.boards))
+        self._set_entries(head, enumerate(outside.boards))
+        self._checksum = _Checksum()
+        self.tree.subscribe(self._checksum)
+        self._times = _RecordedTimes(self._inputs)
+        self.tree.context.clock = self._times
+        self.tree.context.recorded_end = outside.repetition_ended
+        self.tree.context.must_check_end = True
+        self._add_callbacks(steps)
+
+    def _load(self, head: Head, registry: Registry) -> Tree:
+        documents = [parse_text(text, file) for file, text, _ in head.documents]
+        marks = [is_shared for _, _, is_shared in head.documents]
+        shared = [document for document, is_shared in zip(documents, marks, strict=True) if is_shared]
+        plans = plan(
+            define(Sources(tuple(documents), tuple(shared), Diagnostics()), head.tree_id, head.format),
+            registry,
+        )
+        outer: list[Blackboard] = []
+        for autoremap, remaps in reversed(head.outer):
+            parent = outer[-1] if outer else None
+            board_class = Format3Blackboard if head.format == 3 else Blackboard
+            board = board_class(parent, self._stamps)
+            board.autoremap = autoremap
+            for internal, external in remaps.items():
+                board.remap(internal, external)
+            outer.append(board)
+        # Loading checks the ports against the entries that exist, and creates further entries.
+        self._set_entries(head, enumerate(reversed(outer)))
+        return instantiate(plans, (), outer[-1], self._stamps)
+
+    def _set_entries(self, head: Head, boards: Iterable[tuple[int, Blackboard]]) -> None:
+        """Set the entries of *boards*, given with their indices in the recording."""
+        entries = [self._outside.entry(recorded) for recorded in head.entries]
+        for scope, board in boards:
+            held = board.local_entries()
+            held.clear()
+            held.update((key, entries[index]) for key, index in head.scopes[scope].items())
+
+    def _add_callbacks(self, steps: Sequence[Step]) -> None:
+        forced = {
+            (event.uid, event.is_pre_tick)
+            for step in steps
+            for event in step.inputs
+            if isinstance(event, StatusForced)
+        }
+        for uid, is_pre_tick in forced:
+            node = self.tree.nodes[uid - 1]
+            if is_pre_tick:
+                node.set_pre_tick_function(self._outside.pre_tick)
+            else:
+                node.set_post_tick_function(self._outside.post_tick)
+
+    def step(self) -> bool:
+        """Run the next step. Return False if there is none, or if it differs from the recording."""
+        if self.difference is not None or self._index == len(self.steps):
+            return False
+        step = self.steps[self._index]
+        self._index += 1
+        inputs, outside = self._inputs, self._outside
+        status = IDLE
+        try:
+            inputs.begin(step.before)
+            while (event := inputs.take()) is not None:
+                outside.apply(event, "nothing happens between two steps")
+            inputs.begin(step.inputs)
+            self._times.begin(step.time)
+            self._stamps.time = max(step.time, 0)
+            if step.tick:
+                self.tree.ticks = step.tick - 1
+                status = self.tree.tick_exactly_once()
+            else:
+                self.tree.halt()
+        except NodeExecutionError:
+            pass
+        except _Differs:
+            pass
+        except TickInterrupt:
+            pass
+        left = inputs.next
+        if outside.difference is None:
+            if left is not None:
+                outside.difference = outside.words(left), "the step ends"
+            elif status is not step.status:
+                outside.difference = f"the result is {step.status.name}", f"the result is {status.name}"
+            elif self._checksum.value != step.checksum:
+                outside.difference = "other transitions", "transitions with another checksum"
+        if outside.difference is not None:
+            self.difference = Difference(self._index, step.tick, *outside.difference)
+        return self.difference is None
+
+    def verify(self) -> Difference | None:
+        """Run all steps, and return the first difference, or None."""
+        while self.step():
+            pass
+        return self.difference
+
+
+def _check_numbers(recording: RunRecording, node_count: int, board_count: int) -> None:
+    """Raise LogError if the recording names a node or a scope that the tree does not have."""
+    if len(recording.head.scopes) != board_count:
+        raise LogError(
+            f"the recording has {len(recording.head.scopes)} scopes, but its tree has {board_count}"
+        )
+    for step in recording.steps:
+        for event in (*step.before, *step.inputs):
+            uid, scope = getattr(event, "uid", 1), getattr(event, "scope", 0)
+            if not (1 <= uid <= node_count and 0 <= scope < board_count):
+                raise LogError(f"the recording of tick {step.tick} names a node or scope that does not exist")
+
+
+def _stand_in_class(recorded: RecordedClass, outside: _Outside) -> type[TreeNode]:
+    base = _STAND_INS[recorded.kind]
+    ports = [
+        Port(name, Direction[direction], outside.type(type_name), default)
+        for name, direction, type_name, default in recorded.ports
+    ]
+    members: dict[str, Any] = {
+        "outside": outside,
+        "provided_ports": staticmethod(lambda: ports),
+        "spec": NodeSpec(node_type=NodeType[recorded.node_type]),
+        "_must_complete": recorded.must_complete,
+        "__module__": __name__,
+    }
+    return type(recorded.id, (base,), members)
