@@ -3,8 +3,9 @@
 import os
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.format3 import Format3Blackboard
@@ -279,43 +280,10 @@ class _Outside:
         raise type(recorded.type, (Exception,), {})(recorded.text)
 
 
-class _StandInLeaf(LeafNode):
-    outside: ClassVar[_Outside]
-    spec = NodeSpec(state_fields=())
-
-    def tick(self) -> Status:
-        return self.outside.tick(self)
-
-    def halt(self) -> None:
-        self.outside.halt(self)
-
-
-class _StandInControl(ControlNode):
-    outside: ClassVar[_Outside]
-    spec = NodeSpec(state_fields=(), child_count=(0, None), child_count_at_load=(0, None))
-
-    def tick(self) -> Status:
-        return self.outside.tick(self)
-
-    def halt(self) -> None:
-        self.outside.halt(self)
-
-
-class _StandInDecorator(DecoratorNode):
-    outside: ClassVar[_Outside]
-    spec = NodeSpec(state_fields=())
-
-    def tick(self) -> Status:
-        return self.outside.tick(self)
-
-    def halt(self) -> None:
-        self.outside.halt(self)
-
-
-_STAND_INS: dict[str, type[TreeNode]] = {
-    "leaf": _StandInLeaf,
-    "control": _StandInControl,
-    "decorator": _StandInDecorator,
+_BASES: Final[dict[str, type[TreeNode]]] = {
+    "leaf": LeafNode,
+    "control": ControlNode,
+    "decorator": DecoratorNode,
 }
 
 
@@ -489,16 +457,19 @@ def _check_numbers(recording: RunRecording, node_count: int, board_count: int) -
 
 
 def _stand_in_class(recorded: RecordedClass, outside: _Outside) -> type[TreeNode]:
-    base = _STAND_INS[recorded.kind]
     ports = [
         Port(name, Direction[direction], outside.type(type_name), default)
         for name, direction, type_name, default in recorded.ports
     ]
+    spec = NodeSpec(node_type=NodeType[recorded.node_type])
+    if recorded.kind == "control":
+        spec = replace(spec, child_count=(0, None), child_count_at_load=(0, None))
     members: dict[str, Any] = {
-        "outside": outside,
+        "tick": lambda node: outside.tick(node),
+        "halt": lambda node: outside.halt(node),
         "provided_ports": staticmethod(lambda: ports),
-        "spec": NodeSpec(node_type=NodeType[recorded.node_type]),
+        "spec": spec,
         "_must_complete": recorded.must_complete,
         "__module__": __name__,
     }
-    return type(recorded.id, (base,), members)
+    return type(recorded.id, (_BASES[recorded.kind],), members)
