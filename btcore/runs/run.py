@@ -169,6 +169,7 @@ class Run:
         self._has_exited = False
         self._loop_end: LoopEnd | None = None
         self._exception: BaseException | None = None  # what left the `with` block
+        self._was_interrupted = False  # by a signal, while it ticked or when providers waited at the end
 
     # --- opening
 
@@ -364,6 +365,7 @@ class Run:
             yield
         finally:
             self._signals.stop = None
+            self._was_interrupted = bool(self._signals.number)
 
     def _check_open(self) -> None:
         _ = self.tree  # raises before the entry
@@ -414,6 +416,7 @@ class Run:
             # The first signal of the run has ended the waits of the providers.
             if was_interrupted or not self._signals.number:
                 raise
+            self._was_interrupted = True
 
     @property
     def closing_errors(self) -> list[BtcoreError]:
@@ -439,12 +442,11 @@ class Run:
     @property
     def end_reason(self) -> EndReason | None:
         """Why the run ended; None before its end."""
-        was_signalled = bool(self._signals.number)
         if self.error is not None and self._exception in (None, self.error):
             return "raised"
-        if self._exception is None and not was_signalled:
+        if self._exception is None and not self._was_interrupted:
             return "done" if self._loop_end is None and self._has_exited else self._loop_end
-        is_error = isinstance(self._exception, Exception) and not was_signalled
+        is_error = isinstance(self._exception, Exception) and not self._was_interrupted
         return "program_error" if is_error else "interrupted"
 
     @property

@@ -49,7 +49,9 @@ class Scenario:
             )
         if self.people:
             description = with_people(description, self.people, random_generator(seed, "people"))
-        return with_boxes(description, self.events, self.spare_boxes)
+        if self.events or self.spare_boxes:
+            description = with_boxes(description, self.events, self.spare_boxes)
+        return description
 
     def begin(self, world: World, robot: SimulatedRobot, radius: float) -> EventRunner | None:
         """Let the people walk, and schedule the events.
