@@ -1,6 +1,6 @@
 """Records a running tree: what its ticks depend on from outside, and a checksum of what follows from it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, cast
 
 from btcore.blackboard.blackboard import Entry
@@ -75,15 +75,14 @@ class Recorder(Observer):
             )
         self._tree = tree
         self._deliver = deliver
-        self._found = found
-        self._encoder = Encoder(self._add_type)
+        types: dict[str, Any] = {}
+        self._encoder = Encoder(types.__setitem__)
         self._boards = scopes_of(tree)
         self._scopes = {id(board): index for index, board in enumerate(self._boards)}
         self._checksum = 0
         self._records: list[object] | None = None
-        self._types: dict[str, Any] | None = {}
-        self.head = self._make_head()
-        self._types = None
+        self.head = self._make_head(types)
+        self._encoder.found = found
         self._unsubscribe = tree.subscribe(self)
         observers = tree.context.observers
         assert observers is not None
@@ -112,7 +111,8 @@ class Recorder(Observer):
 
     # --- the head
 
-    def _make_head(self) -> Head:
+    def _make_head(self, types: Mapping[str, Any]) -> Head:
+        """Return the head. Encoding the entries adds to *types*."""
         tree = self._tree
         if not tree.documents:
             raise BtcoreError(f"tree '{tree.id}' is not from a document: it cannot be recorded")
@@ -135,8 +135,6 @@ class Recorder(Observer):
                     entries.append(_recorded_entry(entry, self._encoder.encode(entry.value)))
                 keys[key] = indices[id(entry)]
             scopes.append(keys)
-        types = self._types
-        assert types is not None
         return Head(
             tree.id,
             tree.format,
@@ -148,12 +146,6 @@ class Recorder(Observer):
             tuple(scopes),
             tuple((board.autoremap, dict(board.remappings())) for board in with_parents(tree.blackboard)),
         )
-
-    def _add_type(self, name: str, description: Any) -> None:
-        if self._types is None:
-            self._found(name, description)
-        else:
-            self._types[name] = description
 
     # --- steps
 

@@ -3,6 +3,7 @@
 import os
 from collections import deque
 from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -156,13 +157,9 @@ class _Outside:
         uid = node.config.uid
         while True:
             event = self._inputs.take()
-            if isinstance(event, Result):
-                if event.uid != uid:
-                    self.differ(self.words(event), f"'{node.path}' is ticked")
-                return event.status
-            if isinstance(event, Raised):
-                if event.uid != uid:
-                    self.differ(self.words(event), f"'{node.path}' is ticked")
+            if isinstance(event, (Result, Raised)) and event.uid == uid:
+                if isinstance(event, Result):
+                    return event.status
                 self._raise(event.error)
             self.apply(event, f"'{node.path}' is ticked")
 
@@ -228,14 +225,12 @@ class _Outside:
                     reset_status(node)
                 else:
                     node.set_status(status)
-            case ChildTicked(uid):
+            case ChildTicked(uid) | ChildHalted(uid):
                 try:
-                    execute_tick(self.nodes[uid - 1])
-                except NodeExecutionError as error:
-                    self._child_error = error
-            case ChildHalted(uid):
-                try:
-                    halt_node(self.nodes[uid - 1])
+                    if isinstance(event, ChildTicked):
+                        execute_tick(self.nodes[uid - 1])
+                    else:
+                        halt_node(self.nodes[uid - 1])
                 except NodeExecutionError as error:
                     self._child_error = error
             case _:
@@ -333,16 +328,14 @@ class Replay:
         self.difference: Difference | None = None
         self._index = 0
         self._inputs = _Inputs()
-        decoder = Decoder(dict(head.types))
         registry = Registry.standard()
-        self._outside = outside = _Outside(self._inputs, decoder, registry.types)
+        self._outside = outside = _Outside(self._inputs, Decoder(head.types), registry.types)
         registry.add_enum(head.enums)
         for recorded in head.classes:
             if recorded.id in registry:
                 registry.remove(recorded.id)
             registry.add(_stand_in_class(recorded, outside), ID=recorded.id)
         self._stamps = _StandInClock()
-        self._decoder = decoder
         self.tree = self._load(head, registry)
         outside.nodes, outside.boards = self.tree.nodes, scopes_of(self.tree)
         _check_numbers(recording, len(outside.nodes), len(outside.boards))
@@ -406,7 +399,7 @@ class Replay:
         self._index += 1
         inputs, outside = self._inputs, self._outside
         status = IDLE
-        try:
+        with suppress(NodeExecutionError, TickInterrupt):
             inputs.begin(step.before)
             while (event := inputs.take()) is not None:
                 outside.apply(event, "nothing happens between two steps")
@@ -418,12 +411,6 @@ class Replay:
                 status = self.tree.tick_exactly_once()
             else:
                 self.tree.halt()
-        except NodeExecutionError:
-            pass
-        except _Differs:
-            pass
-        except TickInterrupt:
-            pass
         left = inputs.next
         if outside.difference is None:
             if left is not None:

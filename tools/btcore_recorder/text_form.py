@@ -254,7 +254,6 @@ class _Reader:
         entries: list[RecordedEntry] = []
         scopes: list[Mapping[str, int]] = []
         outer: list[tuple[bool, Mapping[str, str]]] = []
-        nodes = 0
         while True:
             match self._next():
                 case "tree", [str(id), int(format)] if format in (3, 4):
@@ -276,7 +275,7 @@ class _Reader:
                         RecordedClass(id, kind, node_type, must_complete, tuple(map(_port, ports)))
                     )
                 case "node", [int(), str()]:
-                    nodes += 1
+                    pass  # for people who read the file
                 case "entry", values:
                     entries.append(_entry(values))
                 case "scope", [dict(keys)] if all(_is_index(index, entries) for index in keys.values()):

@@ -7,7 +7,7 @@ value is recorded as text, and is not replayable.
 import base64
 import json
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass, make_dataclass
 from enum import Enum, IntEnum, StrEnum
 from typing import Any, Final, NamedTuple
@@ -34,12 +34,12 @@ class NotReplayable(NamedTuple):
 class Encoder:
     """Encodes values, and describes their types.
 
-    Args:
+    Attributes:
         found: Called with the name and the description of each type that was not encountered before.
     """
 
     def __init__(self, found: Callable[[str, Any], object]) -> None:
-        self._found = found
+        self.found = found
         self._names: dict[type, str] = {}
         self._taken: set[str] = set(_BUILTIN_ENUMS)
 
@@ -84,7 +84,7 @@ class Encoder:
             while name in self._taken:
                 name, number = f"{cls.__qualname__}#{number}", number + 1
             self._taken.add(name)
-            self._found(name, self._description(cls))
+            self.found(name, self._description(cls))
         self._names[cls] = name
         return name
 
@@ -101,12 +101,12 @@ class Encoder:
 class Decoder:
     """Decodes values; stand-ins replace the classes that *types* describes.
 
-    Attributes:
-        types: The descriptions by name. Types that are met later are added to it.
+    Args:
+        types: The descriptions by name.
     """
 
-    def __init__(self, types: dict[str, Any]) -> None:
-        self.types = types
+    def __init__(self, types: Mapping[str, Any]) -> None:
+        self._types = types
         self._classes: dict[str, type] = dict(_BUILTIN_ENUMS)
 
     def decode(self, data: Any) -> object:
@@ -146,7 +146,7 @@ class Decoder:
         """Return the class that stands for the recorded class *name*."""
         cls = self._classes.get(name)
         if cls is None:
-            self._classes[name] = cls = self._make(name, self.types.get(name, {}))
+            self._classes[name] = cls = self._make(name, self._types.get(name, {}))
         return cls
 
     def _make(self, name: str, description: Any) -> type:
