@@ -3,13 +3,16 @@
 import threading
 import time
 from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 from mypy_extensions import mypyc_attr
 
 from btcore.clock import NS_PER_S, Clock, SystemClock, TickSchedule
-from btcore.engine.journal import Journal, RepetitionEnded
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.observers import Observers
+
+if TYPE_CHECKING:
+    from btcore.engine.journal import Journal  # imported when a recording begins
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -188,7 +191,7 @@ class TreeContext:
             return self.recorded_end(uid, count)
         must_end = self.must_end_tick()
         if must_end and self.journal is not None:
-            self.journal.add(RepetitionEnded(uid, count))
+            self.journal.add_pause(uid, count)
         return must_end
 
     def _clear_wake_up(self) -> bool:

@@ -14,7 +14,7 @@ from btcore.blackboard.blackboard import Blackboard, Entry, WriteRecorder
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.observers import Observers
 from btcore.engine.transition_records import decode_transitions
-from btcore.status import IDLE, Status
+from btcore.status import FAILURE, IDLE, SKIPPED, SUCCESS, Status
 from btcore.values import ValueType
 
 NO_THREAD: Final = -1
@@ -187,6 +187,34 @@ class Journal(WriteRecorder):
         """The number of recorded values."""
         return len(self._records)
 
+    # --- steps: ticks of the root, and halts of the whole tree
+
+    def begin_tick(self, tick: int, time: int) -> None:
+        """Go inside for a tick of the root; see `TickBegan`."""
+        self._begin(TickBegan(tick, time), time)
+
+    def begin_halt(self) -> None:
+        """Go inside for a halt of the whole tree, unless it is a part of a tick."""
+        if self.is_outside:
+            self._begin(HaltBegan(), -1)
+
+    def _begin(self, event: TickBegan | HaltBegan, time: int) -> None:
+        self._tick_thread = threading.get_ident()
+        self.enter()
+        self._time = time
+        self._repeats = 0
+        self._add(event)
+
+    def end_step(self, status: Status) -> None:
+        """End the tick or halt, unless it has ended, and deliver the records."""
+        if self.is_outside:
+            return
+        self._add(StepEnded(status))
+        records = self._records
+        self._records = []
+        self.leave()
+        self._deliver(records)
+
     # --- inside and outside
 
     def enter(self) -> None:
@@ -196,6 +224,16 @@ class Journal(WriteRecorder):
         transitions = self._observers.records
         if len(transitions) != self._transition_count or transitions is not self._transitions:
             self._add_status_changes(transitions)
+
+    def enter_for_tick(self, uid: int) -> None:
+        """Go inside, because a node from outside ticks a child."""
+        self.enter()
+        self._add(ChildTicked(uid))
+
+    def enter_for_halt(self, uid: int) -> None:
+        """Go inside, because a node from outside halts a child."""
+        self.enter()
+        self._add(ChildHalted(uid))
 
     def leave(self) -> None:
         """Go outside."""
@@ -208,12 +246,11 @@ class Journal(WriteRecorder):
     def _add_status_changes(self, transitions: list[object]) -> None:
         start = self._transition_count if transitions is self._transitions else 0
         for change in decode_transitions(0, 0, transitions[start:]):
-            self.add(StatusSet(change.uid, change.status))
+            self._add(StatusSet(change.uid, change.status))
 
     # --- recording
 
-    def add(self, event: Event) -> None:
-        """Record *event*."""
+    def _add(self, event: Event) -> None:
         self._records.append(None)
         self._records.append(event)
 
@@ -222,19 +259,42 @@ class Journal(WriteRecorder):
         self._records.append(config)
         self._records.append(status)
 
-    def insert(self, index: int, event: Event) -> None:
-        """Record *event* before the records from *index* on."""
-        self._records[index:index] = [None, event]
+    def add_error(self, uid: int, error: BaseException) -> None:
+        """Record that the tick of a node from outside raised *error*."""
+        self._add(Raised(uid, error))
 
-    def drop_reset(self, start: int, uid: int) -> bool:
-        """Return whether nothing is recorded from *start* on but that a node became IDLE; forget that."""
+    def add_halt(self, uid: int, start: int, error: BaseException | None, is_idle: bool) -> None:
+        """Record that a node from outside was halted, unless it has only become IDLE.
+
+        Args:
+            start: The `record_count` before the halt.
+            error: What the halt raised, or None.
+            is_idle: Whether the node is IDLE now.
+        """
         records = self._records
-        if len(records) == start + 2:
-            event = records[start + 1]
-            if isinstance(event, StatusSet) and event.uid == uid and event.status is IDLE:
+        if error is None and is_idle:
+            event = records[-1] if len(records) == start + 2 else None
+            is_reset = isinstance(event, StatusSet) and event.uid == uid and event.status is IDLE
+            if is_reset or len(records) == start:
                 del records[start:]
-                return True
-        return len(records) == start
+                return
+        records[start:start] = [None, HaltedOutside(uid)]
+        self._add(OutsideHaltEnded(uid, error))
+
+    def add_callback(self, uid: int, start: int, is_pre_tick: bool, forced: Status) -> None:
+        """Record the status that a callback forces, unless it forces and writes nothing.
+
+        Args:
+            start: The `record_count` before the call.
+            forced: The status; any other than SUCCESS and FAILURE forces nothing.
+        """
+        forces = forced is SUCCESS or forced is FAILURE
+        if forces or self.record_count > start:
+            self._add(StatusForced(uid, is_pre_tick, forced if forces else SKIPPED))
+
+    def add_pause(self, uid: int, repetitions: int) -> None:
+        """Record that a node pauses; see `RepetitionEnded`."""
+        self._add(RepetitionEnded(uid, repetitions))
 
     def add_time(self, time: int) -> None:
         """Record that a built-in node has read *time* (ns). Of other nodes only the results are recorded."""
@@ -243,25 +303,9 @@ class Journal(WriteRecorder):
         if time == self._time:
             self._repeats += 1
             return
-        self.add(TimeRead(time, self._repeats))
+        self._add(TimeRead(time, self._repeats))
         self._time = time
         self._repeats = 0
-
-    def begin(self, event: TickBegan | HaltBegan) -> None:
-        """Go inside for a tick or a halt of the tree."""
-        self._tick_thread = threading.get_ident()
-        self.enter()
-        self._time = event.time if isinstance(event, TickBegan) else -1
-        self._repeats = 0
-        self.add(event)
-
-    def end(self, event: StepEnded) -> None:
-        """End the tick or halt, and deliver the records."""
-        self.add(event)
-        records = self._records
-        self._records = []
-        self.leave()
-        self._deliver(records)
 
     # --- writes
 
@@ -274,7 +318,7 @@ class Journal(WriteRecorder):
             self._inside = thread
             try:
                 board.set(key, value, declared)
-                self.add(Written(board, key, self._encode(board.written_entry(key).value), declared))
+                self._add(Written(board, key, self._encode(board.written_entry(key).value), declared))
             finally:
                 self._inside = NO_THREAD
         return True
@@ -286,11 +330,11 @@ class Journal(WriteRecorder):
             return False
         with self._lock:
             if board.local_entries().pop(key, None) is not None:
-                self.add(Removed(board, key))
+                self._add(Removed(board, key))
         return True
 
     def add_entries(self, board: Blackboard) -> None:
         """Record all entries of a scope, which were replaced."""
         entries = {key: entry.copy(self._encode(entry.value)) for key, entry in board.local_entries().items()}
         with self._lock:
-            self.add(Replaced(board, entries))
+            self._add(Replaced(board, entries))

@@ -8,7 +8,8 @@ functions: mypyc looks up by name every method that an interpreted class may ove
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, ClassVar, Final, NoReturn, SupportsIndex
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NoReturn, SupportsIndex
 
 from mypy_extensions import mypyc_attr
 
@@ -16,15 +17,6 @@ from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.ports import Port
 from btcore.diagnostics import LiteralProblem
 from btcore.engine.context import TreeContext
-from btcore.engine.journal import (
-    ChildHalted,
-    ChildTicked,
-    HaltedOutside,
-    Journal,
-    OutsideHaltEnded,
-    Raised,
-    StatusForced,
-)
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.node_spec import NodeSpec
 from btcore.engine.tick_extras import UNDECIDED, NodeConditions, TickCounts, TickExtras
@@ -41,6 +33,9 @@ from btcore.status import (
     PossibleResults,
     Status,
 )
+
+if TYPE_CHECKING:
+    from btcore.engine.journal import Journal  # imported when a recording begins
 
 # Flags of TreeNode._tick_flags: what else execute_tick() does for a node. One attribute holds them all: an
 # attribute for each flag makes the benchmark's tree `bump-and-go` 2 % slower (pure).
@@ -350,7 +345,7 @@ def attach_to_tree(node: TreeNode, config: NodeConfig, context: TreeContext, bla
         node._tick_extras.conditions = NodeConditions(config.conditions, config.enums, blackboard)
 
 
-def start_recording(node: TreeNode, journal: Journal, is_outside: bool) -> None:
+def start_recording(node: TreeNode, journal: "Journal", is_outside: bool) -> None:
     """Record the results of *node* if it is from outside, else what its parent from outside does to it."""
     with node._context.lock:
         node._tick_extras = extras = node._tick_extras or TickExtras()
@@ -461,8 +456,7 @@ def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
     journal = extras.journal
     if journal is not None and journal.is_outside:
         # The parent, which is from outside, ticks a child.
-        journal.enter()
-        journal.add(ChildTicked(node.config.uid))
+        journal.enter_for_tick(node.config.uid)
         try:
             return _tick_with_extras(node, extras)
         finally:
@@ -484,7 +478,10 @@ def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
         and node._status is not SUCCESS
         and node._status is not FAILURE
     ):
-        forced = pre_tick(node) if node._context.journal is None else _pre_tick_outside(node, pre_tick)
+        if node._context.journal is None:
+            forced = pre_tick(node)
+        else:
+            forced = _call_outside(node, True, partial(pre_tick, node))
         if forced is SUCCESS or forced is FAILURE:
             status = forced
     if status is UNDECIDED:
@@ -496,8 +493,10 @@ def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
         conditions.run_postconditions(status)
     post_tick = extras.post_tick
     if post_tick is not None:
-        recorded = node._context.journal is not None
-        forced = _post_tick_outside(node, status, post_tick) if recorded else post_tick(node, status)
+        if node._context.journal is None:
+            forced = post_tick(node, status)
+        else:
+            forced = _call_outside(node, False, partial(post_tick, node, status))
         if forced is SUCCESS or forced is FAILURE:
             status = forced
     if counts is not None:
@@ -505,21 +504,21 @@ def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
     return status
 
 
-def _tick_outside(node: TreeNode, journal: Journal) -> Status:
+def _tick_outside(node: TreeNode, journal: "Journal") -> Status:
     """Call `tick` of *node*, which is from outside, and record its result."""
     journal.leave()
     try:
         status = _as_status(node, node.tick())
     except BaseException as error:
         journal.enter()
-        journal.add(Raised(node.config.uid, error))
+        journal.add_error(node.config.uid, error)
         raise
     journal.enter()
     journal.add_result(node.config, status)
     return status
 
 
-def _halt_outside(node: TreeNode, journal: Journal) -> None:
+def _halt_outside(node: TreeNode, journal: "Journal") -> None:
     """Call `halt` of *node*, which is from outside. Record what it does, unless it only resets the node."""
     start = journal.record_count
     journal.leave()
@@ -531,18 +530,7 @@ def _halt_outside(node: TreeNode, journal: Journal) -> None:
         raise
     finally:
         journal.enter()
-        uid = node.config.uid
-        if raised is not None or not journal.drop_reset(start, uid) or node._status is not IDLE:
-            journal.insert(start, HaltedOutside(uid))
-            journal.add(OutsideHaltEnded(uid, raised))
-
-
-def _pre_tick_outside(node: TreeNode, pre_tick: Callable[[Any], Status]) -> Status:
-    return _call_outside(node, True, lambda: pre_tick(node))
-
-
-def _post_tick_outside(node: TreeNode, status: Status, post_tick: Callable[[Any, Status], Status]) -> Status:
-    return _call_outside(node, False, lambda: post_tick(node, status))
+        journal.add_halt(node.config.uid, start, raised, node._status is IDLE)
 
 
 def _call_outside(node: TreeNode, is_pre_tick: bool, callback: Callable[[], Status]) -> Status:
@@ -555,9 +543,7 @@ def _call_outside(node: TreeNode, is_pre_tick: bool, callback: Callable[[], Stat
         forced = callback()
     finally:
         journal.enter()
-    forces = forced is SUCCESS or forced is FAILURE
-    if forces or journal.record_count > start:
-        journal.add(StatusForced(node.config.uid, is_pre_tick, forced if forces else SKIPPED))
+    journal.add_callback(node.config.uid, start, is_pre_tick, forced)
     return forced
 
 
@@ -639,8 +625,7 @@ def halt_node(node: TreeNode) -> None:
     journal = None if extras is None else extras.journal
     if journal is not None and journal.is_outside:
         # The parent, which is from outside, halts a child.
-        journal.enter()
-        journal.add(ChildHalted(node.config.uid))
+        journal.enter_for_halt(node.config.uid)
         try:
             halt_node(node)
         finally:

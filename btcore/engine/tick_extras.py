@@ -5,12 +5,14 @@ node's scope. For a SubTree node, this is the scope of the outer tree.
 """
 
 from collections.abc import Callable, Mapping
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from btcore.blackboard.blackboard import Blackboard
-from btcore.engine.journal import Journal
 from btcore.script.program import Program, compile_script, condition_result
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
+
+if TYPE_CHECKING:
+    from btcore.engine.journal import Journal  # imported when a recording begins
 
 UNDECIDED: Final = IDLE
 """Stands for a result that the pre-conditions leave to the node; a node returns IDLE only in format 3."""

@@ -10,7 +10,6 @@ from btcore.blackboard.blackboard import Blackboard, copy_scopes
 from btcore.blackboard.ports import PortRole
 from btcore.clock import NS_PER_S, Clock, SystemClock, TickSchedule
 from btcore.engine.context import TreeContext
-from btcore.engine.journal import HaltBegan, StepEnded, TickBegan
 from btcore.engine.node import (
     TreeNode,
     add_to_backtrace,
@@ -276,11 +275,14 @@ class Tree:
             NodeExecutionError: A node raised while it was halted. All nodes are halted before the exception
                 is raised. If several nodes raised, it is the first error; *later_errors* holds the others.
         """
-        _begin_recorded_halt(self.context)
+        journal = self.context.journal
+        if journal is not None:
+            journal.begin_halt()
         try:
             errors = self._halt_everything()
         finally:
-            _end_recorded_step(self.context, IDLE)
+            if journal is not None:
+                journal.end_step(IDLE)
         self.status = IDLE
         if errors:
             first = errors[0]
@@ -487,13 +489,13 @@ def _tick(tree: Tree, repeat: bool) -> Status:
                 context.stopped_ns = 0
                 observers.begin_tick(tree.ticks)
                 if context.journal is not None:  # a journal needs observers
-                    _begin_recorded_tick(context, tree.ticks)
+                    context.journal.begin_tick(tree.ticks, context.tick_start)
             status = execute_tick(root)
             if status is SUCCESS or status is FAILURE:
                 reset_status(root)
             if observers is not None:
                 if context.journal is not None:
-                    _end_recorded_step(context, status)
+                    context.journal.end_step(status)
                 observers.end_tick(status, context.stopped_ns)
             if status is not RUNNING or not repeat or not context.consume_wake_up():
                 break
@@ -503,7 +505,8 @@ def _tick(tree: Tree, repeat: bool) -> Status:
             raise tree._timeout_error()
     except NodeExecutionError as error:
         tree.status = IDLE
-        _begin_recorded_halt(context)
+        if context.journal is not None:
+            context.journal.begin_halt()
         tree._notify_error(error)
         error.later_errors += tree._halt_everything()
         raise
@@ -511,28 +514,8 @@ def _tick(tree: Tree, repeat: bool) -> Status:
         tree._in_tick = False
         context.tick_start = -1
         if context.journal is not None:
-            _end_recorded_step(context, IDLE)
+            context.journal.end_step(IDLE)
         if limit is not None:
             context.clear_tick_limit()
     tree.status = status
     return status
-
-
-# Functions of their own, because the code of `_tick` stays faster without this.
-
-
-def _begin_recorded_tick(context: TreeContext, tick: int) -> None:
-    if context.journal is not None:
-        context.journal.begin(TickBegan(tick, context.tick_start))
-
-
-def _begin_recorded_halt(context: TreeContext) -> None:
-    """Begin a step of the journal for a halt, unless the halt is a part of a tick."""
-    if context.journal is not None and context.journal.is_outside:
-        context.journal.begin(HaltBegan())
-
-
-def _end_recorded_step(context: TreeContext, status: Status) -> None:
-    """End the step of the journal, unless it has ended."""
-    if context.journal is not None and not context.journal.is_outside:
-        context.journal.end(StepEnded(status))

@@ -180,10 +180,12 @@ class _Outside:
 
     def repetition_ended(self, uid: int, count: int) -> bool:
         """Return whether the node with *uid* pauses after *count* repetitions."""
-        if self._inputs.next == RepetitionEnded(uid, count):
+        head = self._inputs.next
+        # Named tuples of two types are equal if their values are.
+        has_ended = isinstance(head, RepetitionEnded) and head == (uid, count)
+        if has_ended:
             self._inputs.take()
-            return True
-        return False
+        return has_ended
 
     def pre_tick(self, node: TreeNode) -> Status:
         """Return the status that a callback forced before the tick of *node*."""
