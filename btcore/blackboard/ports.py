@@ -66,7 +66,7 @@ class Port:
         type: The type of the value.
         default: The text that is used if the attribute is absent; None = the port is mandatory.
         description: The description for listings and models.
-        value: The default as a Python value, if *default* does not determine it; else UNSET.
+        default_value: The default as a Python value, if *default* does not determine it; else UNSET.
         role: The purpose of the port, for static checks.
         optional: Whether the attribute may be absent although there is no default.
 
@@ -88,7 +88,7 @@ class Port:
         type: ValueType = ANY,
         default: str | None = None,
         description: str = "",
-        value: object = UNSET,
+        default_value: object = UNSET,
         role: PortRole = PortRole.VALUE,
         optional: bool = False,
     ) -> None:
@@ -97,7 +97,7 @@ class Port:
         self.type = type
         self.default = default
         self.description = description
-        self.value = value
+        self.default_value = default_value
         self.role = role
         self.optional = optional
         self.reads = direction is not Direction.OUT
@@ -184,8 +184,8 @@ class Binding:
         self.literal: object = None
         self.is_shareable: bool = True
         if key is None:
-            if port.value is not UNSET and text == port.default:
-                self.literal = port.value
+            if port.default_value is not UNSET and text == port.default:
+                self.literal = port.default_value
             elif port.type is STRING:
                 self.literal = text
             else:

@@ -71,7 +71,7 @@ class NodeLibraries:
     def _load(self, own: bool) -> None:
         self._has_own = own
         self.nodes = Registry.standard()
-        self.unavailable: Sequence[UnavailableEntryPoint] = self.nodes.add_installed(own=own)
+        self.unavailable: Sequence[UnavailableEntryPoint] = self.nodes.add_plugins(own=own, strict=False)
         for unavailable in self.unavailable:
             if unavailable.missing_module is None:
                 self._warn(str(unavailable.error))

@@ -49,8 +49,8 @@ def attach_providers(
         args: The arguments of the command, which may contain the option `--plugin`.
         has_all_options: Whether to add the options of all providers in any case.
     """
-    has_plugins = any(parameter.name == "plugins" for parameter in command_options)
-    plugins = {name: import_plugin(name) for name in _find_plugin_names(args)} if has_plugins else {}
+    plugin_names, _ = _parse_known_options(command_options, args)
+    plugins = {name: import_plugin(name) for name in plugin_names}
     available = AvailableProviders(
         provider for plugin in plugins.values() for provider in providers_in(plugin.module)
     )
@@ -72,22 +72,31 @@ def _may_need_all_options(
 
     They may be needed if:
 
-    - a word of *args* starts with `-`, and is none of *known_options*: it may be an option of a provider,
-      such as `--monitor`, or `--help`, which lists all options;
+    - *args* have an option that is none of *known_options*: it may be an option of a provider, such as
+      `--monitor`, or `--help`, which lists all options;
     - a provider of a plugin has settings: the name of an option of theirs may be that of any other option,
       which is an error in every run;
     - the command gives options other defaults, also those of providers;
     - a shell completes the command line.
-
-    No option of a provider is missed, although click has not parsed the words yet: it is a word of its own.
-    If another word is taken for an option, such as the value of `--set -x`, the import is only unnecessary.
     """
     if ctx.resilient_parsing or ctx.default_map or any(provider.settings for provider in available.of_user):
         return True
-    known_names = {name for option in known_options for name in (*option.opts, *option.secondary_opts)}
-    # Without `-`, which is standard input or output.
-    words = {word.partition("=")[0] for word in args if word.startswith("-") and word != "-"}
-    return not words <= known_names
+    _, other_words = _parse_known_options(known_options, args)
+    return any(word.startswith("-") and word != "-" for word in other_words)  # `-` is standard input
+
+
+def _parse_known_options(
+    options: Sequence[click.Parameter], args: Sequence[str]
+) -> tuple[Sequence[str], Sequence[str]]:
+    """Parse *args* before all options are known: return the values of `--plugin`, and all other words.
+
+    The words that belong to one of *options* are left out; a mistake is reported when all are known.
+    """
+    known: list[click.Parameter] = [option for option in options if isinstance(option, click.Option)]
+    command = click.Command(name=None, params=known, add_help_option=False)
+    ctx = click.Context(command, ignore_unknown_options=True, resilient_parsing=True)
+    values, other_words, _ = command.make_parser(ctx).parse_args(list(args))
+    return list(dict.fromkeys(values.get("plugins", ()))), other_words
 
 
 def command_providers(ctx: click.Context) -> CommandProviders:
@@ -221,18 +230,6 @@ class ProviderCommand(click.Command):
         for title, records in sections.items():
             with formatter.section(title):
                 formatter.write_dl(records)
-
-
-def _find_plugin_names(args: Sequence[str]) -> Iterator[str]:
-    """Yield the values of `--plugin` before click parses *args*, since plugins may add options."""
-    seen: set[str] = set()
-    for word, following in zip(args, [*args, ""][1:], strict=True):
-        if word == "--":
-            return
-        value = following if word == "--plugin" else word.removeprefix("--plugin=")
-        if value and (word == "--plugin" or value != word) and value not in seen:
-            seen.add(value)
-            yield value
 
 
 @contextmanager

@@ -338,8 +338,8 @@ class PortAttribute(property):
 
     def __init__(self, port: Port) -> None:
         self.default = UNSET if port.default is None else port.default
-        if port.value is not UNSET:
-            self.default = port.value
+        if port.default_value is not UNSET:
+            self.default = port.default_value
 
         super().__init__(port_getter(port), port_setter(port), doc=port.description)
         self.direction = port.direction

@@ -103,7 +103,12 @@ def check_missing_ports(node: NodePlan, reporter: NodeReporter) -> None:
 def is_required(manifest: Manifest, port: Port) -> bool:
     """Return whether the node of *manifest* raises without *port*."""
     # A missing port with a load-time role is an error when the node is created (E205).
-    if port.default is not None or port.value is not UNSET or port.optional or port.role in LOAD_TIME_ROLES:
+    if (
+        port.default is not None
+        or port.default_value is not UNSET
+        or port.optional
+        or port.role in LOAD_TIME_ROLES
+    ):
         return False
     if is_built_in(manifest.cls):
         return port.reads

@@ -190,8 +190,8 @@ class Manifest:
                 return node.config.outputs.get(port.name) or partial(node.set_output, port.name)
             input = node.config.inputs.get(port.name)
             if input is None:
-                if port.value is not UNSET:
-                    return port.value
+                if port.default_value is not UNSET:
+                    return port.default_value
                 return _MissingInput(port, node)
             return input
         value = self._resource(parameter, node, resources)

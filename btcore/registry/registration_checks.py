@@ -47,14 +47,14 @@ def check_ports(id: str, ports: Sequence[Port], format: int = 4) -> None:
             raise RegistrationError(message)
         error = default_value_error(port)
         if error:
-            default = port.default if port.value is UNSET else port.value
+            default = port.default if port.default_value is UNSET else port.default_value
             takes = f"the port '{port.name}' of <{id}> takes {port.type.name}"
             raise RegistrationError(f"{takes}, but its default is {default!r}: {error}")
 
 
 def default_value_error(port: Port) -> str:
     """Return why the default of *port* is not a value of its type, or ""."""
-    port_type, text, value = port.type, port.default, port.value
+    port_type, text, value = port.type, port.default, port.default_value
     # None means "no value". The default of an output is not checked: it is never read as a value.
     if text is None or value is None or not port.reads or not port_type.strong or not _is_known(port_type):
         return ""

@@ -91,7 +91,7 @@ class Registry:
         """The documents of `add_trees`."""
         self.overridden_nodes: list[tuple[Manifest, Manifest]] = []
         """Pairs of manifests: a node of an installed library, and the user's node that replaced it."""
-        self._installing = False  # whether `add_installed` registers nodes, which later nodes may override
+        self._installing = False  # whether `add_plugins` registers nodes, which later nodes may override
 
     @classmethod
     def standard(cls) -> "Registry":
@@ -359,35 +359,23 @@ class Registry:
 
     # --- node libraries
 
-    def add_plugins(self) -> list[RegistrationError]:
+    def add_plugins(self, *, own: bool = True, strict: bool = True) -> list[UnavailableEntryPoint]:
         """Register the node libraries of all installed packages (entry points "btcore.nodes").
 
-        Returns:
-            The errors of libraries that were ignored, because they import a module that is not installed,
-            such as an optional dependency.
-
-        Raises:
-            RegistrationError: A library cannot be registered for another reason.
-        """
-        ignored = []
-        for unavailable in self.add_installed():
-            error = unavailable.error
-            if unavailable.missing_module is None or not isinstance(error, RegistrationError):
-                raise error
-            ignored.append(error)
-        return ignored
-
-    def add_installed(self, *, own: bool = True) -> list[UnavailableEntryPoint]:
-        """Register the node libraries of all installed packages like `add_plugin`, but as overridable.
-
-        A node that is registered later under the same ID replaces the library's node. A type that is
-        registered later takes the name of the library's type; the ports of the library keep their type.
+        They can be overridden: a node that is registered later under the same ID replaces the library's node.
+        A type that is registered later takes the name of the library's type; the ports of the library keep
+        their type.
 
         Args:
             own: Whether to register the libraries of btcore's own packages, too.
+            strict: Whether a library with a mistake raises its error; if not, it is returned.
 
         Returns:
-            The libraries that cannot be registered.
+            The libraries that were not registered, with their errors. A library that imports a module that is
+            not installed, such as an optional dependency, is never a mistake.
+
+        Raises:
+            RegistrationError: A library cannot be registered, although no module is missing.
         """
         unavailable = []
         for point in entry_points.find(NODES_GROUP, own):
@@ -395,7 +383,10 @@ class Registry:
             try:
                 self.add_plugin(point.value, point.distribution)
             except RegistrationError as error:
-                unavailable.append(UnavailableEntryPoint(point.name, point.distribution, error))
+                ignored = UnavailableEntryPoint(point.name, point.distribution, error)
+                if strict and ignored.missing_module is None:
+                    raise
+                unavailable.append(ignored)
             finally:
                 self._installing = self.types.installing = False
         return unavailable

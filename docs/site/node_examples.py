@@ -33,8 +33,8 @@ EXAMPLES: Final[dict[str, dict[str, Any]]] = tomllib.loads(
 def all_nodes() -> Registry:
     """Return a registry of the built-in nodes and of the installed node libraries."""
     nodes = Registry.standard()
-    for error in nodes.add_plugins():
-        raise error
+    for unavailable in nodes.add_plugins():
+        raise unavailable.error
     return nodes
 
 

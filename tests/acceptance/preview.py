@@ -142,8 +142,8 @@ def check_file(browser: Any, folder: Path, pictures: Path | None) -> list[str]:
     return wrong
 
 
-def check_run(browser: Any, folder: Path, pictures: Path | None) -> list[str]:
-    """Return what is wrong with the page of a running tree."""
+def check_run(browser: Any, folder: Path, pictures: Path | None) -> None:
+    """Wait until the page of a running tree shows its results, a breakpoint and an entry."""
     file = folder / "rounds.xml"
     file.write_text(ROUNDS, encoding="utf-8")
     command = [sys.executable, "-m", "btcore", "run", str(file), "--publish", "groot2", "--port", "17667"]
@@ -168,7 +168,6 @@ def check_run(browser: Any, folder: Path, pictures: Path | None) -> list[str]:
     finally:
         published.terminate()
         published.wait(20)
-    return []
 
 
 def measure(browser: Any, url: str) -> float:
@@ -216,9 +215,9 @@ def main() -> int:
             print("note: there is no Chromium; the preview is not checked in it")
             return 0
         browser = playwright.chromium.launch(executable_path=place, args=["--no-sandbox"])
+        check_run(browser, Path(name), options.pictures)
         for title, found in (
             ("a file", check_file(browser, Path(name), options.pictures)),
-            ("a running tree", check_run(browser, Path(name), options.pictures)),
             ("speed", check_speed(browser, Path(name), options.trials)),
         ):
             print(f"preview of {title}: {'; '.join(found) or 'passed'}")

@@ -141,4 +141,4 @@ def _declaration(name: str) -> tuple[Fix, ...]:
 @cache
 def _installed_nodes() -> tuple[Registry, list[UnavailableEntryPoint]]:
     nodes = Registry()
-    return nodes, nodes.add_installed()
+    return nodes, nodes.add_plugins(strict=False)

@@ -203,7 +203,11 @@ class PlanningContext:
                 or (node_type is NodeType.CONTROL and (needed is None or tag in needed))
                 or (node_type in _LEAVES and dialect.checks_leaf_children)
             )
-            rule = _TagRule(True, node_type if is_counted else None, not is_counted or node_type in _LEAVES)
+            rule = _TagRule(
+                is_node=True,
+                counted_as=node_type if is_counted else None,
+                may_be_empty=not is_counted or node_type in _LEAVES,
+            )
         self.tag_rules[tag] = rule
         return rule
 

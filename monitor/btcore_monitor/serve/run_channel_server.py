@@ -51,8 +51,8 @@ _log = logging.getLogger("monitor")
 Frames = tuple[bytes, bytes]
 
 
-MAX_BUFFER_BYTES: Final = {"ticks": 32 << 20, "moving": 24 << 20, "blackboard": 8 << 20}
-"""Maximum bytes per buffer, by a kind of message. The buffer `ticks` also has the kinds that are not listed.
+MAX_BUFFER_BYTES: Final = {TransitionsMessage.kind: 32 << 20, "moving": 24 << 20, "blackboard": 8 << 20}
+"""Maximum bytes per buffer, by a kind of message. Kinds that are not listed are in the buffer `transitions`.
 
 Measured: a transition takes about 30 bytes, so about a million are kept."""
 
@@ -93,7 +93,7 @@ class History:
             data: The encoded message.
         """
         self.latest_seq += 1
-        buffer = kind if kind in self._buffers else "ticks"
+        buffer = kind if kind in self._buffers else TransitionsMessage.kind
         seqs = self._buffers[buffer]
         self._messages[self.latest_seq] = data
         seqs.append(self.latest_seq)
@@ -103,7 +103,7 @@ class History:
             seq = seqs.popleft()
             removed = self._messages.pop(seq)
             self._buffer_bytes[buffer] -= len(removed)
-            if buffer == "ticks":
+            if buffer == TransitionsMessage.kind:
                 self._apply(removed)
                 self.oldest_seq = seqs[0]
 
@@ -167,7 +167,7 @@ class RunChannelServer:
             return
         if isinstance(item, TickItem):
             self._add_buffered(
-                item.tick, item.stamp, item.wall, item.duration_ns, int(item.status), is_end=True
+                item.tick, item.stamp, item.wall, item.duration_ns, int(item.status), ended=True
             )
             return
         self.flush()
@@ -186,7 +186,7 @@ class RunChannelServer:
         """Add a message with the transitions of an unfinished tick, so that clients show them early."""
         if self._transitions:
             last = self._transitions[-1]
-            self._add_buffered(last.tick, last.stamp, last.wall, 0, int(Status.IDLE), is_end=False)
+            self._add_buffered(last.tick, last.stamp, last.wall, 0, int(Status.IDLE), ended=False)
 
     def take_pending_frames(self) -> Iterator[Frames]:
         """Yield the messages since the last call, in few large pieces.
@@ -213,12 +213,12 @@ class RunChannelServer:
         self._transitions.append(TransitionRow(stamp, item.wall, tick, uid, int(previous), int(status)))
 
     def _add_buffered(
-        self, tick: int, stamp: int, wall: int, duration_ns: int, status: int, *, is_end: bool
+        self, tick: int, stamp: int, wall: int, duration_ns: int, status: int, *, ended: bool
     ) -> None:
         transitions, self._transitions = self._transitions, []
         first = self._first_number if transitions else (self._next_number or 0)
         head = self.tree_id, self.history.latest_seq + 1, stamp, wall
-        self._add_message(TransitionsMessage(*head, tick, duration_ns, status, is_end, first, transitions))
+        self._add_message(TransitionsMessage(*head, tick, duration_ns, status, ended, first, transitions))
 
     def _add_message(self, message: StreamMessage) -> None:
         data = self._try_encode(message)

@@ -132,7 +132,7 @@ class TransitionsMessage(StreamMessage):
     *duration* is the tick's wall time in ns.
     """
 
-    kind: ClassVar[str] = "ticks"
+    kind: ClassVar[str] = "transitions"
     tick: int
     duration: int
     status: int
@@ -161,7 +161,7 @@ class BlackboardMessage(StreamMessage):
 class ExceptionMessage(StreamMessage):
     """An exception of a node: the node's full *path*, and the error message."""
 
-    kind: ClassVar[str] = "raised"
+    kind: ClassVar[str] = "exception"
     path: str
     message: str
 

@@ -559,7 +559,7 @@ def test_user_type_overrides_type_of_library(library: Path, monkeypatch: pytest.
     )
 
     def install(nodes: Registry) -> None:
-        assert nodes.add_installed() == []
+        assert nodes.add_plugins() == []
 
     @dataclass
     class Pose2D:

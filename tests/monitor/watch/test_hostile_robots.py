@@ -137,7 +137,7 @@ def ticks(
     *rows: object, first: int = 1, tick: int = 1, duration: int = 1, status: int = 1, **more: int
 ) -> bytes:
     return stream(
-        "ticks",
+        "transitions",
         tick=tick,
         duration=duration,
         status=status,
@@ -206,7 +206,7 @@ SCENES: dict[str, list[bytes]] = {
     "a tree that is not XML": [tree(xml=b"\0"), piece(ticks())],
     "an error of a million characters": [
         tree(),
-        piece(stream("raised", path="p" * 10**6, message="\x1b[2J" * 10**5)),
+        piece(stream("exception", path="p" * 10**6, message="\x1b[2J" * 10**5)),
     ],
     "ends without end": [
         tree(),

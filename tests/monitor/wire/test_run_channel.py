@@ -67,7 +67,7 @@ def test_every_message_has_its_version_and_kind() -> None:
 
 
 def test_a_newer_version_is_refused_with_a_suggestion() -> None:
-    newer = msgpack.packb({"v": 2, "kind": "ticks", "colour": "red"})
+    newer = msgpack.packb({"v": 2, "kind": "transitions", "colour": "red"})
     with pytest.raises(ProtocolError, match=r"version 2 .* up to version 1: update btcore on this machine"):
         decode(newer)
 
@@ -101,8 +101,8 @@ def test_a_missing_or_invalid_field_is_reported(message: Any) -> None:
         (TICKS, {"transitions": [[1, 2, 3, 4, 5, "6"]]}, "six integers"),
         (TICKS, {"transitions": [[1, 2, 3, 4, 5, True]]}, "six integers"),
         (TICKS, {"transitions": [[1, 2, 3, 4, 0, 5]]}, "statuses 0–4 in a transition, and got 0 and 5"),
-        (TICKS, {"status": -1}, "'status' of a 'ticks' message from 0 to 4, and got -1"),
-        (TICKS, {"first": 2**64 - 1}, "'first' of a 'ticks' message to be int"),
+        (TICKS, {"status": -1}, "'status' of a 'transitions' message from 0 to 4, and got -1"),
+        (TICKS, {"first": 2**64 - 1}, "'first' of a 'transitions' message to be int"),
         (TICKS, {"v": [[1]]}, "expected a version of the run channel, and got list"),
         (MESSAGES[0], {"statuses": [[1, 5]]}, r"expected \[uid, status\] in 'statuses'"),
         (MESSAGES[0], {"statuses": NESTED}, r"expected \[uid, status\] in 'statuses'"),
@@ -150,10 +150,10 @@ def ticks(seq: int, size: int) -> TransitionsMessage:
 def test_a_history_keeps_a_million_transitions_and_the_statuses_before_them() -> None:
     history = History({1: 3, 2: 4}, 5, 6)
     size = 5_001
-    room = MAX_BUFFER_BYTES["ticks"] // len(encode(ticks(1, size)))
+    room = MAX_BUFFER_BYTES["transitions"] // len(encode(ticks(1, size)))
     assert room * size > 1_000_000
     for seq in range(1, room + 11):
-        history.add("ticks", encode(ticks(seq, size)))
+        history.add("transitions", encode(ticks(seq, size)))
     assert history.oldest_seq > 1
     assert history.latest_seq == room + 10
     assert history.statuses == {1: 0, 2: 4}
@@ -165,7 +165,7 @@ def test_big_scenes_do_not_displace_transitions() -> None:
     scene_bytes = MAX_BUFFER_BYTES["moving"] // 40 * 4
     for seq in range(1, 41):
         moving = MovingSceneMessage(TREE_ID, seq, 0, 0, MovingScene(scan=Scan(ranges=b"\x00" * scene_bytes)))
-        history.add("ticks" if seq % 2 else "moving", encode(ticks(seq, 1) if seq % 2 else moving))
+        history.add("transitions" if seq % 2 else "moving", encode(ticks(seq, 1) if seq % 2 else moving))
     kept = history_numbers(history)
     assert [seq for seq in kept if seq % 2] == list(range(1, 41, 2))
     assert 5 <= len([seq for seq in kept if seq % 2 == 0]) < 20

@@ -175,7 +175,7 @@ def _port(nodes: Registry, model: PortModel) -> Port:
         optional=model.optional,
     )
     if default_value_error(port):
-        port.value = None  # the default is a Python value, which the text does not determine
+        port.default_value = None  # the default is a Python value, which the text does not determine
     return port
 
 

@@ -56,7 +56,7 @@ def test_installed_node_is_drawn_even_if_the_file_describes_another(tmp_path: Pa
     text = """<root BTCPP_format="4"><BehaviorTree ID="A"><IsObstacle/></BehaviorTree>
 <TreeNodesModel><Control ID="IsObstacle"/></TreeNodesModel></root>"""
     nodes = Registry.standard()
-    nodes.add_installed()
+    nodes.add_plugins()
     file = TreeFile(tmp_path / "tree.xml", lambda document: nodes)
     assert file.read(text).summary()["diagnostics"] == []
     assert drawing(file, text)["nodes"][0]["kind"] == "condition"
