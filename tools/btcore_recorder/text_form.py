@@ -15,7 +15,7 @@ from typing import Any, Final, NamedTuple
 from btcore.engine.journal import (
     ChildHalted,
     ChildTicked,
-    HaltedOutside,
+    ExternalHaltBegan,
     RepetitionEnded,
     StatusForced,
     StatusSet,
@@ -23,11 +23,12 @@ from btcore.engine.journal import (
 )
 from btcore.json_text import load_json
 from btcore.logs.files import LogError, read_bytes
-from btcore.status import Status
+from btcore.status import IDLE, Status
 from btcore_recorder.inputs import (
+    ExternalHaltEnded,
     Head,
     Input,
-    OutsideHaltEnded,
+    NodeState,
     Raised,
     RecordedClass,
     RecordedEntry,
@@ -36,6 +37,7 @@ from btcore_recorder.inputs import (
     Replaced,
     Result,
     Step,
+    TreeState,
     Written,
 )
 
@@ -45,8 +47,8 @@ FORMAT: Final = 1
 _INPUTS: Final[dict[str, type[Input]]] = {
     "result": Result,
     "raised": Raised,
-    "halt_began": HaltedOutside,
-    "halt_ended": OutsideHaltEnded,
+    "halt_began": ExternalHaltBegan,
+    "halt_ended": ExternalHaltEnded,
     "child_ticked": ChildTicked,
     "child_halted": ChildHalted,
     "status_set": StatusSet,
@@ -92,6 +94,8 @@ class TextWriter:
         """Write the head; *paths* are the paths of the nodes, for readers."""
         self._line("btrec", FORMAT)
         self._line("tree", head.tree_id, head.format)
+        self._line("clock", head.time, head.wall_time)
+        self._line("versions", head.versions)
         for file, text, is_shared in head.documents:
             self._line("document", file, is_shared)
             self._add("".join(f"|{line}\n" for line in text.split("\n")))
@@ -103,13 +107,19 @@ class TextWriter:
             self._line("class", *recorded)
         for uid, path in enumerate(paths, start=1):
             self._line("node", uid, path)
-        for entry in head.entries:
-            self._line("entry", *entry)
-        for keys in head.scopes:
-            self._line("scope", keys)
         for autoremap, remaps in head.outer:
             self._line("outer", autoremap, remaps)
+        self._state(head.state)
         self._end("head")
+
+    def _state(self, state: TreeState) -> None:
+        for entry in state.entries:
+            self._line("entry", *entry)
+        for keys in state.scopes:
+            self._line("scope", keys)
+        for node in state.nodes:
+            self._line("state", *_names(node))
+        self._line("ticks", state.ticks, state.status.name)
 
     def type(self, name: str, description: Any) -> None:
         """Write the description of a user's type."""
@@ -128,8 +138,7 @@ class TextWriter:
         self._end("end", step.status.name, step.checksum)
 
     def _input(self, event: Input) -> None:
-        values = [value.name if isinstance(value, Status) else value for value in event]
-        self._line(_WORDS[type(event)], *values)
+        self._line(_WORDS[type(event)], *_names(event))
 
     def _end(self, word: str, *values: object) -> None:
         self._line(word, *values, zlib.crc32(_json(values).encode(), self._crc))
@@ -141,6 +150,11 @@ class TextWriter:
     def _add(self, text: str) -> None:
         self._crc = zlib.crc32(text.encode("utf-8", "surrogatepass"), self._crc)
         self._write(text)
+
+
+def _names(values: Iterable[object]) -> list[object]:
+    """Return *values* with names in place of statuses."""
+    return [value.name if isinstance(value, Status) else value for value in values]
 
 
 def _json(values: Sequence[object]) -> str:
@@ -247,17 +261,23 @@ class _Reader:
             case _:
                 raise _DamageError("expected 'btrec [1]'")
         tree: tuple[str, int] | None = None
+        clock, versions, ticks = (0, 0), {}, (0, IDLE)
         documents: list[tuple[str, str, bool]] = []
         enums: dict[str, int] = {}
         types: dict[str, Any] = {}
         classes: list[RecordedClass] = []
         entries: list[RecordedEntry] = []
+        states: list[NodeState] = []
         scopes: list[Mapping[str, int]] = []
         outer: list[tuple[bool, Mapping[str, str]]] = []
         while True:
             match self._next():
                 case "tree", [str(id), int(format)] if format in (3, 4):
                     tree = id, format
+                case "clock", [int(time), int(wall_time)]:
+                    clock = time, wall_time
+                case "versions", [dict(named)] if all(isinstance(text, str) for text in named.values()):
+                    versions = named
                 case "document", [str(file), bool(is_shared)]:
                     documents.append((file, self._document(), is_shared))
                 case "enum", [str(name), int(number)]:
@@ -280,6 +300,10 @@ class _Reader:
                     entries.append(_entry(values))
                 case "scope", [dict(keys)] if all(_is_index(index, entries) for index in keys.values()):
                     scopes.append(keys)
+                case "ticks", [int(count), str(status)] if count >= 0:
+                    ticks = count, _status(status)
+                case "state", [int(uid), str(status), str(before), dict(fields)]:
+                    states.append(NodeState(uid, _status(status), _status(before), fields))
                 case "outer", [bool(autoremap), dict(remaps)] if all(
                     isinstance(key, str) for key in remaps.values()
                 ):
@@ -299,9 +323,10 @@ class _Reader:
             enums,
             types,
             tuple(classes),
-            tuple(entries),
-            tuple(scopes),
             tuple(outer),
+            TreeState(tuple(entries), tuple(scopes), tuple(states), *ticks),
+            *clock,
+            versions,
         )
 
     def _step(self, types: dict[str, Any]) -> Step | None:
@@ -354,11 +379,11 @@ def _input(word: str, values: list[Any]) -> Input:
         case "raised", [int(uid), [str(name), str(text)]]:
             return Raised(uid, RecordedError(name, text))
         case "halt_began", [int(uid)]:
-            return HaltedOutside(uid)
+            return ExternalHaltBegan(uid)
         case "halt_ended", [int(uid), None]:
-            return OutsideHaltEnded(uid, None)
+            return ExternalHaltEnded(uid, None)
         case "halt_ended", [int(uid), [str(name), str(text)]]:
-            return OutsideHaltEnded(uid, RecordedError(name, text))
+            return ExternalHaltEnded(uid, RecordedError(name, text))
         case "child_ticked", [int(uid)]:
             return ChildTicked(uid)
         case "child_halted", [int(uid)]:
