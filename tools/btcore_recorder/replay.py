@@ -56,7 +56,7 @@ from btcore_recorder.inputs import (
 )
 from btcore_recorder.text_form import RunRecording, read_recording
 from btcore_recorder.tree_state import capture, restore_entries, restore_nodes
-from btcore_recorder.values import Decoder, Encoder
+from btcore_recorder.values import Decoder, Encoder, NotReplayable
 
 STATE_INTERVAL: Final = 250
 """The number of steps between two saved states, from which `Replay.seek` runs to any step between them."""
@@ -70,16 +70,21 @@ class Difference(NamedTuple):
         tick: The number of the tick; 0 = a halt.
         recorded: What was recorded.
         now: What happens in the replay.
+        node: The path of the node at which they differ; "" = not known.
+        place: The place of this node in the XML, `file:line`; "" = not known.
     """
 
     step: int
     tick: int
     recorded: str
     now: str
+    node: str = ""
+    place: str = ""
 
     def __str__(self) -> str:
-        place = f"tick {self.tick}" if self.tick else f"the halt after step {self.step}"
-        return f"{place}: recorded: {self.recorded}; now: {self.now}"
+        moment = f"tick {self.tick}" if self.tick else f"the halt after step {self.step}"
+        place = f" ({self.place})" if self.place else ""
+        return f"{moment}: recorded: {self.recorded}; now: {self.now}{place}"
 
 
 class _Differs(TickInterrupt):
@@ -151,17 +156,19 @@ class _ExternalCode:
     def __init__(self, inputs: _Inputs, decoder: Decoder, known_types: TypeRegistry) -> None:
         self._inputs = inputs
         self._decoder = decoder
-        self.decode = decoder.decode
         self._known_types = known_types
         self.nodes: Sequence[TreeNode] = ()
         self.boards: Sequence[Blackboard] = ()
         self._types: dict[str, ValueType] = {}
         self.difference: tuple[str, str] | None = None
+        self.node: TreeNode | None = None  # the external node that is ticked or halted
+        self.has_unreplayable_values = False
         self._child_error: NodeExecutionError | None = None
 
     def tick(self, node: TreeNode) -> Status:
         """Do what the tick of *node* did."""
         uid = node.config.uid
+        self.node = node
         while True:
             event = self._inputs.take()
             if isinstance(event, (Result, Raised)) and event.uid == uid:
@@ -177,6 +184,7 @@ class _ExternalCode:
             reset_status(node)
             return
         self._inputs.take()
+        self.node = node
         while True:
             event = self._inputs.take()
             if isinstance(event, ExternalHaltEnded) and event.uid == node.config.uid:
@@ -245,6 +253,16 @@ class _ExternalCode:
             case _:
                 self.differ("the end of the step" if event is None else self.words(event), now)
 
+    def decode(self, data: Any) -> object:
+        """Return a recorded value.
+
+        Raises:
+            ValueError: *data* is not the form of a value.
+        """
+        value = self._decoder.decode(data)
+        self.has_unreplayable_values |= isinstance(value, NotReplayable)
+        return value
+
     def differ(self, recorded: str, now: str) -> None:
         """End the step with a difference."""
         if self.difference is None:
@@ -309,6 +327,7 @@ class Replay:
         recording: A recording, or the path of its file.
 
     Attributes:
+        recording: The recording.
         steps: The recorded steps: the ticks of the root, and the halts of the whole tree.
         position: The number of steps that have been run.
         tree: The tree, after these steps.
@@ -334,6 +353,7 @@ class Replay:
         if not isinstance(recording, RunRecording):
             recording = read_recording(Path(recording))
         head, steps = recording.head, recording.steps
+        self.recording = recording
         self.steps = steps
         self.difference: Difference | None = None
         self.position = 0
@@ -411,6 +431,7 @@ class Replay:
             self._states[self.position] = state, self._checksum.value
         step = self.steps[self.position]
         self.position += 1
+        self._external.node = None
         inputs, external = self._inputs, self._external
         status = IDLE
         with suppress(NodeExecutionError, TickInterrupt):
@@ -434,7 +455,9 @@ class Replay:
             elif self._checksum.value != step.checksum:
                 external.difference = "other transitions", "transitions with another checksum"
         if external.difference is not None:
-            self.difference = Difference(self.position, step.tick, *external.difference)
+            node = external.node
+            place = ("", "") if node is None else (node.path, node.config.where)
+            self.difference = Difference(self.position, step.tick, *external.difference, *place)
         return self.difference is None
 
     def seek(
@@ -487,6 +510,11 @@ class Replay:
         self.difference = self._external.difference = None
         self._restore(state)
         self._checksum.value = checksum
+
+    @property
+    def has_unreplayable_values(self) -> bool:
+        """Whether one of the values so far was recorded as text; see `NotReplayable`."""
+        return self._external.has_unreplayable_values
 
     def verify(self) -> Difference | None:
         """Run all steps, and return the first difference, or None."""
