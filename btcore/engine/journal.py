@@ -8,7 +8,7 @@ Around each call of external code, the lock is released.
 
 import threading
 from collections.abc import Callable
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeVar
 
 from btcore.blackboard.blackboard import Blackboard, Entry, WriteRecorder
 from btcore.engine.node_config import NodeConfig
@@ -18,6 +18,7 @@ from btcore.status import FAILURE, IDLE, SKIPPED, SUCCESS, Status
 from btcore.values import ValueType
 
 NO_THREAD: Final = -1
+T = TypeVar("T")
 
 
 class TickBegan(NamedTuple):
@@ -214,6 +215,12 @@ class Journal(WriteRecorder):
         self._records = []
         self.leave()
         self._deliver(records)
+
+    def capture(self, capture: Callable[[], T]) -> T:
+        """Return the result of *capture*, between two steps: what follows is recorded relative to it."""
+        with self._lock:
+            self._records = []
+            return capture()
 
     # --- inside and outside
 

@@ -116,7 +116,7 @@ class Step(NamedTuple):
         before: What happened since the previous step.
         inputs: What the step depends on, in order.
         status: The result of the tick; IDLE after a halt or an exception.
-        checksum: The checksum of all transitions up to the end of the step.
+        checksum: The checksum of all transitions from the start of the segment to the end of the step.
     """
 
     tick: int
@@ -151,14 +151,12 @@ class TreeState(NamedTuple):
         scopes: For each scope the keys of its entries, with their index in *entries*.
         nodes: The nodes that have state fields, or a status other than IDLE.
         ticks: The number of ticks so far.
-        status: The result of the last tick or halt.
     """
 
     entries: tuple[RecordedEntry, ...]
     scopes: tuple[Mapping[str, int], ...]
     nodes: tuple[NodeState, ...]
     ticks: int
-    status: Status
 
 
 class RecordedClass(NamedTuple):
@@ -208,6 +206,36 @@ class Head(NamedTuple):
     time: int
     wall_time: int
     versions: Mapping[str, str]
+
+
+class Segment(NamedTuple):
+    """A part of a recording after the first, which begins with the state of the tree.
+
+    Attributes:
+        position: The number of recorded steps before it.
+        gap: Why steps are missing before it; "" if none is.
+        state: The state in which it begins.
+    """
+
+    position: int
+    gap: str
+    state: TreeState
+
+
+class RunRecording(NamedTuple):
+    """The content of a recording.
+
+    Attributes:
+        head: The tree.
+        steps: The ticks and halts, in order.
+        segments: The segments after the first, in order.
+        damage: Where the file is truncated or damaged, as a sentence; "" if it is complete.
+    """
+
+    head: Head
+    steps: tuple[Step, ...]
+    segments: tuple[Segment, ...] = ()
+    damage: str = ""
 
 
 def is_external(cls: type[TreeNode]) -> bool:

@@ -28,6 +28,7 @@ from btcore_recorder.inputs import (
     Replaced,
     Result,
     Step,
+    TreeState,
     Written,
     is_external,
     scopes_of,
@@ -54,6 +55,7 @@ class Recorder(Observer):
 
     Attributes:
         head: The head of the recording.
+        last_result: The result of the last tick that raised no exception; at first IDLE.
 
     Raises:
         BtcoreError: The tree is in a tick, is being recorded, or is not from a document, or its
@@ -77,10 +79,11 @@ class Recorder(Observer):
         self._encoder = Encoder(types.__setitem__)
         self._boards = scopes_of(tree)
         self._scopes = {id(board): index for index, board in enumerate(self._boards)}
+        self.last_result = IDLE
         self._checksum = 0
         self._records: list[object] | None = None
-        self.head = self._make_head(types)
-        self._encoder.found = found
+        if not tree.documents:
+            raise BtcoreError(f"tree '{tree.id}' is not from a document: it cannot be recorded")
         self._unsubscribe = tree.subscribe(self)
         observers = tree.context.observers
         assert observers is not None
@@ -95,6 +98,8 @@ class Recorder(Observer):
             board.recorder = self._journal
         tree.context.uses_time = True  # each tick has a time
         tree.context.journal = self._journal
+        self.head = self._make_head(types)
+        self._encoder.found = found
 
     def close(self) -> None:
         """End the recording. Call it while no tick is in progress."""
@@ -108,13 +113,21 @@ class Recorder(Observer):
             stop_recording(node)
         self._unsubscribe()
 
+    def capture(self) -> TreeState:
+        """Return the state of the tree, between two steps. A new segment begins, with a new checksum."""
+        self._checksum = 0
+        return self._journal.capture(lambda: capture(self._tree, self._boards, self._encoder.encode))
+
+    @property
+    def value_count(self) -> int:
+        """The number of values that were encoded so far."""
+        return self._encoder.count
+
     # --- the head
 
     def _make_head(self, types: Mapping[str, Any]) -> Head:
         """Return the head. Encoding the entries adds to *types*."""
         tree = self._tree
-        if not tree.documents:
-            raise BtcoreError(f"tree '{tree.id}' is not from a document: it cannot be recorded")
         texts = [text for _, text, _ in tree.documents]
         # Also those of trees that are not used: a document with an unknown node cannot be loaded.
         classes = [
@@ -130,7 +143,7 @@ class Recorder(Observer):
             types,
             tuple(classes),
             tuple((board.autoremap, dict(board.remappings())) for board in with_parents(tree.blackboard)),
-            capture(tree, self._boards, self._encoder.encode),
+            self.capture(),
             tree.clock.now(),
             time.time_ns(),
             {"btcore": btcore.__version__, "build": active_build(), "python": platform.python_version()},
@@ -144,6 +157,7 @@ class Recorder(Observer):
 
     def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
         """Deliver the step, now that its transitions are known."""
+        self.last_result = status
         if self._records is not None:
             records, self._records = self._records, None
             self._deliver(RawStep(records, self._checksum))

@@ -49,13 +49,15 @@ from btcore_recorder.inputs import (
     Removed,
     Replaced,
     Result,
+    RunRecording,
+    Segment,
     Step,
     TreeState,
     Written,
     scopes_of,
 )
-from btcore_recorder.text_form import RunRecording, read_recording
-from btcore_recorder.tree_state import capture, restore_entries, restore_nodes
+from btcore_recorder.text_form import read_recording
+from btcore_recorder.tree_state import capture, describe_difference, restore_entries, restore_nodes
 from btcore_recorder.values import Decoder, Encoder, NotReplayable
 
 STATE_INTERVAL: Final = 250
@@ -375,6 +377,7 @@ class Replay:
         self._restore(head.state)
         self._encoder = Encoder(lambda name, description: None)  # the types are those of the recording
         self._states = {0: (head.state, 0)}
+        self._segments = {segment.position: segment for segment in recording.segments}
         self._times = _RecordedTimes(self._inputs)
         self.tree.context.clock = self._times
         self.tree.context.uses_time = True
@@ -426,7 +429,11 @@ class Replay:
         """Run the next step. Return False if there is none, or if it differs from the recording."""
         if self.difference is not None or self.position == len(self.steps):
             return False
-        if self.position % STATE_INTERVAL == 0 and self.position not in self._states:
+        if self.position in self._segments:
+            self._begin_segment(self._segments[self.position])
+            if self.difference is not None:
+                return False
+        elif self.position % STATE_INTERVAL == 0 and self.position not in self._states:
             state = capture(self.tree, self._external.boards, self._encoder.encode)
             self._states[self.position] = state, self._checksum.value
         step = self.steps[self.position]
@@ -459,6 +466,17 @@ class Replay:
             place = ("", "") if node is None else (node.path, node.config.where)
             self.difference = Difference(self.position, step.tick, *external.difference, *place)
         return self.difference is None
+
+    def _begin_segment(self, segment: Segment) -> None:
+        self._checksum.value = 0
+        if segment.gap:
+            self._restore(segment.state)
+            return
+        state = capture(self.tree, self._external.boards, self._encoder.encode)
+        if state != segment.state:
+            self.difference = Difference(
+                self.position, segment.state.ticks, *describe_difference(segment.state, state)
+            )
 
     def seek(
         self,
@@ -509,6 +527,7 @@ class Replay:
         self.position = position
         self.difference = self._external.difference = None
         self._restore(state)
+        self.tree.status = self.steps[position - 1].status if position else self.tree.root.status
         self._checksum.value = checksum
 
     @property
@@ -525,12 +544,12 @@ class Replay:
 
 def _check_numbers(recording: RunRecording, node_count: int, board_count: int) -> None:
     """Raise LogError if the recording names a node or a scope that the tree does not have."""
-    state = recording.head.state
-    if len(state.scopes) != board_count:
-        raise LogError(f"the recording has {len(state.scopes)} scopes, but its tree has {board_count}")
-    for node in state.nodes:
-        if not 1 <= node.uid <= node_count:
-            raise LogError(f"the recording has the state of a node {node.uid}, which does not exist")
+    for state in (recording.head.state, *(segment.state for segment in recording.segments)):
+        if len(state.scopes) != board_count:
+            raise LogError(f"the recording has {len(state.scopes)} scopes, but its tree has {board_count}")
+        for node in state.nodes:
+            if not 1 <= node.uid <= node_count:
+                raise LogError(f"the recording has the state of a node {node.uid}, which does not exist")
     for step in recording.steps:
         for event in (*step.before, *step.inputs):
             uid, scope = getattr(event, "uid", 1), getattr(event, "scope", 0)

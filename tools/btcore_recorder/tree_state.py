@@ -42,7 +42,7 @@ def capture(tree: Tree, boards: Sequence[Blackboard], encode: Callable[[object],
             fields[name] = encode(value) if queue is None else {"__entry": queue}
         if fields or node._status is not IDLE or node._status_before_reset is not IDLE:
             states.append(NodeState(uid, node._status, node._status_before_reset, fields))
-    return TreeState(tuple(entries), tuple(scopes), tuple(states), tree.ticks, tree.status)
+    return TreeState(tuple(entries), tuple(scopes), tuple(states), tree.ticks)
 
 
 def recorded_entry(entry: Entry, encoded: Any) -> RecordedEntry:
@@ -71,7 +71,7 @@ def restore_nodes(
     Raises:
         LogError: *state* is not a state of this tree.
     """
-    tree.ticks, tree.status = state.ticks, state.status
+    tree.ticks = state.ticks
     if tree.context.observers is not None:
         tree.context.observers.begin_tick(state.ticks)
     nodes = tree.nodes
@@ -92,3 +92,21 @@ def restore_nodes(
                 setattr(node, name, decoded)
             except (ValueError, TypeError, IndexError) as error:
                 raise LogError(f"the recorded state of '{node.path}' is invalid: {error}") from None
+
+
+def describe_difference(recorded: TreeState, now: TreeState) -> tuple[str, str]:
+    """Return the first difference between two states of one tree, as the recorded and the present value."""
+    for number, (keys, keys_now) in enumerate(zip(recorded.scopes, now.scopes, strict=True)):
+        for key in {**keys, **keys_now}:
+            entries = [
+                state.entries[index] if (index := scope.get(key)) is not None else None
+                for state, scope in ((recorded, keys), (now, keys_now))
+            ]
+            if entries[0] != entries[1]:
+                texts = ["is not there" if entry is None else f"is {tuple(entry)}" for entry in entries]
+                return f"the entry '{key}' of scope {number} {texts[0]}", f"it {texts[1]}"
+    nodes, nodes_now = ({node.uid: node for node in state.nodes} for state in (recorded, now))
+    for uid in sorted({*nodes, *nodes_now}):
+        if nodes.get(uid) != nodes_now.get(uid):
+            return f"the state of node {uid}: {nodes.get(uid)}", f"{nodes_now.get(uid)}"
+    return f"{recorded.ticks} ticks", f"{now.ticks} ticks"

@@ -37,10 +37,12 @@ class Encoder:
 
     Attributes:
         found: Called with the name and the description of each type that was not encountered before.
+        count: The number of values so far, those in lists and others included.
     """
 
     def __init__(self, found: Callable[[str, Any], object]) -> None:
         self.found = found
+        self.count = 0
         self._names: dict[type, str] = {}
         self._taken: set[str] = set(_BUILTIN_ENUMS)
 
@@ -53,6 +55,7 @@ class Encoder:
 
     def _encode(self, value: object) -> Any:
         cls = type(value)
+        self.count += 1
         if isinstance(value, (str, bytes, list, tuple, dict, deque, set)) and len(value) > MAX_ITEMS:
             return {"__text": f"{cls.__qualname__} of {len(value):,} items"}
         if cls is int or cls is str or cls is bool or value is None:
@@ -69,8 +72,11 @@ class Encoder:
             return {"__tuple": [self._encode(item) for item in value]}  # type: ignore[attr-defined]
         if isinstance(value, dict) and cls is dict:
             return {"__dict": [[self._encode(key), self._encode(item)] for key, item in value.items()]}
-        if cls is deque or cls is set:
-            return {f"__{cls.__name__}": [self._encode(item) for item in value]}  # type: ignore[attr-defined]
+        if cls is deque:
+            return {"__deque": [self._encode(item) for item in value]}  # type: ignore[attr-defined]
+        if cls is set:
+            items = [self._encode(item) for item in value]  # type: ignore[attr-defined]
+            return {"__set": sorted(items, key=repr)}  # equal sets have equal forms
         if cls is bytes:
             return {"__bytes": base64.b64encode(value).decode()}  # type: ignore[arg-type]
         if is_dataclass(value) and not isinstance(value, type):

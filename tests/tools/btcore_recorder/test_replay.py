@@ -31,9 +31,9 @@ from btcore.testing import xml_documents
 from btcore.testing.tree_generator import BUILTIN_MANIFESTS, SCRIPT_KEYS
 from btcore.tree.hooks import Hook, HookMode, HookPosition
 from btcore_recorder import Replay
-from btcore_recorder.inputs import scopes_of
+from btcore_recorder.inputs import RunRecording, scopes_of
 from btcore_recorder.recorder import Recorder
-from btcore_recorder.text_form import RunRecording, read_recording, to_text
+from btcore_recorder.text_form import read_recording, to_text
 from tests.conformance.recorded_cases import Journal, conformance_registry, read_cases
 from tests.tools.btcore_recorder.random_leaves import NODE_IDS, Spot, random_registry
 
