@@ -41,14 +41,14 @@ class FiniteRange(click.FloatRange):
 
 
 class FieldOption(click.Option):
-    """The option of a field of *struct*, and how a sweep treats it."""
+    """The option of a field of *options_class*, and how a sweep treats it."""
 
     name: str  # click permits None
 
-    def __init__(self, struct: type[Options], field: FieldInfo) -> None:
+    def __init__(self, options_class: type[Options], field: FieldInfo) -> None:
         field_type, meta, details = describe_field(field)
-        self.struct = struct
-        self.vary = details.vary
+        self.options_class = options_class
+        self.sweep_option = details.sweep_option
         self.one_run_only = details.one_run_only
         default = None if field.default is msgspec.NODEFAULT else field.default
         arguments: dict[str, Any] = {"help": meta.description, "metavar": details.metavar}
@@ -73,49 +73,49 @@ class FieldOption(click.Option):
         return extra
 
 
-def create_options(options: type[Options], *names: str) -> list[FieldOption]:
-    """Return the options of the fields *names* of *options*, or of all fields, in the order of the fields."""
+def create_options(options_class: type[Options], *names: str) -> list[FieldOption]:
+    """Return the options of the fields *names* of a class, or of all fields, in the order of the fields."""
     created = []
-    for field in msgspec.structs.fields(options):
+    for field in msgspec.structs.fields(options_class):
         if not names or field.name in names:
             try:
-                created.append(FieldOption(options, field))
+                created.append(FieldOption(options_class, field))
             except TypeError as error:
-                raise BtcoreError(f"the field '{field.name}' of {options.__name__}: {error}") from error
+                raise BtcoreError(f"the field '{field.name}' of {options_class.__name__}: {error}") from error
     return created
 
 
-def add_options(options: type[Options], *names: str) -> Callable[[Function], Function]:
-    """Return a decorator that adds the options of *options* to a command.
+def add_options(options_class: type[Options], *names: str) -> Callable[[Function], Function]:
+    """Return a decorator that adds the options of a class to a command.
 
     Args:
-        options: The class of the options.
+        options_class: The class of the options.
         names: The fields whose options are added; by default all.
     """
 
     def decorate(function: Function) -> Function:
         params = function.__dict__.setdefault("__click_params__", [])
-        params.extend(reversed(create_options(options, *names)))
+        params.extend(reversed(create_options(options_class, *names)))
         return function
 
     return decorate
 
 
-def pass_options(options: type[Options], parameter: str) -> Callable[[Function], Function]:
-    """Return a decorator that adds the options of *options* to a command, which gets them as *parameter*.
+def pass_options(options_class: type[Options], parameter: str) -> Callable[[Function], Function]:
+    """Return a decorator that adds the options of a class to a command, which gets them as *parameter*.
 
     Args:
-        options: The class of the options.
+        options_class: The class of the options.
         parameter: The name of the parameter of the command's function.
     """
 
     def decorate(function: Function) -> Function:
         @functools.wraps(function)
         def with_options(*arguments: Any, **values: Any) -> Any:
-            own = {field.name: values.pop(field.name) for field in msgspec.structs.fields(options)}
-            return function(*arguments, **{parameter: from_values(options, own)}, **values)
+            own = {field.name: values.pop(field.name) for field in msgspec.structs.fields(options_class)}
+            return function(*arguments, **{parameter: from_values(options_class, own)}, **values)
 
-        return add_options(options)(with_options)  # type: ignore[return-value]
+        return add_options(options_class)(with_options)  # type: ignore[return-value]
 
     return decorate
 

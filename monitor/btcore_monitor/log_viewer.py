@@ -50,7 +50,7 @@ class LogViewer(ViewerOptions):
                     view.process_event(event)
                 view.close()
                 viewer = sinks.viewer
-                if viewer is not None and not viewer.is_open and (failure := viewer.find_failure()):
+                if viewer is not None and not viewer.is_open and (failure := viewer.wait_for_failure()):
                     raise ScreenError(f"the viewer (rerun) failed: {failure}")
                 if self.save is not None:
                     print_message(f"the recording is {self.save}")

@@ -207,7 +207,7 @@ def _wait_for_end(
             continue
         next_viewer_check = now + _CHECK_VIEWER_INTERVAL_S
         if not viewer.is_open:
-            failure, viewer = viewer.find_failure(), None
+            failure, viewer = viewer.wait_for_failure(), None
             # Printed at once, because closing the recording takes some seconds without a viewer.
             print_message(f"the viewer (rerun) failed: {failure}" if failure else "the viewer was closed")
             if failure:

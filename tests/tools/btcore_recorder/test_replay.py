@@ -34,7 +34,7 @@ from btcore_recorder import Replay
 from btcore_recorder.inputs import RunRecording, scopes_of
 from btcore_recorder.recorder import Recorder
 from btcore_recorder.text_form import read_recording, to_text
-from tests.conformance.recorded_cases import Journal, conformance_registry, read_cases
+from tests.conformance.recorded_cases import CallLog, conformance_registry, read_cases
 from tests.tools.btcore_recorder.random_leaves import NODE_IDS, Spot, random_registry
 
 NODES = random_registry()
@@ -150,7 +150,7 @@ def random_tree(xml: str, seed: int, clock: btcore.Clock) -> Tree:
     board = Blackboard(clock=clock)
     for key in SCRIPT_KEYS:
         board[key] = 0
-    resources = [Journal(), Random(seed)]
+    resources = [CallLog(), Random(seed)]
     return btcore.loads(xml, nodes=NODES, clock=clock, resources=resources, blackboard=board)
 
 
@@ -226,7 +226,7 @@ def test_recorded_cases_replay_from_the_results_of_leaves(name: str) -> None:
         arguments: dict[str, Any] = {"tree": case.get("tree"), "format": case["format"], "blackboard": board}
         try:
             tree = btcore.loads(
-                case["xml"], nodes=nodes, resources=[Journal()], clock=SimClock(), **arguments
+                case["xml"], nodes=nodes, resources=[CallLog()], clock=SimClock(), **arguments
             )
         except BtcoreError:
             continue  # a documented difference
@@ -289,7 +289,7 @@ def test_the_text_form_loses_nothing(
 def recorded_door() -> RunRecording:
     b = btcore.Builder(NODES)
     tree = b.build(
-        b.Sequence(b.Act(name="door", outcomes="RS|F"), b.Script(code="n := 1")), resources=[Journal()]
+        b.Sequence(b.Act(name="door", outcomes="RS|F"), b.Script(code="n := 1")), resources=[CallLog()]
     )
     run = Run(tree)
     for _ in range(3):
