@@ -27,7 +27,7 @@ from btcore.runs.choice import Choice
 from btcore.runs.opening import RunProviders
 from btcore.runs.providers import EndReason, Provider, Report, TypeRef
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
-from btcore.runs.tick_loop import LoopEnd, TickLoop, Until
+from btcore.runs.tick_loop import LoopEnd, OnEnd, OnTick, Reload, TickLoop, Until
 from btcore.signals import EndingSignals
 from btcore.status import Status
 from btcore.tree.tree import Tree
@@ -270,9 +270,9 @@ class Run:
         self,
         until: Until = "done",
         *,
-        on_tick: Callable[[Status], None] | None = None,
-        reload: Callable[[], bool] | None = None,
-        on_end: Callable[[NodeExecutionError | None], None] | None = None,
+        on_tick: OnTick | None = None,
+        reload: Reload | None = None,
+        on_end: OnEnd | None = None,
     ) -> Status:
         """Tick at the rate of the run until the end, halt the trees, and return the status of the last tick.
 
