@@ -1,4 +1,4 @@
-"""The monitor's extensions of other packages' commands have the types that these declare, which mypy checks."""
+"""The monitor's extensions of other commands have the types that these declare, which mypy checks."""
 
 from btcore_monitor.log_viewer import LogViewer
 from btcore_monitor.preview_extension import RobotPreview

@@ -160,11 +160,12 @@ class TreeState(NamedTuple):
 
 
 class RecordedClass(NamedTuple):
-    """The class of external nodes with a registration ID.
+    """The class of nodes with a registration ID, or of a node that a substitution rule has replaced.
 
     Attributes:
         id: The registration ID.
-        kind: "leaf", "decorator" or "control".
+        kind: "leaf", "decorator" or "control" for external nodes; "built-in" for others, of which only *id*
+            counts.
         node_type: The name of the node type.
         must_complete: Whether RUNNING is not a valid result.
         ports: For each port its name, its direction, the name of its type, and its default or None.
@@ -187,6 +188,7 @@ class Head(NamedTuple):
         enums: The numbers of enum names in scripts.
         types: Descriptions of the user's types, by name.
         classes: The classes of external nodes.
+        replaced: The classes of the nodes that substitution rules have replaced, by UID.
         outer: For the scope of the main tree and each parent whether it has automatic remapping, and its
             remappings.
         state: The state when the recording began.
@@ -201,6 +203,7 @@ class Head(NamedTuple):
     enums: Mapping[str, int]
     types: Mapping[str, Any]
     classes: tuple[RecordedClass, ...]
+    replaced: Mapping[int, RecordedClass]
     outer: tuple[tuple[bool, Mapping[str, str]], ...]
     state: TreeState
     time: int

@@ -58,8 +58,8 @@ class Recorder(Observer):
         last_result: The result of the last tick that raised no exception; at first IDLE.
 
     Raises:
-        BtcoreError: The tree is in a tick, is being recorded, or is not from a document, or its
-            registry has substitution rules.
+        BtcoreError: The tree is in a tick, is being recorded, or is not from a document, or the substitution
+            rules of its registry have changed.
     """
 
     def __init__(
@@ -69,10 +69,6 @@ class Recorder(Observer):
             raise BtcoreError(f"tree '{tree.id}' is in a tick: begin to record it between two ticks")
         if tree.context.journal is not None:
             raise BtcoreError(f"tree '{tree.id}' is being recorded already")
-        if tree.registry.substitutions:
-            raise BtcoreError(
-                f"tree '{tree.id}' has nodes that rules may have replaced: it cannot be recorded"
-            )
         self._tree = tree
         self._deliver = deliver
         types: dict[str, Any] = {}
@@ -142,12 +138,26 @@ class Recorder(Observer):
             dict(tree.registry.types.enums),
             types,
             tuple(classes),
+            self._find_replaced(),
             tuple((board.autoremap, dict(board.remappings())) for board in with_parents(tree.blackboard)),
             self.capture(),
             tree.clock.now(),
             time.time_ns(),
             {"btcore": btcore.__version__, "build": active_build(), "python": platform.python_version()},
         )
+
+    def _find_replaced(self) -> dict[int, RecordedClass]:
+        """Return the classes of the nodes that substitution rules have replaced, by UID."""
+        tree, registry = self._tree, self._tree.registry
+        replaced = {}
+        for node in tree.nodes if registry.substitutions else ():
+            manifest = registry.get(node.config.id, tree.format)
+            by = None if manifest is None else registry.apply_substitutions(node.config, manifest, 1)
+            if by is None or by.cls is not type(node):
+                raise BtcoreError(f"the substitution rule of '{node.path}' has changed: load the tree again")
+            if by is not manifest:
+                replaced[node.config.uid] = _describe(by)
+        return replaced
 
     # --- steps
 
@@ -214,7 +224,9 @@ def _recorded_error(error: object) -> RecordedError:
 
 def _describe(manifest: Manifest) -> RecordedClass:
     cls, kind = manifest.cls, "leaf"
-    if issubclass(cls, DecoratorNode):
+    if not is_external(cls):
+        kind = "built-in"
+    elif issubclass(cls, DecoratorNode):
         kind = "decorator"
     elif issubclass(cls, ControlNode):
         kind = "control"

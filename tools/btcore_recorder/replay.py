@@ -24,13 +24,15 @@ from btcore.engine.journal import (
 )
 from btcore.engine.leaf import LeafNode
 from btcore.engine.node import TreeNode, execute_tick, halt_node, reset_status
+from btcore.engine.node_config import NodeConfig
 from btcore.engine.node_spec import NodeSpec
 from btcore.engine.observers import Observer
 from btcore.engine.transition_records import Transitions
 from btcore.errors import BtcoreError, NodeExecutionError, TickInterrupt
 from btcore.loading.instantiate import instantiate
 from btcore.logs.files import LogError
-from btcore.registry.registry import Registry
+from btcore.registry.manifest import Manifest, create_manifest
+from btcore.registry.registry import Registry, SubstitutionRule
 from btcore.status import IDLE, SKIPPED, NodeType, Status
 from btcore.tree.tree import Tree
 from btcore.values import TypeRegistry, UserType, ValueType, VectorType
@@ -311,6 +313,17 @@ _BASES: Final[dict[str, type[TreeNode]]] = {
 }
 
 
+class _RecordedRule(SubstitutionRule):
+    """Replaces one node, as a rule has done in the recorded run."""
+
+    def __init__(self, uid: int, by: Manifest | str) -> None:
+        super().__init__("", by)
+        self._uid = uid
+
+    def matches(self, config: NodeConfig) -> bool:
+        return config.uid == self._uid
+
+
 class _Checksum(Observer):
     def __init__(self) -> None:
         self.value = 0
@@ -368,6 +381,8 @@ class Replay:
             if recorded.id in registry:
                 registry.remove(recorded.id)
             registry.add(_stand_in_class(recorded, external), ID=recorded.id)
+        for uid, recorded in head.replaced.items():
+            registry.substitutions[str(uid)] = _RecordedRule(uid, self._replacement(recorded, registry))
         self._stamps = _StandInClock()
         self.tree = self._load(head, registry)
         external.nodes, external.boards = self.tree.nodes, scopes_of(self.tree)
@@ -384,6 +399,12 @@ class Replay:
         self.tree.context.recorded_end = external.repetition_ended
         self.tree.context.must_check_end = True
         self._add_callbacks(steps)
+
+    def _replacement(self, recorded: RecordedClass, registry: Registry) -> Manifest | str:
+        if recorded.kind == "built-in":
+            return recorded.id
+        stand_in = _stand_in_class(recorded, self._external)
+        return create_manifest(recorded.id, stand_in, registry.types, {}, "the recording")
 
     def _load(self, head: Head, registry: Registry) -> Tree:
         documents = [parse_text(text, file) for file, text, _ in head.documents]

@@ -24,7 +24,7 @@ from btcore.engine.journal import (
 )
 from btcore.json_text import load_json
 from btcore.logs.files import LogError, read_bytes
-from btcore.status import Status
+from btcore.status import NodeType, Status
 from btcore_recorder.inputs import (
     ExternalHaltEnded,
     Head,
@@ -97,6 +97,8 @@ class TextWriter:
             self.type(name, description)
         for recorded in head.classes:
             self._line("class", *recorded)
+        for uid, recorded in head.replaced.items():
+            self._line("replaced", uid, *recorded)
         for uid, path in enumerate(paths, start=1):
             self._line("node", uid, path)
         for autoremap, remaps in head.outer:
@@ -271,6 +273,7 @@ class _Reader:
         enums: dict[str, int] = {}
         types: dict[str, Any] = {}
         classes: list[RecordedClass] = []
+        replaced: dict[int, RecordedClass] = {}
         state = _StateReader()
         outer: list[tuple[bool, Mapping[str, str]]] = []
         while True:
@@ -287,16 +290,10 @@ class _Reader:
                     enums[name] = number
                 case "type", [str(name), dict(description)]:
                     types[name] = description
-                case "class", [
-                    str(id),
-                    ("leaf" | "control" | "decorator") as kind,
-                    ("ACTION" | "CONDITION" | "CONTROL" | "DECORATOR") as node_type,
-                    bool(must_complete),
-                    list(ports),
-                ]:
-                    classes.append(
-                        RecordedClass(id, kind, node_type, must_complete, tuple(map(_port, ports)))
-                    )
+                case "class", values:
+                    classes.append(_class(values))
+                case "replaced", [int(uid), *values]:
+                    replaced[uid] = _class(values)
                 case "node", [int(), str()]:
                     pass  # for people who read the file
                 case "outer", [bool(autoremap), dict(remaps)] if all(
@@ -320,6 +317,7 @@ class _Reader:
             enums,
             types,
             tuple(classes),
+            replaced,
             tuple(outer),
             state.state(),
             *clock,
@@ -404,6 +402,19 @@ def _entry(values: object) -> RecordedEntry:
         case [value, str(declared), bool(inferred), None | str() as value_type, int(sequence_id)]:
             return RecordedEntry(value, declared, inferred, value_type, sequence_id)
     raise _DamageError("an entry is invalid")
+
+
+def _class(values: object) -> RecordedClass:
+    match values:
+        case [
+            str(id),
+            ("leaf" | "control" | "decorator" | "built-in") as kind,
+            str(node_type),
+            bool(must_complete),
+            list(ports),
+        ] if node_type in NodeType.__members__:
+            return RecordedClass(id, kind, node_type, must_complete, tuple(map(_port, ports)))
+    raise _DamageError("a class is invalid")
 
 
 def _port(values: object) -> tuple[str, str, str, str | None]:

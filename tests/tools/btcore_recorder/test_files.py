@@ -12,6 +12,7 @@ import pytest
 import btcore
 from btcore import BtcoreError, NodeExecutionError, Tree
 from btcore.logs import LogError
+from btcore.testing import TestNodeConfig
 from btcore_recorder import Replay, record
 from btcore_recorder.file_recorder import RingRecorder
 from btcore_recorder.inputs import RunRecording
@@ -140,12 +141,22 @@ def test_only_documents_are_recorded(tmp_path: Path) -> None:
         record(tree, tmp_path / "run.btrec.txt")
 
 
-def test_trees_with_substitution_rules_are_not_recorded(tmp_path: Path) -> None:
-    nodes = NODES.copy()
+def test_nodes_that_rules_replaced_are_recorded(tmp_path: Path) -> None:
+    nodes, path = NODES.copy(), tmp_path / "run.btrec.txt"
     nodes.substitute("pen", "AlwaysSuccess")
-    tree = btcore.loads(XML, nodes=nodes, resources=[Random(3)])
-    with pytest.raises(BtcoreError, match="rules may have replaced"):
-        record(tree, tmp_path / "run.btrec.txt")
+    nodes.substitute("Hold", TestNodeConfig(success_script="held := 1", async_delay=100))
+    clock = btcore.SimClock()
+    tree = btcore.loads(XML, nodes=nodes, resources=[Random(3)], clock=clock)
+    with record(tree, path):
+        tree.tick_while_running(period=0.05)
+    replay = Replay(path)
+    assert replay.verify() is None
+    names = [type(node).__name__ for node in replay.tree]
+    assert names == ["Sequence", "AlwaysSuccess", "TestNode", "Script"]
+    assert (replay.tree.ticks, replay.tree.blackboard["held"]) == (3, 1)
+    nodes.substitute("pen", "AlwaysFailure")
+    with pytest.raises(BtcoreError, match="the substitution rule of 'pen' has changed"):
+        record(tree, path)
 
 
 def test_a_tree_is_recorded_once(tmp_path: Path) -> None:
