@@ -9,6 +9,7 @@ _MODULES: Final = {
     "lsp": ("lsprotocol", "pygls"),
     "mcp": ("anyio", "mcp", "resvg_py"),
     "monitor": ("PIL", "flatbuffers", "msgpack", "rerun", "zmq"),
+    "record": ("mcap", "zstandard"),
     "robot": ("cv2", "numpy", "scipy", "skimage", "yaml"),  # numpy is in others, too
     "ros2": ("rclpy",),
     "sim": ("pybullet",),

@@ -22,7 +22,6 @@ from btcore.clock import NS_PER_S, NS_PER_US
 from btcore.input_files import ENLARGE, format_size, max_size
 from btcore.loading.tree_xml import tree_to_xml
 from btcore.logs.files import LogError, create, expect_extension, read_bytes, write_whole
-from btcore.logs.formats import LogFormat
 from btcore.logs.log import Log
 from btcore.logs.recording import Gap, LoggedTransition, RecordedNode, Recording, parse_nodes
 from btcore.status import NodeType, Status, Transition
@@ -236,7 +235,6 @@ def read_bag(path: str | os.PathLike[str]) -> Recording:
     return Recording(path, xml, start, nodes, transitions, gaps=tuple(gaps))
 
 
-FORMAT: Final = LogFormat(BagLog, read_bag)
 """The format of the extension `EXTENSION`, an entry point of the group `btcore.logs`."""
 
 

@@ -13,11 +13,11 @@ from btcore.clock import NS_PER_S
 from btcore.logs.files import LogError, create, ensure_writable, write_whole
 from btcore.output_files import write_file
 from btcore.status import Status
-from btcore.suggestions import suggestion
 from btcore.tree.tree import Tree
+from btcore_recorder.files import form_for
 from btcore_recorder.inputs import TreeState
+from btcore_recorder.lines import Line, head_lines, segment_lines, step_lines
 from btcore_recorder.recorder import RawStep, Recorder
-from btcore_recorder.text_form import EXTENSION, TextWriter
 
 WRITE_INTERVAL_S: Final = 1.0
 """The time (s, wall clock) between two writes: what a process that is killed may lose."""
@@ -34,12 +34,6 @@ _BYTES_OF_RECORD: Final = 16
 _BYTES_OF_VALUE: Final = 100
 
 _log = logging.getLogger("btcore")
-
-
-def _check_name(path: Path) -> None:
-    if not path.name.endswith(EXTENSION):
-        hint = suggestion(f"{path.name.split('.')[0] or 'run'}{EXTENSION}")
-        raise LogError(f"{path}: the name of a recording must end in {EXTENSION}; {hint}")
 
 
 class _TypeFound(NamedTuple):
@@ -67,27 +61,28 @@ class FileRecorder:
 
     def __init__(self, tree: Tree, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
-        _check_name(self.path)
+        self._form = form_for(self.path)
         self.is_incomplete = False
         self._tree = tree
         self._queue: SimpleQueue[RawStep | _TypeFound | _SegmentBegun] = SimpleQueue()
         self._added_values = 0
         self._taken_values = 0
+        self._unwritten_values = 0
         self._loss = ""  # why steps are being lost
         self._recorder = Recorder(tree, self._add_step, self._add_type)
-        self._types: list[_TypeFound] = []
-        self._text: list[str] = []
-        self._writer = TextWriter(self._text.append)
-        self._writer.head(self._recorder.head, [node.path for node in tree.nodes])
-        self._segment_time = self._recorder.head.time
-        head = self._take_text()
+        self._types: list[Line] = []  # found since the last step
+        head = self._recorder.head
+        self._segment_time = head.time
+        self._form.add(head_lines(head, [node.path for node in tree.nodes]), head.wall_time)
+        data = self._form.take()
         try:
-            self._file = create(self.path, head)
+            self._file = create(self.path, data)
         except BaseException:
             self._recorder.close()
             raise
-        self._written = len(head), self._writer.crc  # what is complete in the file
-        self._is_broken = False  # whether writing has failed, and no segment has followed
+        self._size = len(data)  # of what is complete in the file
+        self._time = head.wall_time
+        self._unwritten = b""
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="btcore recorder", daemon=True)
         self._thread.start()
@@ -98,6 +93,7 @@ class FileRecorder:
         if not self._closing.is_set():
             self._closing.set()
             self._thread.join()
+            self._write(self._form.take_end())
             self._file.close()
 
     def __enter__(self) -> Self:
@@ -153,43 +149,36 @@ class FileRecorder:
                 break
             if isinstance(item, RawStep):
                 values += len(item.records)
-                self._writer.step(self._recorder.step(item))
+                step = self._recorder.step(item)
+                if step.tick:
+                    head = self._recorder.head
+                    self._time = max(self._time, head.wall_time + step.time - head.time)
+                self._form.add([*self._types, *step_lines(step)], self._time)
+                self._types.clear()
             elif isinstance(item, _TypeFound):
-                self._types.append(item)
-                self._writer.type(*item)
+                self._types.append(("type", list(item)))
             else:
-                self._write_segment(item)
-        self._write_text()
-        self._taken_values += values
+                self._form.add(segment_lines(*item), self._time)
+        if self._write(self._form.take()):
+            self._taken_values += self._unwritten_values + values
+            self._unwritten_values = 0
+        else:
+            self._unwritten_values += values
 
-    def _write_segment(self, item: _SegmentBegun) -> None:
-        if self._is_broken:
-            self._text.clear()
-            self._writer.crc = self._written[1]
-            self._is_broken = False
-        self._writer.segment(*item)
-        if item.gap:
-            for found in self._types:  # their lines may be among what is missing
-                self._writer.type(*found)
-
-    def _write_text(self) -> None:
-        data = self._take_text()
-        if not data or self._is_broken:
-            return
+    def _write(self, data: bytes) -> bool:
+        """Write *data*, and what could not be written before; return whether it was possible."""
+        self._unwritten += data
         try:
-            write_whole(self._file, data)
-            self._written = self._written[0] + len(data), self._writer.crc
+            write_whole(self._file, self._unwritten)
         except OSError as error:
-            self._is_broken = True
             self._lose(f"writing failed: {error.strerror or error}")
             with suppress(OSError):
-                self._file.truncate(self._written[0])
-                self._file.seek(self._written[0])
-
-    def _take_text(self) -> bytes:
-        data = "".join(self._text).encode("utf-8", "surrogatepass")
-        self._text.clear()
-        return data
+                self._file.truncate(self._size)
+                self._file.seek(self._size)
+            return False
+        self._size += len(self._unwritten)
+        self._unwritten = b""
+        return True
 
 
 class _Segment:
@@ -207,7 +196,7 @@ class RingRecorder:
 
     Args:
         tree: The tree, between two ticks.
-        path: The file to which `save` writes, `….btrec.txt`.
+        path: The file to which `save` writes, `….btrec.txt` or `….mcap`.
 
     Raises:
         BtcoreError: The tree is in a tick, is being recorded, or is not from a document.
@@ -216,7 +205,7 @@ class RingRecorder:
 
     def __init__(self, tree: Tree, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
-        _check_name(self.path)
+        form_for(self.path)  # checks the name
         is_new = not self.path.exists()
         ensure_writable(self.path)
         if is_new:
@@ -245,18 +234,19 @@ class RingRecorder:
             LogError: The file cannot be written.
         """
         self.close()
-        parts: list[str] = []
-        writer = TextWriter(parts.append)
-        head = self._recorder.head
+        form, head = form_for(self.path), self._recorder.head
         head = head._replace(state=self._segments[0].state, types={**head.types, **self._types})
-        writer.head(head, [node.path for node in self._tree.nodes])
+        form.add(head_lines(head, [node.path for node in self._tree.nodes]), head.wall_time)
         for segment in self._segments:
+            time = head.wall_time + segment.time - head.time
             if segment is not self._segments[0]:
-                writer.segment("", segment.state)
-            for step in segment.steps:
-                writer.step(self._recorder.step(step))
+                form.add(segment_lines("", segment.state), time)
+            for raw in segment.steps:
+                step = self._recorder.step(raw)
+                time = max(time, head.wall_time + step.time - head.time)
+                form.add(step_lines(step), time)
         try:
-            write_file(self.path, "".join(parts).encode("utf-8", "surrogatepass"))
+            write_file(self.path, form.take_end())
         except OSError as error:
             raise LogError(f"{self.path}: cannot write the recording: {error.strerror or error}") from None
 
@@ -284,7 +274,7 @@ def record(tree: Tree, path: str | os.PathLike[str]) -> FileRecorder:
 
     Args:
         tree: The tree, between two ticks.
-        path: The file, `….btrec.txt`; an existing file is overwritten.
+        path: The file, `….btrec.txt` or `….mcap`; an existing file is overwritten.
 
     Returns:
         The recorder. Close it after the last tick, or use it as a context manager.

@@ -40,6 +40,7 @@ from btcore.xml.define import define
 from btcore.xml.plan.plan import plan
 from btcore.xml.read.document import Diagnostics
 from btcore.xml.read.read import Sources, parse_text
+from btcore_recorder.files import read_recording
 from btcore_recorder.inputs import (
     ExternalHaltEnded,
     Head,
@@ -58,7 +59,6 @@ from btcore_recorder.inputs import (
     Written,
     scopes_of,
 )
-from btcore_recorder.text_form import read_recording
 from btcore_recorder.tree_state import capture, describe_difference, restore_entries, restore_nodes
 from btcore_recorder.values import Decoder, Encoder, NotReplayable
 

@@ -9,6 +9,8 @@ from btcore.logs import Recording
 from btcore.logs.formats import LogFormat
 from btcore.logs.recording import LoggedTransition, parse_nodes
 from btcore.status import IDLE, Status, Transition
+from btcore_bags.log import BagLog, read_bag
+from btcore_recorder.files import has_recording
 from btcore_recorder.replay import Replay
 
 
@@ -54,4 +56,10 @@ def read_as_log(path: Path) -> Recording:
     )
 
 
+def read_mcap(path: Path) -> Recording:
+    """Return the log in an MCAP file: of a recording if it contains one, otherwise of a bag."""
+    return read_as_log(path) if has_recording(path) else read_bag(path)
+
+
 FORMAT: Final = LogFormat(None, read_as_log)
+MCAP_FORMAT: Final = LogFormat(BagLog, read_mcap)

@@ -31,9 +31,11 @@ from btcore.testing import xml_documents
 from btcore.testing.tree_generator import BUILTIN_MANIFESTS, SCRIPT_KEYS
 from btcore.tree.hooks import Hook, HookMode, HookPosition
 from btcore_recorder import Replay
+from btcore_recorder.files import form_for, read_recording
 from btcore_recorder.inputs import RunRecording, scopes_of
+from btcore_recorder.lines import recording_lines
 from btcore_recorder.recorder import Recorder
-from btcore_recorder.text_form import read_recording, to_text
+from btcore_recorder.text_form import to_text
 from tests.conformance.recorded_cases import CallLog, conformance_registry, read_cases
 from tests.tools.btcore_recorder.random_leaves import NODE_IDS, Spot, random_registry
 
@@ -267,7 +269,7 @@ def test_the_scopes_around_a_tree_are_recorded() -> None:
 
 @given(DOCUMENTS, ACTIONS, st.integers(0, 2**32))
 @settings(max_examples=10)
-def test_the_text_form_loses_nothing(
+def test_the_forms_of_files_lose_nothing(
     tmp_path_factory: pytest.TempPathFactory, xml: str, actions: list[str], seed: int
 ) -> None:
     tree = random_tree(xml.replace("\n", "\r\n"), seed, SimClock())
@@ -277,10 +279,13 @@ def test_the_text_form_loses_nothing(
     for action in actions:
         act(run.tree, action, Random(seed))
     recording = run.end()
-    path = tmp_path_factory.mktemp("text") / "run.btrec.txt"
-    text = to_text(recording, [node.path for node in run.tree.nodes])
-    path.write_bytes(text.encode("utf-8", "surrogatepass"))
-    assert read_recording(path) == recording
+    folder = tmp_path_factory.mktemp("forms")
+    for name in ("run.btrec.txt", "run.mcap"):
+        form = form_for(folder / name)
+        for lines in recording_lines(recording, [node.path for node in run.tree.nodes]):
+            form.add(lines)
+        (folder / name).write_bytes(form.take() + form.take_end())
+        assert read_recording(folder / name) == recording
 
 
 # --- differences

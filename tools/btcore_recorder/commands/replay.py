@@ -16,7 +16,7 @@ from btcore.logs import LoggedTransition, Recording, read_log
 from btcore.logs.recording import format_transition
 from btcore.status import FAILURE, RUNNING, SUCCESS, Status
 from btcore.suggestions import did_you_mean
-from btcore_recorder.text_form import EXTENSION
+from btcore_recorder.files import EXTENSIONS, TEXT
 from btcore_recorder.verification import verify
 
 _COLOURS: Final[dict[Status, str]] = {RUNNING: "yellow", SUCCESS: "green", FAILURE: "red"}
@@ -68,7 +68,7 @@ class LogViewer(Protocol):
     "--verify",
     "verifies",
     is_flag=True,
-    help=f"Run a recording (…{EXTENSION}) again in the engine, and compare each tick with what was recorded.",
+    help=f"Run a recording (…{TEXT}) again in the engine, and compare each tick with what was recorded.",
 )
 @click.option("--json", "as_json", is_flag=True, help="With --verify: print a JSON object.")
 @click.pass_context
@@ -86,9 +86,9 @@ def replay(
 ) -> int:
     """Show LOG: a .btlog, an SQLite log (.db3, .btdb; FILE.db3#2 for session 2), a bag (.mcap) or a .fbl.
 
-    LOG may also be a recording (.btrec.txt) of a run, which is run again. Without options it opens the
-    viewer, where the time can be moved back and forth. --save, --serve-web and --screenshot need no display.
-    Times are in seconds since the log began. A truncated file is shown up to its end.
+    LOG may also be a recording (.btrec.txt or .mcap) of a run, which is run again. Without options it opens
+    the viewer, where the time can be moved back and forth. --save, --serve-web and --screenshot need no
+    display. Times are in seconds since the log began. A truncated file is shown up to its end.
     """
     assert isinstance(ctx.command, ExtensibleCommand)
     viewer: LogViewer | None = ctx.command.make_extension(viewer_values)
@@ -130,9 +130,9 @@ def _check_usage(
 
 
 def _verify(log: str, as_json: bool) -> int:
-    if not log.endswith(EXTENSION):
+    if not log.endswith(EXTENSIONS):
         raise click.UsageError(
-            f"{log} is a log of statuses: --verify needs a recording (…{EXTENSION}) of what the ticks "
+            f"{log} is a log of statuses: --verify needs a recording (…{TEXT}) of what the ticks "
             "depended on, as btcore run --record writes it."
         )
     result = verify(Path(log))

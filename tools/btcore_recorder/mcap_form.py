@@ -1,0 +1,185 @@
+"""A recording in an MCAP file (https://mcap.dev/spec): the head, each segment and each step is a message.
+
+A message is a JSON object with its lines, as `btcore_recorder.lines` describes them, and for a tick its
+number and result. The file may also have the channels of a bag. Unlike the reader of the package mcap, this
+one reads what is there of a file whose process was killed.
+"""
+
+import io
+import json
+import struct
+import zlib
+from collections.abc import Iterable
+from dataclasses import replace
+from typing import Any, Final
+
+from lz4.frame import LZ4FrameDecompressor
+from mcap.exceptions import McapError
+from mcap.records import Channel, Chunk, McapRecord, Message
+from mcap.stream_reader import StreamReader, breakup_chunk
+from mcap.writer import Writer
+from zstandard import ZstdError, decompress, frame_content_size
+
+from btcore.json_text import load_json
+from btcore_recorder.lines import DamageError, Line
+
+TOPIC: Final = "/btcore/recording"
+_SCHEMA: Final = {
+    "type": "object",
+    "properties": {
+        "tick": {"type": "integer", "description": "The number of the tick."},
+        "status": {"type": "string", "description": "The result of the tick or halt."},
+        "lines": {"type": "array", "items": {"type": "array"}, "description": "A word and its values each."},
+    },
+    "required": ["lines"],
+}
+MAX_CHUNK: Final = 1 << 28
+"""The maximum size (bytes) of a record, and of a chunk after decompression."""
+
+
+class McapForm:
+    """Converts lines to an MCAP file."""
+
+    def __init__(self) -> None:
+        self._file = _Buffer()
+        self._writer = Writer(self._file)
+        self._writer.start(library="btcore")
+        schema = self._writer.register_schema("btcore.recording", "jsonschema", json.dumps(_SCHEMA).encode())
+        self._channel = self._writer.register_channel(TOPIC, "json", schema)
+        self._count = 0
+
+    def add(self, lines: Iterable[Line], time: int = 0) -> None:
+        """Add a message with *lines*; *time* is in ns since 1970."""
+        rows = [[word, *values] for word, values in lines]
+        message: dict[str, Any] = {}
+        for word, *values in rows:
+            if word == "tick":
+                message["tick"] = values[0]
+            elif word == "end":
+                message["status"] = values[0]
+            elif word == "document":
+                self._writer.add_attachment(time, time, values[0], "application/xml", _encode(values[1]))
+        message["lines"] = rows
+        text = json.dumps(message, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+        self._writer.add_message(self._channel, time, _encode(text), time, self._count)
+        self._count += 1
+
+    def take(self) -> bytes:
+        """Return the bytes of the file since the last call."""
+        self._writer.flush()  # type: ignore[no-untyped-call]
+        return self._file.take()
+
+    def take_end(self) -> bytes:
+        """Return the bytes since the last call, and the end of the file."""
+        self._writer.finish()  # type: ignore[no-untyped-call]
+        return self._file.take()
+
+
+def _encode(text: str) -> bytes:
+    return text.encode("utf-8", "surrogatepass")
+
+
+class _Buffer(io.BytesIO):
+    """The end of a file that was not taken yet."""
+
+    _taken = 0
+
+    def tell(self) -> int:
+        return self._taken + super().tell()
+
+    def take(self) -> bytes:
+        data = self.getvalue()
+        self._taken += len(data)
+        self.seek(0)
+        self.truncate()
+        return data
+
+
+class McapLines:
+    """The lines of an MCAP file; a `LineSource`."""
+
+    def __init__(self, data: bytes) -> None:
+        self._size = len(data)
+        self._stream = io.BytesIO(data)
+        self._records = StreamReader(self._stream, emit_chunks=True, record_size_limit=MAX_CHUNK).records
+        self._channels: set[int] = set()
+        self._messages: list[bytes] = []  # of the present chunk, the last first
+        self._rows: list[list[Any]] = []  # of the present message, the last first
+        self._count = 0
+        self._has_ended = False
+
+    @property
+    def place(self) -> str:
+        """The position in the file up to which it was read."""
+        return f"byte {self._stream.tell()}"
+
+    def next(self) -> Line | None:
+        """Return the next line, or None at the end of the file.
+
+        Raises:
+            DamageError: The file is truncated or damaged.
+        """
+        while not self._rows:
+            while not self._messages:
+                if self._has_ended or not self._read_record():
+                    return None
+            self._rows = _parse(self._messages.pop())
+        word, *values = self._rows.pop()
+        return word, values
+
+    def _read_record(self) -> bool:
+        """Read a record; return False at the end of the file."""
+        start = self._stream.tell()
+        try:
+            record = next(self._records, None)
+            if record is not None:
+                self._add_records(_break_up(record) if isinstance(record, Chunk) else [record])
+                return True
+        except (McapError, struct.error, ValueError, RuntimeError, MemoryError, ZstdError) as error:
+            if start < self._size:  # else its process was killed between two records
+                reason = str(error) or type(error).__name__
+                raise DamageError(f"the file is truncated or damaged after byte {start}: {reason}") from None
+        self._has_ended = True
+        return False
+
+    def _add_records(self, records: Iterable[object]) -> None:
+        messages = []
+        for record in records:
+            if isinstance(record, Channel) and record.topic == TOPIC and record.message_encoding == "json":
+                self._channels.add(record.id)
+            elif isinstance(record, Message) and record.channel_id in self._channels:
+                if record.sequence != self._count:
+                    raise DamageError(f"message {self._count} is missing")
+                self._count += 1
+                messages.append(record.data)
+        self._messages = messages[::-1]
+
+
+def _break_up(chunk: Chunk) -> list[McapRecord]:
+    """Return the records of a chunk, whose size is limited."""
+    data, size = chunk.data, chunk.uncompressed_size
+    if chunk.compression == "zstd":
+        if max(size, frame_content_size(data)) > MAX_CHUNK:
+            raise DamageError(f"a chunk has more than {MAX_CHUNK:,} bytes")
+        data = decompress(data, size)
+    elif chunk.compression == "lz4":
+        data = LZ4FrameDecompressor().decompress(data, MAX_CHUNK)
+    if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+        raise DamageError("a chunk was changed: its checksum differs")
+    return breakup_chunk(replace(chunk, compression="", data=data))
+
+
+def _parse(message: bytes) -> list[list[Any]]:
+    """Return the lines of a message, the last first."""
+    try:
+        data = load_json(message.decode("utf-8", "surrogatepass"), parse_constant=_refuse)
+        rows = data["lines"]
+        if all(isinstance(row, list) and row and isinstance(row[0], str) for row in rows):
+            return list(reversed(rows))
+    except (ValueError, RecursionError, TypeError, KeyError):
+        pass
+    raise DamageError("a message has no lines of a recording")
+
+
+def _refuse(constant: str) -> Any:
+    raise ValueError(constant)
