@@ -1,6 +1,6 @@
 """The batch engine compared with the ordinary engine, in ratios of processor time.
 
-    python benchmarks/batch.py [--pairs 9] [--agents 100 1000 10000 100000] [--json]
+    python benchmarks/batch.py [--pairs 9] [--agents 100 1000 10000 100000] [--quick] [--json]
 
 The tree controls a robot that recharges its battery. It has 20 nodes, among them 8 leaves with ports, two
 scripts and a subtree. The leaves compute the same in both engines: with numbers in the ordinary engine, with

@@ -1,6 +1,6 @@
 """The time of an editor's requests, compared with lxml validating the same file against btcore's XSD.
 
-    python benchmarks/editing.py [--pairs 9] [--lines 2000 10000] [--json]
+    python benchmarks/editing.py [--pairs 9] [--lines 2000 10000] [--quick] [--json]
 
 An editor requests diagnostics after each change, so both programs begin with the text: lxml parses it and
 validates it against the schema that `btcore schema` writes; btcore parses it and finds the errors and

@@ -1,6 +1,6 @@
 """The cost of a node's features in a tick: ports, scripts, conditions and subtrees.
 
-    python benchmarks/features.py [--pairs 9] [--json]
+    python benchmarks/features.py [--pairs 9] [--quick] [--json]
 
 Each tree is a Sequence of 100 children, and is compared with the same tree without the feature: the ratio is
 the time for a child with the feature divided by the time without it. The leaves are classes written in

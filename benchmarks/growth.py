@@ -1,6 +1,7 @@
 """How costs grow: with the nodes of a tree, with its depth, and with the entries of a blackboard.
 
     python benchmarks/growth.py [--pairs 9] [--nodes 100 1000 …] [--depths 10 100 …] [--entries 10 100 …]
+        [--quick] [--json]
 
 Each ratio is the cost per item (a node that is ticked or loaded, a level that is ticked, an entry that is
 read and written) at the size of the row, divided by the cost per item at the smallest size: 1 means that the

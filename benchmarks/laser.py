@@ -1,6 +1,6 @@
 """How long a scan of the simulated laser takes, compared with the rays of the physics engine.
 
-    python benchmarks/laser.py [--pairs 15] [--worlds house aws_house] [--json]
+    python benchmarks/laser.py [--pairs 15] [--worlds house aws_house] [--quick] [--json]
 
 A scan of Tiago's laser casts 666 rays against all static and movable objects of the world, and adds noise.
 The reference is pybullet's `rayTestBatch` with the same rays in the same world; it has neither noise nor the

@@ -1,6 +1,6 @@
 """How long loading a tree takes, compared with lxml parsing the same file, and the memory of its nodes.
 
-    python benchmarks/load.py [--pairs 9] [--nodes 100 1000 10000 60000] [--json]
+    python benchmarks/load.py [--pairs 9] [--nodes 100 1000 10000 60000] [--quick] [--json]
 
 Every node has three attributes: leaves have a name and two ports (literals, and blackboard entries of their
 own), Sequences and Fallbacks have a name and two attributes that Groot writes. A pair consists of a parse and

@@ -1,6 +1,7 @@
 """How long an update of the localiser takes, compared with a direct implementation of the formula.
 
     python benchmarks/navigation_localising.py [--pairs 15] [--particles 500 1000 2000] [--beams 60]
+        [--quick] [--json]
 
 An update moves the particles, computes their weights from the likelihood field, and resamples them by KLD
 sampling. The naive reference differs only in the weights: it computes a sine and a cosine for each beam of

@@ -1,6 +1,6 @@
 """How long planning and costmap updates take, compared with direct calls of the libraries that they use.
 
-    python benchmarks/navigation_planning.py [--pairs 15] [--world house] [--json]
+    python benchmarks/navigation_planning.py [--pairs 15] [--world house] [--quick] [--json]
 
 Plans lead from waypoint to waypoint. "first" is the first plan to a goal. "again" is a later plan to the same
 goal: the robot is a metre closer each time, and the costmap contains the marks of a laser with noise (6 cm)
@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import distance_transform_edt
 from skimage.graph import route_through_array
 
-from btcore.clock import NS_PER_MS
+from btcore.clock import NS_PER_MS, NS_PER_S
 from btcore_navigation.costmap import LETHAL, Costmap, GlobalCostmap, LocalCostmap
 from btcore_navigation.grid_search import grid_costs
 from btcore_navigation.planner import Planner
@@ -119,12 +119,12 @@ def observe_and_update(
 def add(report: Report, name: str, pairs: Iterable[Pair], hertz: float) -> None:
     """Measure *pairs*, and add a row with the share of a core at *hertz* calls per second (Hz)."""
     measured = measure_rounds(pairs, warm_up=0)
-    peer, own = measured.time("peer").median / NS_PER_MS, measured.time("own").median / NS_PER_MS
+    peer, own = measured.time("peer").median, measured.time("own").median  # ns
     figures = {
         "pairs": f"{len(measured.rounds['own'])}",
-        "peer": f"{peer:.2f} ms",
-        "own": f"{own:.2f} ms",
-        "share of a core": f"{own * hertz / 10:.2f} % at {hertz:g} Hz",
+        "peer": f"{peer / NS_PER_MS:.2f} ms",
+        "own": f"{own / NS_PER_MS:.2f} ms",
+        "share of a core": f"{100 * own * hertz / NS_PER_S:.2f} % at {hertz:g} Hz",
     }
     report.add(f"{name}: own / peer", measured.ratio("own", "peer"), None, figures)
 

@@ -1,6 +1,6 @@
 """The cost of an observer that records every transition, if no status changes and if every node changes.
 
-    python benchmarks/observers.py [--pairs 9] [--json]
+    python benchmarks/observers.py [--pairs 9] [--quick] [--json]
 
 The tree in which nothing changes is a Parallel of 100 leaves that stay RUNNING. The tree in which everything
 changes is a Sequence of 100 leaves that succeed and are reset, so that each changes twice in a tick. The

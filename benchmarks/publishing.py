@@ -1,6 +1,6 @@
 """The cost of publishing: the time added to a tick, and the delay of ticks while clients are connected.
 
-    python benchmarks/publishing.py [--pairs 5] [--seconds 2] [--clients 5] [--json]
+    python benchmarks/publishing.py [--pairs 5] [--seconds 2] [--clients 5] [--quick] [--json]
 
 The tree has 1,000 nodes and is ticked at 100 Hz. In each tick 100 leaves succeed and are reset, which is 200
 transitions; the other leaves stay RUNNING. The tree is published for Groot 2 and on the run channel. A

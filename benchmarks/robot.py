@@ -1,6 +1,6 @@
 """How many seconds a robot runs per second of processor time, and how that compares with its physics alone.
 
-    python benchmarks/robot.py [--pairs 3] [--seconds 60] [--json]
+    python benchmarks/robot.py [--pairs 3] [--seconds 60] [--quick] [--json]
 
 The program is ``btcore run --fast`` without a camera: *patrolling* in the house, which localises, plans and
 drives by the navigation stack, and *bumpgo_wide* in the arena, which reads only the laser. The reference is

@@ -1,6 +1,6 @@
 """How long it takes to take what has arrived for a ROS node, compared with rclpy's executor.
 
-    python benchmarks/ros2.py [--pairs 15] [--json]
+    python benchmarks/ros2.py [--pairs 15] [--quick] [--json]
 
 Two ROS nodes have the same ten subscriptions: laser scans of 666 rays, and nine topics with small messages. A
 third ROS node publishes. `RosSession.drain` takes for the first ROS node, and `spin_once` of an executor for

@@ -1,5 +1,7 @@
 """The time of a start: importing btcore, loading a small tree, and ``btcore --version``.
 
+    python benchmarks/startup.py [--pairs 9] [--quick] [--json]
+
 Each program runs in a new process. Its time is the additional processor time, compared with a Python that
 does nothing. Importing and loading are compared with the import of lxml and some standard modules, which
 every such library needs, and ``--version`` with the imports of click's own ``--version``: click and

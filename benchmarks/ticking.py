@@ -1,6 +1,6 @@
 """The cost of a tick: btcore compared with py_trees, and with a bare loop that calls the same leaves.
 
-    python benchmarks/ticking.py [--tree wide] [--leaves class] [--pairs 9] [--json]
+    python benchmarks/ticking.py [--tree wide] [--leaves class] [--pairs 9] [--quick] [--json]
 
 *bump-and-go* is the first tree of the book "A Concise Introduction to Robot Programming with ROS2". It has 8
 nodes, of which a tick executes about 5; the way is free in nine ticks, then there is an obstacle. *deep* has

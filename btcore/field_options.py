@@ -2,7 +2,7 @@
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
@@ -10,6 +10,7 @@ import click
 import msgspec
 from msgspec.structs import FieldInfo
 
+from btcore import entry_points
 from btcore.errors import BtcoreError
 from btcore.options import Options, describe_field, from_values, option_name
 
@@ -117,6 +118,34 @@ def pass_options(options_class: type[Options], parameter: str) -> Callable[[Func
         return add_options(options_class)(with_options)  # type: ignore[return-value]
 
     return decorate
+
+
+class ExtensibleCommand(click.Command):
+    """A command that also has the options of an extension, which another package offers.
+
+    Args:
+        group: The group of the entry point, which names a class of `Options` with the extension's methods.
+    """
+
+    def __init__(self, *arguments: Any, group: str, **attributes: Any) -> None:
+        super().__init__(*arguments, **attributes)
+        self._group = group
+
+    @functools.cached_property
+    def extension_class(self) -> type[Options] | None:
+        """The class of the first extension that can be loaded, or None."""
+        loaded, _ = entry_points.load(self._group)
+        return loaded[0].value if loaded else None
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        """Return the command's options, those of the extension, and `--help`."""
+        own = super().get_params(ctx)  # the last is --help
+        extension = self.extension_class
+        return own if extension is None else [*own[:-1], *create_options(extension), own[-1]]
+
+    def make_extension(self, values: Mapping[str, Any]) -> Any:
+        """Return the extension with *values*, those of its options; None if there is no extension."""
+        return None if self.extension_class is None else from_values(self.extension_class, values)
 
 
 def _click_type(field_type: Any, meta: msgspec.Meta) -> "click.ParamType[Any]":

@@ -154,3 +154,12 @@ class WrapChildren(Fix):
         super().__init__()
         self.tag = tag
         self.first = first
+
+
+def wrapping_fixes(most: int) -> tuple[Fix, ...]:
+    """Return the fixes that put the last children into a control node, so that *most* are left.
+
+    Args:
+        most: The maximum number of children.
+    """
+    return tuple(WrapChildren(tag, most - 1) for tag in ("Sequence", "Fallback"))

@@ -1,4 +1,4 @@
-"""Parts of messages: the name nearest to a mistyped name, and enumerations of names."""
+"""Parts of messages: the name nearest to a mistyped name, enumerations of names, and numbers of children."""
 
 from collections.abc import Iterable
 from itertools import islice
@@ -57,6 +57,11 @@ def similar_file(path: Path, suffix: str) -> str | None:
     files = islice(path.parent.glob(f"*{suffix}"), MAX_FILES)
     nearest = nearest_name(path.name, [file.name for file in files])
     return None if nearest is None else str(path.with_name(nearest))
+
+
+def child_count_text(count: int) -> str:
+    """Return a number of children, such as `2 children`."""
+    return "no child" if count == 0 else f"{count} children" if count > 1 else "1 child"
 
 
 def join_names(names: Iterable[str], conjunction: str = "and", most: int = 8) -> str:

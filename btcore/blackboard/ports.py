@@ -206,6 +206,9 @@ class Input(Binding):
     """An input port, bound to a literal or to a key of its *blackboard*.
 
     If a literal does not convert, reading it raises, as in BehaviorTree.CPP.
+
+    In a plan, an input has the UNBOUND_BLACKBOARD; `bind` returns the input of a node. It is a `Binding`, and
+    does not have one as an `Output` has: `read` needs most of its attributes, in each tick.
     """
 
     __slots__ = ()
@@ -251,7 +254,7 @@ class Input(Binding):
 
 
 class Output:
-    """An output port of one node, bound to a blackboard key."""
+    """An output port of one node, bound to a blackboard key. Plans have its *binding* alone."""
 
     __slots__ = ("binding", "blackboard", "key", "type")
 

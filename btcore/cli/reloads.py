@@ -41,7 +41,7 @@ class Reloads:
         self._progress.show_waiting(status, self._tree_reader.path.name)
 
     def reload(self) -> bool:
-        """Replace the tree by that in its file, if the file was saved and has no errors; return whether."""
+        """Replace the tree if its file was saved and has no errors; return whether the tree was replaced."""
         if not self._file_watcher.take_save():
             return False
         run, tree = self._run, self._run.tree

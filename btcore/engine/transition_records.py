@@ -56,19 +56,19 @@ class Transitions:
         records = self._records
         count, at = len(records), 0
         while at < count:
-            config = records[at + 1]
+            node = records[at + 1]
             third = records[at + 2] if at + 2 < count else 0
             if type(third) is int:
-                checksum = _add_to_checksum(checksum, config, SUCCESS)
+                checksum = _add_to_checksum(checksum, node, SUCCESS)
                 at += 2
-                continue
-            if type(third) is list:
-                for node, previous in zip(cast(list[object], config), third, strict=False):
+            elif type(third) is list:
+                for config, previous in zip(cast(list[object], node), third, strict=False):
                     if previous is not IDLE:
-                        checksum = _add_to_checksum(checksum, node, IDLE)
+                        checksum = _add_to_checksum(checksum, config, IDLE)
+                at += 4
             else:
-                checksum = _add_to_checksum(checksum, config, cast(Status, records[at + 3]))
-            at += 4
+                checksum = _add_to_checksum(checksum, node, cast(Status, records[at + 3]))
+                at += 4
         return checksum
 
     def to_list(self) -> list[Transition]:
@@ -190,23 +190,23 @@ def _add_to_checksum(checksum: int, config: object, status: Status) -> int:
 def decode_transitions(number: int, tick: int, records: list[object]) -> list[Transition]:
     """Return the transitions in *records*; *number* is the number of the first."""
     transitions: list[Transition] = []
-    at = 0
-    while at < len(records):
-        stamp, config = records[at], records[at + 1]
-        previous = records[at + 2] if at + 2 < len(records) else None
+    count, at = len(records), 0
+    while at < count:
+        stamp, node = records[at], records[at + 1]
+        third = records[at + 2] if at + 2 < count else 0
         following = number + len(transitions)
-        if isinstance(previous, Status):
-            transitions.append(_create_transition(following, stamp, tick, config, previous, records[at + 3]))
-            at += 4
-        elif isinstance(previous, list):
-            for node, status in zip(cast(list[object], config), cast(list[object], previous), strict=False):
-                if status is not IDLE:
-                    transitions.append(_create_transition(following, stamp, tick, node, status, IDLE))
+        if type(third) is int:
+            transitions.append(_create_transition(following, stamp, tick, node, IDLE, SUCCESS))
+            at += 2
+        elif type(third) is list:
+            for config, previous in zip(cast(list[object], node), third, strict=False):
+                if previous is not IDLE:
+                    transitions.append(_create_transition(following, stamp, tick, config, previous, IDLE))
                     following += 1
             at += 4
         else:
-            transitions.append(_create_transition(following, stamp, tick, config, IDLE, SUCCESS))
-            at += 2
+            transitions.append(_create_transition(following, stamp, tick, node, third, records[at + 3]))
+            at += 4
     return transitions
 
 

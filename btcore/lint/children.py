@@ -10,7 +10,7 @@ from btcore.blackboard.ports import PortRole
 from btcore.diagnostic_codes import FIRST_TICK_REFUSED, SECOND_ASYNC_CHILD, UNREACHABLE_CHILD
 from btcore.engine.control import ControlNode, DecoratorNode, results_in_order
 from btcore.engine.node import TreeNode
-from btcore.fixes import AddChildren, Fix
+from btcore.fixes import AddChildren, Fix, wrapping_fixes
 from btcore.lint.node_reporter import NodeReporter
 from btcore.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
 from btcore.nodes.parallel import threshold
@@ -18,8 +18,8 @@ from btcore.nodes.sequences_and_fallbacks import ReactiveNode
 from btcore.nodes.try_catch import TryCatch
 from btcore.registry.mock_nodes import is_mock
 from btcore.status import FAILURE, SUCCESS, PossibleResults, Status
+from btcore.suggestions import child_count_text
 from btcore.xml.plan.tree_plan import NodePlan
-from btcore.xml.plan.tree_planner import count_text, element_children, wrapping_fixes
 
 _THRESHOLDS: Final = {PortRole.SUCCESSES: "successes", PortRole.FAILURES: "failures"}
 _TICK_RAISES: Final = "the tree loads, as in BehaviorTree.CPP, but the node raises when it is ticked"
@@ -31,8 +31,8 @@ def check_child_count(node: NodePlan, format: int, reporter: NodeReporter) -> No
     if node.manifest is None:
         return
     # Unknown nodes are not in the plan, but count as children.
-    count = len(element_children(node.element))
-    has = f"<{node.id}> has {count_text(count)}"
+    count = len(node.element.node_children())
+    has = f"<{node.id}> has {child_count_text(count)}"
     requirement = _child_requirement(node.manifest.cls, count)
     is_leaf_tag = node.element.tag in ("Action", "Condition")
     if format == 3 and is_leaf_tag and count == 0 and issubclass(node.manifest.cls, DecoratorNode):

@@ -8,7 +8,6 @@ from btcore.registry.mock_nodes import is_mock
 from btcore.status import FAILURE, SKIPPED, SUCCESS, UNKNOWN_RESULTS, PossibleResults
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan
-from btcore.xml.plan.tree_planner import element_children
 
 _DECLARATIONS: Final = frozenset({"results", "continue_on", "branch_results"})
 # The result of each pre-condition that takes effect before the node itself is ticked.
@@ -38,7 +37,7 @@ def behaviour_of(cls: type[TreeNode]) -> type[TreeNode]:
 
 def all_children_known(node: NodePlan) -> bool:
     """Return whether all children of *node* are known nodes."""
-    return not node.element.children or len(node.children) == len(element_children(node.element))
+    return not node.element.children or len(node.children) == len(node.element.node_children())
 
 
 class ResultAnalysis:

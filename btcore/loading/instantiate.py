@@ -5,6 +5,7 @@ This is the fourth and last stage of loading.
 
 from collections.abc import Sequence
 from functools import partial
+from typing import Final
 
 from mypy_extensions import mypyc_attr
 
@@ -34,6 +35,11 @@ from btcore.xml.plan.plan import Plans, report_invalid_scripts
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.read.document import DiagnosticCollector
 from btcore.xml.read.read import Sources
+
+_SCRIPT_EXAMPLES: Final = {PortRole.SCRIPT: "", PortRole.CONDITION: "true"}
+"""The texts with which fixes add a missing port with a script."""
+_PLACEHOLDER: Final = TreeNode()
+"""Keeps the place of a parent in a list of nodes until its children are created."""
 
 
 def instantiate(
@@ -206,7 +212,7 @@ class NodeCreator:
                 self.nodes.append(leaf)
                 draft.subtree.nodes.append(leaf)
             return leaf
-        # Nodes are listed in pre-order, but a parent is created after its children: keep its place.
+        # Nodes are listed in pre-order, but a parent is created after its children.
         index, own_index = len(self.nodes), len(draft.subtree.nodes)
         self.nodes.append(_PLACEHOLDER)
         draft.subtree.nodes.append(_PLACEHOLDER)
@@ -327,7 +333,7 @@ class NodeCreator:
         missing = [port for port in ports if port.reads and port.name not in set_names]
         code = MISSING_PORT if missing else NODE_NOT_CREATED
         values = {
-            port.name: _EXAMPLES.get(port.role, f"{{{port.name}}}")
+            port.name: _SCRIPT_EXAMPLES.get(port.role, f"{{{port.name}}}")
             for port in missing
             if port.role in LOAD_TIME_ROLES
         }
@@ -383,8 +389,3 @@ class NodeCreator:
                 draft.report(CONFLICTING_ENTRY_TYPES, str(error), node_plan.element, attribute=key)
         inner.autoremap = call.autoremap
         return inner
-
-
-# Texts of missing ports with scripts, for fixes.
-_EXAMPLES = {PortRole.SCRIPT: "", PortRole.CONDITION: "true"}
-_PLACEHOLDER = TreeNode()

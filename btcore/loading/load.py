@@ -20,7 +20,8 @@ from btcore.xml.plan.plan import Plans, plan_document
 from btcore.xml.read.document import Diagnostics, Document
 from btcore.xml.read.read import PackageResolver, parse_file, parse_text
 
-__all__ = ["LoadArguments"]  # for the API reference, which has the functions on the page of `btcore`
+# For the API reference, which has the functions on the page of `btcore`.
+__all__ = ["LoadArguments", "MakeArguments"]
 
 
 @contextmanager
@@ -47,16 +48,13 @@ def paused_garbage_collection() -> Iterator[None]:
             gc.enable()
 
 
-class LoadArguments(TypedDict, total=False):
-    """The arguments with which a tree is loaded; each may be omitted.
+class MakeArguments(TypedDict, total=False):
+    """The arguments with which a registered tree is made; each may be omitted.
 
     Attributes:
         nodes: The nodes and trees that the tree may use; default `Registry.standard`.
-        tree: The ID of the tree to load; default the main tree of the first document.
         format: The XML format, 3 or 4; default the `BTCPP_format` of the first document, or 3 if it has none.
         packages: A function that returns the share directory of a ROS package that an `<include>` names.
-        confined: Whether includes from outside of the folder of the main XML file are errors, for trees
-            from strangers. The folder of a text is the working directory.
         resources: Objects that leaves get by the types of their parameters, for example a robot.
         blackboard: The blackboard of the main tree; it may have entries, and other trees may share it.
         clock: The clock; default the first of *resources* that is a clock, else the system's clock. The
@@ -64,6 +62,24 @@ class LoadArguments(TypedDict, total=False):
             attribute `clock` of what a provider of a clock provides.
         tick_limit: The longest time (s, real time) for which a tick may repeat nodes; default no limit. See
             `Tree`.
+    """
+
+    nodes: Registry | None
+    format: int | None
+    packages: PackageResolver | None
+    resources: Sequence[object]
+    blackboard: Blackboard | None
+    clock: Clock | None
+    tick_limit: float | None
+
+
+class LoadArguments(MakeArguments, total=False):
+    """The arguments with which a tree is loaded: these, and those of `MakeArguments`. Each may be omitted.
+
+    Attributes:
+        tree: The ID of the tree to load; default the main tree of the first document.
+        confined: Whether includes from outside of the folder of the main XML file are errors, for trees
+            from strangers. The folder of a text is the working directory.
 
     Examples:
         >>> import btcore
@@ -74,15 +90,8 @@ class LoadArguments(TypedDict, total=False):
         <Status.SUCCESS: 2>
     """
 
-    nodes: Registry | None
     tree: str | None
-    format: int | None
-    packages: PackageResolver | None
     confined: bool
-    resources: Sequence[object]
-    blackboard: Blackboard | None
-    clock: Clock | None
-    tick_limit: float | None
 
 
 def load(path: str | PathLike[str], *more: str | PathLike[str], **arguments: Unpack[LoadArguments]) -> Tree:
@@ -133,13 +142,13 @@ def loads(text: str, *more: str, **arguments: Unpack[LoadArguments]) -> Tree:
         return _create_tree(plan_inputs(parse_text, (text, *more), arguments), arguments)
 
 
-def make(id: str, /, **arguments: Unpack[LoadArguments]) -> Tree:
+def make(id: str, /, **arguments: Unpack[MakeArguments]) -> Tree:
     """Return a new instance of a tree that was registered with `Registry.add_trees`.
 
     Args:
         id: The ID of the tree.
-        arguments: See `LoadArguments`. *nodes* is the registry of the tree. Whether includes are *confined*
-            is an argument of `Registry.add_trees` instead.
+        arguments: See `MakeArguments`. *nodes* is the registry of the tree. Whether includes are *confined*
+            is an argument of `Registry.add_trees`.
 
     Raises:
         TreeError: There is no such tree, or the registered documents have errors. It holds all of them.
@@ -155,7 +164,7 @@ def make(id: str, /, **arguments: Unpack[LoadArguments]) -> Tree:
         >>> first is second
         False
     """
-    check_argument_names(arguments)
+    check_argument_names(arguments, MakeArguments.__annotations__)
     registry = _registry(arguments.get("nodes"))
     documents = registry.documents
     if not documents:
@@ -236,12 +245,12 @@ def plan_inputs(
     )
 
 
-def _create_tree(plans: Plans, arguments: LoadArguments) -> Tree:
+def _create_tree(plans: Plans, arguments: MakeArguments) -> Tree:
     resources, blackboard = find_resources(arguments), arguments.get("blackboard")
     return instantiate(plans, resources, blackboard, arguments.get("clock"), arguments.get("tick_limit"))
 
 
-def find_resources(arguments: LoadArguments) -> Sequence[object]:
+def find_resources(arguments: MakeArguments) -> Sequence[object]:
     """Return the resources among the arguments.
 
     Raises:
@@ -254,10 +263,12 @@ def find_resources(arguments: LoadArguments) -> Sequence[object]:
     return resources if isinstance(resources, Sequence) else list(resources)
 
 
-def check_argument_names(arguments: LoadArguments) -> None:
-    """Raise TypeError if an argument is unknown."""
-    for name in arguments.keys() - LoadArguments.__annotations__.keys():
-        hint = did_you_mean(name, LoadArguments.__annotations__)
+def check_argument_names(
+    arguments: MakeArguments, known: Iterable[str] = LoadArguments.__annotations__
+) -> None:
+    """Raise TypeError if an argument is not one of *known*."""
+    for name in arguments.keys() - known:
+        hint = did_you_mean(name, known)
         raise TypeError(f"unexpected keyword argument '{name}'{hint}")
 
 

@@ -212,7 +212,7 @@ class Manifest:
             return node._context.clock
         if parameter.resource_type is Blackboard:
             return node._blackboard
-        return resources.find(parameter, self.id)
+        return resources.find_or_create(parameter, self.id)
 
 
 def takes_children(manifest: Manifest | None) -> bool:

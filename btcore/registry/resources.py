@@ -5,7 +5,7 @@ A node class declares a resource as an annotated attribute, such as `lamp: Lamp`
 
 import dis
 import inspect
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property, lru_cache
 from types import CodeType
 from typing import Any, Final, TypeGuard
@@ -31,21 +31,17 @@ class Resources(list[object]):
 
     remedy = "pass it in resources=[…]"
 
+    # Made at its first use, so that loading a tree without resources calls no function of this file.
     @cached_property
-    def _assigned(self) -> dict[Any, object]:
-        """The assigned objects, by their types."""
-        return {}
-
-    @cached_property
-    def _found(self) -> dict[Parameter, object]:
-        """The results of `find`."""
+    def _by_type(self) -> dict[Any, object]:
+        """The assigned and the found objects, by the types of the parameters; UNSET if none fits."""
         return {}
 
     def copy(self) -> "Resources":
         """Return a copy, to which another tree adds its own instances of `TreeResource`."""
         copied = Resources(self)
         copied.remedy = self.remedy
-        copied._assigned.update(self._assigned)
+        copied._by_type.update(self._by_type)
         return copied
 
     def assign(self, resource_type: Any, resource: object) -> None:
@@ -55,12 +51,12 @@ class Resources(list[object]):
             resource_type: The type.
             resource: The object.
         """
-        self._assigned[resource_type] = resource
+        self._by_type[resource_type] = resource
 
-    def find(self, parameter: Parameter, id: str) -> object:
+    def find_or_create(self, parameter: Parameter, id: str) -> object:
         """Return the resource for a parameter, else the default of the parameter, or UNSET.
 
-        A missing `TreeResource` is created.
+        A missing `TreeResource` is created, and added to the resources.
 
         Args:
             parameter: The parameter.
@@ -69,23 +65,22 @@ class Resources(list[object]):
         Raises:
             NodeError: As `first_of`.
         """
-        if parameter not in self._found:
-            resource_type = parameter.resource_type
-            resource = self._assigned.get(resource_type, UNSET)
-            if resource is UNSET:
-                resource = self.first_of(resource_type, f"'{parameter.name}' of <{id}>")
+        resource_type = parameter.resource_type
+        if resource_type not in self._by_type:
+            resource = self.first_of(resource_type, f"the parameter '{parameter.name}' of <{id}>")
             if resource is UNSET and is_tree_resource(resource_type):
                 resource = resource_type()
                 self.append(resource)
-            self._found[parameter] = parameter.default if resource is UNSET else resource
-        return self._found[parameter]
+            self._by_type[resource_type] = resource
+        resource = self._by_type[resource_type]
+        return parameter.default if resource is UNSET else resource
 
-    def first_of(self, resource_type: Any, parameter: str) -> object:
-        """Return the first resource that fits a parameter of type *resource_type*, or UNSET.
+    def first_of(self, resource_type: Any, use: str) -> object:
+        """Return the first resource that fits a type, or UNSET.
 
         Args:
             resource_type: The type.
-            parameter: The name of the parameter and its leaf, for messages.
+            use: What needs the resource, for messages: "the parameter 'lamp' of <Blink>".
 
         Raises:
             NodeError: Other resources of the same class fit, too: the choice between them would be arbitrary.
@@ -96,20 +91,12 @@ class Resources(list[object]):
         except TypeError:
             name = getattr(resource_type, "__name__", resource_type)
             raise NodeError(
-                f"the parameter {parameter} has the type {name}, which isinstance() does not support: use a "
+                f"{use} has the type {name}, which isinstance() does not support: use a "
                 "class, or a Protocol marked @runtime_checkable"
             ) from None
-        if not fitting:
-            return UNSET
-        first = fitting[0]
-        # A resource may be listed twice.
-        count = len({id(resource) for resource in fitting if type(resource) is type(first)})
-        if count > 1:
-            raise NodeError(
-                f"{count} resources of the class {type(first).__name__} fit the parameter {parameter}: "
-                "pass only one of them, or give each a class of its own"
-            )
-        return first
+        if problem := describe_ambiguity(fitting, use):
+            raise NodeError(problem)
+        return fitting[0] if fitting else UNSET
 
     def remedy_for(self, parameter: Parameter) -> str:
         """Return what to do about the missing resource for *parameter*.
@@ -130,6 +117,18 @@ class Resources(list[object]):
                     f"but the leaf needs the class of '{resource_type.__module__}'"
                 )
         return self.remedy
+
+
+def describe_ambiguity(fitting: Sequence[object], use: str) -> str:
+    """Return why the choice of the first of *fitting* for *use* would be arbitrary, or ""."""
+    # A resource may be listed twice.
+    count = len({id(resource) for resource in fitting if type(resource) is type(fitting[0])})
+    if count <= 1:
+        return ""
+    return (
+        f"{count} resources of the class {type(fitting[0]).__name__} fit {use}: "
+        "pass only one of them, or give each a class of its own"
+    )
 
 
 def is_tree_resource(resource_type: object) -> TypeGuard[type[TreeResource]]:
@@ -163,6 +162,10 @@ def class_resources(cls: type, names: Mapping[str, Any]) -> list[Parameter]:
 
     These are the public attributes that are annotated with a class, except for built-in classes such as
     float, and that have no value: neither in the class nor by an assignment in one of its methods.
+
+    Assignments are found in the bytecode, because a class may have no source. They count whatever their
+    object is, as in `other.lamp = …`, and so does every text in a function that uses `setattr`: an attribute
+    `lamp` is then no resource, even if `self.lamp` is never assigned.
 
     Args:
         names: Local names, for resolving annotations that are strings.

@@ -34,6 +34,7 @@ from typing import NamedTuple
 from btcore.clock import Clock
 from btcore.errors import ProviderError
 from btcore.options import required_option_names
+from btcore.registry.resources import describe_ambiguity
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.providers import Provider, TypeRef, fits, full_name
 from btcore.runs.settings import RunSettings, Settings
@@ -144,11 +145,8 @@ class _Candidates(NamedTuple):
     def find_object(self, needed_type: TypeRef) -> object:
         """Return the object of the program for a type, or None."""
         fitting = [resource for resource in self.resources if fits(resource, needed_type)]
-        if len(set(map(id, fitting))) > 1 and len(set(map(type, fitting))) == 1:
-            raise ProviderError(
-                f"the program provides {len(fitting)} objects of the class {type(fitting[0]).__name__}: the "
-                f"choice between them for {title_with_article(needed_type)} would be arbitrary"
-            )
+        if problem := describe_ambiguity(fitting, f"the type {_title(needed_type)}"):
+            raise ProviderError(problem)
         return next(iter(fitting), None)
 
     def find(self, request: _Request) -> _Found:

@@ -27,7 +27,7 @@ from btcore.runs.choice import Choice
 from btcore.runs.opening import RunProviders
 from btcore.runs.providers import EndReason, Provider, Report, TypeRef
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
-from btcore.runs.tick_loop import LoopEnd, TickLoop, Until
+from btcore.runs.tick_loop import LoopEnd, OnEnd, OnTick, Reload, TickLoop, Until
 from btcore.signals import EndingSignals
 from btcore.status import Status
 from btcore.tree.tree import Tree
@@ -167,9 +167,8 @@ class Run:
         self._signals = EndingSignals()
         self._stack = ExitStack()
         self._has_exited = False
-        self._loop_end: LoopEnd | None = None
+        self._loop_end: LoopEnd | None = None  # "interrupted" also if a signal ended the waits of providers
         self._exception: BaseException | None = None  # what left the `with` block
-        self._was_interrupted = False  # by a signal, while it ticked or when providers waited at the end
 
     # --- opening
 
@@ -271,9 +270,9 @@ class Run:
         self,
         until: Until = "done",
         *,
-        on_tick: Callable[[Status], None] | None = None,
-        reload: Callable[[], bool] | None = None,
-        on_end: Callable[[NodeExecutionError | None], None] | None = None,
+        on_tick: OnTick | None = None,
+        reload: Reload | None = None,
+        on_end: OnEnd | None = None,
     ) -> Status:
         """Tick at the rate of the run until the end, halt the trees, and return the status of the last tick.
 
@@ -359,13 +358,15 @@ class Run:
 
     @contextmanager
     def _stop_at_signal(self, stop: Callable[[], object]) -> Iterator[None]:
+        self._loop_end = None
         self._signals.number = 0
         self._signals.stop = stop
         try:
             yield
         finally:
             self._signals.stop = None
-            self._was_interrupted = bool(self._signals.number)
+            if self._signals.number:
+                self._loop_end = "interrupted"
 
     def _check_open(self) -> None:
         _ = self.tree  # raises before the entry
@@ -409,14 +410,14 @@ class Run:
         """
         self._has_exited = True
         self._exception = error
-        was_interrupted = self.end_reason == "interrupted"
+        self._loop_end = self._loop_end or "done"
         try:
             self._stack.__exit__(kind, error, trace)
         except (KeyboardInterrupt, SystemExit):  # as `EndingSignals` raises them
             # The first signal of the run has ended the waits of the providers.
-            if was_interrupted or not self._signals.number:
+            if self.end_reason == "interrupted" or not self._signals.number:
                 raise
-            self._was_interrupted = True
+            self._loop_end = "interrupted"
 
     @property
     def closing_errors(self) -> list[BtcoreError]:
@@ -444,10 +445,9 @@ class Run:
         """Why the run ended; None before its end."""
         if self.error is not None and self._exception in (None, self.error):
             return "raised"
-        if self._exception is None and not self._was_interrupted:
-            return "done" if self._loop_end is None and self._has_exited else self._loop_end
-        is_error = isinstance(self._exception, Exception) and not self._was_interrupted
-        return "program_error" if is_error else "interrupted"
+        if self._loop_end == "interrupted" or not isinstance(self._exception, Exception | None):
+            return "interrupted"
+        return self._loop_end if self._exception is None else "program_error"
 
     @property
     def exit_code(self) -> ExitCode:

@@ -16,9 +16,9 @@ from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.tree.tree import Tree
 
 Until = Literal["done", "success", "failure", "never"]
-OnTick = Callable[[Status], None] | None
-Reload = Callable[[], bool] | None
-OnEnd = Callable[[NodeExecutionError | None], None] | None
+OnTick = Callable[[Status], None]
+Reload = Callable[[], bool]
+OnEnd = Callable[[NodeExecutionError | None], None]
 _POLL_INTERVAL_NS: Final = round(POLL_INTERVAL_S * NS_PER_S)
 
 LoopEnd = Literal["done", "duration", "end_of_time", "interrupted"]
@@ -61,9 +61,9 @@ class TickLoop:
         self._due_ns = 0
         self._end_ns: int | None = None
         self._end_statuses: tuple[Status, ...] = ()
-        self._on_tick: OnTick = None
-        self._reload: Reload = None
-        self._on_end: OnEnd = None
+        self._on_tick: OnTick | None = None
+        self._reload: Reload | None = None
+        self._on_end: OnEnd | None = None
         self._unfinished: list[Tree] = []
         self._wake_event = threading.Event()
         self._is_stopping = False
@@ -73,7 +73,9 @@ class TickLoop:
         self.status: Status = IDLE
         self.missed_ticks = 0
 
-    def start(self, until: Until, on_tick: OnTick, reload: Reload, on_end: OnEnd) -> None:
+    def start(
+        self, until: Until, on_tick: OnTick | None, reload: Reload | None, on_end: OnEnd | None
+    ) -> None:
         """Begin the time of the loop; all trees are ticked, also those that have ended before.
 
         The arguments are those of `Run.tick_to_end`.

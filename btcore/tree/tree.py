@@ -273,7 +273,7 @@ class Tree:
 
         Raises:
             NodeExecutionError: A node raised while it was halted. All nodes are halted before the exception
-                is raised. If several nodes raised, it is the first error; *later_errors* holds the others.
+                is raised. It is the first exception of a node; *later_errors* holds those of other nodes.
         """
         journal = self.context.journal
         if journal is not None:

@@ -739,6 +739,14 @@ VECTOR_DOUBLE: Final = VectorType(DOUBLE)
 VECTOR_BOOL: Final = VectorType(BOOL)
 VECTOR_STRING: Final = VectorType(STRING)
 
+
+def literals_of(value_type: ValueType) -> list[str]:
+    """Return the texts of all values of an enum or a Boolean; no texts for other types."""
+    if isinstance(value_type, EnumType):
+        return [value_type.to_text(member) for member in value_type.members]
+    return ["true", "false"] if value_type is BOOL else []
+
+
 BUILTIN_TYPES: Final[tuple[ValueType, ...]] = (
     ANY, ANY_VALUE, STRING, BOOL, INT, INT8, INT16, INT64, UINT, UINT8, UINT16, UINT64, FLOAT, DOUBLE,
     NODE_STATUS, NODE_TYPE, PORT_DIRECTION, VECTOR_INT, VECTOR_DOUBLE, VECTOR_BOOL, VECTOR_STRING,

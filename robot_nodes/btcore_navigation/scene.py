@@ -42,14 +42,14 @@ class NavigationScene:
         self._forget()
 
     def _forget(self) -> None:
-        self._shown: dict[str, object] = {}
+        self._sent: dict[str, object] = {}
         self._next: dict[str, int] = {}
         self._start: Transform | None = None
 
     def static(self) -> StaticScene:
         """Return the present map and its keep-out areas; `moving` then returns everything again."""
         self._forget()
-        self._shown["map"] = known = self._map()
+        self._sent["map"] = known = self._map()
         areas = [
             Area(name=f"keepout_{index}", frame=MAP_FRAME, corners=corners)
             for index, corners in enumerate(known.keepout)
@@ -60,7 +60,7 @@ class NavigationScene:
         """Return the messages that have changed at *now* (ns)."""
         localiser = self._servers.localiser
         poses = self._path_messages()
-        if isinstance(localiser, Localiser) and self._is_new("particles", localiser.particles):
+        if isinstance(localiser, Localiser) and self._take_if_new("particles", localiser.particles):
             step = max(1, math.ceil(len(localiser.particles) / MAX_PARTICLES))
             poses.append(pose_rows("particles", "cloud", localiser.particles[::step]))
         poses += self._pose_messages()
@@ -106,9 +106,9 @@ class NavigationScene:
             goals = source = handle.goal.goals
             path = self._servers.compute_path.latest_path
         messages = []
-        if self._is_new("path", path):
+        if self._take_if_new("path", path):
             messages.append(pose_rows("path", "path", path.poses if path is not None else _rows(())))
-        if self._is_new("goals", source):
+        if self._take_if_new("goals", source):
             messages.append(pose_rows("goal", "goal", _rows(goals)))
         return messages
 
@@ -130,15 +130,13 @@ class NavigationScene:
     def _grid_messages(self, now: int) -> list[Grid]:
         servers, messages = self._servers, []
         known = self._map()
-        if known is not self._shown.get("map") and self._is_due("map", now, MAP_INTERVAL_NS):
-            self._shown["map"] = known
+        if self._take_if_new("map", known, now, MAP_INTERVAL_NS):
             messages.append(map_message(known))
-        for name, costmap, every in (
+        for name, costmap, interval in (
             ("global_costmap", servers.global_costmap, GLOBAL_INTERVAL_NS),
             ("local_costmap", servers.local_costmap, LOCAL_INTERVAL_NS),
         ):
-            if self._shown.get(name) != costmap.version and self._is_due(name, now, every):
-                self._shown[name] = costmap.version
+            if self._take_if_new(name, costmap.version, now, interval):
                 messages.append(grid_message(name, "costs", costmap.frame, costmap, costmap.costs))
         return messages
 
@@ -169,16 +167,12 @@ class NavigationScene:
             return f"({goal.x:.1f}, {goal.y:.1f}), {self._servers.remaining(path):.1f} m to go"
         return "–"
 
-    def _is_new(self, name: str, data: object) -> bool:
-        if name in self._shown and self._shown[name] is data:
+    def _take_if_new(self, name: str, data: object, now: int = 0, interval: int = 0) -> bool:
+        """Return whether a message with *data* is due; it then counts as sent for *interval* (ns)."""
+        if self._sent.get(name, self) is data or now < self._next.get(name, now):
             return False
-        self._shown[name] = data
-        return True
-
-    def _is_due(self, name: str, now: int, every: int) -> bool:
-        if now < self._next.get(name, now):
-            return False
-        self._next[name] = now + every
+        self._sent[name] = data
+        self._next[name] = now + interval
         return True
 
 

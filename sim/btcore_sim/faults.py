@@ -1,6 +1,5 @@
 """Simulated failures: with `laser:20-25` the laser fails from 20 s to 25 s of simulated time."""
 
-import math
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,15 +23,15 @@ _FORM = re.compile(r"(?P<part>[^:]*):(?P<start>\d+(?:\.\d+)?)-(?P<end>\d+(?:\.\d
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """A failure of *part* from *start* (inclusive) to *end* (exclusive), in ns."""
+    """A failure of *part* from *start* (inclusive) to *end* (exclusive, None = of the run), in ns."""
 
     part: str
-    start: float
-    end: float
+    start: int
+    end: int | None
 
     def __str__(self) -> str:
         """Return the fault in the form of the option `--fault`."""
-        end = "" if math.isinf(self.end) else f"{self.end / NS_PER_S:g}"
+        end = "" if self.end is None else f"{self.end / NS_PER_S:g}"
         return f"{self.part}:{self.start / NS_PER_S:g}-{end}"
 
 
@@ -49,7 +48,10 @@ class FaultSchedule:
             part: The part, a key of `PARTS`.
             now: The simulated time (ns).
         """
-        return any(fault.part == part and fault.start <= now < fault.end for fault in self._faults)
+        return any(
+            fault.part == part and fault.start <= now and (fault.end is None or now < fault.end)
+            for fault in self._faults
+        )
 
     def begun(self, now: int) -> list[Fault]:
         """Return the failures that began before *now* (ns), also those that have ended."""
@@ -81,8 +83,8 @@ def parse_fault(text: str) -> Fault:
         raise SimError(
             f"fault '{text}': unknown part '{part}': parts are {', '.join(PARTS)}{did_you_mean(part, PARTS)}"
         )
-    start = float(match["start"]) * NS_PER_S
-    end = float(match["end"]) * NS_PER_S if match["end"] else math.inf
-    if end <= start:
+    start = round(float(match["start"]) * NS_PER_S)
+    end = round(float(match["end"]) * NS_PER_S) if match["end"] else None
+    if end is not None and end <= start:
         raise SimError(f"fault '{text}': it ends before it starts")
     return Fault(part, start, end)

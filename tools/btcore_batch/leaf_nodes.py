@@ -44,9 +44,9 @@ class LeafNode(BatchNode):
             return self.context.clock
         if parameter.annotation is NodeName:
             return NodeName(self.name)
-        where = f"'{parameter.name}' of <{self.leaf.id}>"
+        use = f"the parameter '{parameter.name}' of <{self.leaf.id}>"
         try:
-            resource = Resources(self.context.resources).first_of(parameter.annotation, where)
+            resource = Resources(self.context.resources).first_of(parameter.annotation, use)
         except NodeError as error:
             message, _, hint = str(error).partition(": ")
             raise unsupported(self.config, message, hint) from None

@@ -17,7 +17,7 @@ from btcore.xml.define import Definitions, TreeDefinition, define
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.plan.tree_planner import PlanningContext, TreePlanner
 from btcore.xml.read.dialect import Dialect
-from btcore.xml.read.document import DiagnosticCollector, Diagnostics, Document
+from btcore.xml.read.document import MAX_COMPARISONS, DiagnosticCollector, Diagnostics, Document
 from btcore.xml.read.read import PackageResolver, read
 
 MAX_DEPTH: Final = 10_000
@@ -123,9 +123,9 @@ def _compare_with_format_4(plans: Plans, every_tree: bool) -> Plans:
     """Return *plans*, whose first error says so if format 4 would avoid errors."""
     errors, definitions = plans.diagnostics.errors, plans.definitions
     sources = definitions.sources
+    in_format_4 = define(sources, definitions.requested_tree, 4)
     # Of these plans only the errors are counted, so they need no hints.
-    silent = sources._replace(diagnostics=sources.diagnostics._replace(comparisons_left=0))
-    as_format_4 = _plan_trees(define(silent, definitions.requested_tree, 4), plans.registry, every_tree)
+    as_format_4 = _plan_trees(in_format_4, plans.registry, every_tree, max_comparisons=0)
     avoided = len(errors) - len(as_format_4.diagnostics.errors)
     if avoided <= 0:
         return plans
@@ -137,8 +137,10 @@ def _compare_with_format_4(plans: Plans, every_tree: bool) -> Plans:
     return plans._replace(diagnostics=plans.diagnostics._replace(errors=(cause, *errors)))
 
 
-def _plan_trees(definitions: Definitions, registry: Registry, every_tree: bool) -> Plans:
-    collector = DiagnosticCollector(definitions.diagnostics)
+def _plan_trees(
+    definitions: Definitions, registry: Registry, every_tree: bool, max_comparisons: int = MAX_COMPARISONS
+) -> Plans:
+    collector = DiagnosticCollector(definitions.diagnostics, max_comparisons)
     context = PlanningContext(definitions, registry, collector)
     planners = {definition: TreePlanner(definition, context) for definition in definitions.all}
     for planner in planners.values():

@@ -37,7 +37,7 @@ from btcore.fixes import (
     RenameAttribute,
     SetAttributes,
     SetValue,
-    WrapChildren,
+    wrapping_fixes,
 )
 from btcore.names import (
     FORBIDDEN,
@@ -51,7 +51,9 @@ from btcore.names import (
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.status import NodeType
-from btcore.values import BOOL, EnumType, ValueType
+from btcore.suggestions import child_count_text
+from btcore.values import BOOL, ValueType
+from btcore.values.types import literals_of
 from btcore.xml.define import Definitions, TreeDefinition, tree_hint
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.read.dialect import EXPLICIT_TAGS, Dialect
@@ -67,16 +69,6 @@ _LEAVES: Final = {NodeType.ACTION: "an action", NodeType.CONDITION: "a condition
 _CONTROL_CHARACTERS = frozenset(chr(code) for code in (*range(32), 127))
 
 
-def element_children(element: Element) -> list[Element]:
-    """Return the child elements of *element*, without the obsolete `<Root>` of Groot 1."""
-    return [child for child in element.children if child.tag != "Root"]
-
-
-def count_text(count: int) -> str:
-    """Return a number of children as text, such as `2 children`."""
-    return "no child" if count == 0 else f"{count} children" if count > 1 else "1 child"
-
-
 def _one_child_hint(count: int) -> HintAndFixes:
     return HintAndFixes("put them into a <Sequence>", wrapping_fixes(1)) if count else _more_children_hint(1)
 
@@ -84,28 +76,6 @@ def _one_child_hint(count: int) -> HintAndFixes:
 def _more_children_hint(count: int, roles: str = "") -> HintAndFixes:
     text = "add a child" if count == 1 else f"add {count} children"
     return HintAndFixes(f"{text}: {roles}" if roles else text, [AddChildren(count)])
-
-
-def wrapping_fixes(most: int) -> tuple[Fix, ...]:
-    """Return the fixes that put the last children into a control node, so that *most* are left.
-
-    Args:
-        most: The maximum number of children.
-    """
-    return tuple(WrapChildren(tag, most - 1) for tag in ("Sequence", "Fallback"))
-
-
-def literals_of(value_type: ValueType) -> list[str]:
-    """Return the texts of all values of an enum or a Boolean; no texts for other types."""
-    if isinstance(value_type, EnumType):
-        return [value_type.to_text(member) for member in value_type.members]
-    return ["true", "false"] if value_type is BOOL else []
-
-
-def value_fixes(value_type: ValueType) -> tuple[Fix, ...]:
-    """Return the fixes of a literal that is not of the type *value_type*."""
-    literals = literals_of(value_type)
-    return (SetValue(*literals),) if literals else ()
 
 
 class _TagRule(NamedTuple):
@@ -142,6 +112,12 @@ class _BindingCache:
             for port in manifest.ports.values()
             if port.default is not None
         ]
+
+
+def value_fixes(value_type: ValueType) -> tuple[Fix, ...]:
+    """Return the fixes of a literal that is not of the type *value_type*."""
+    literals = literals_of(value_type)
+    return (SetValue(*literals),) if literals else ()
 
 
 def _literal_error(binding: Binding) -> str:
@@ -279,7 +255,7 @@ class TreePlanner:
         tag = element.tag
         children = element.children
         if children:
-            children = element_children(element)
+            children = element.node_children()
             if len(children) != len(element.children):
                 message, fixes = "the obsolete <Root> is ignored", [Remove(is_safe=True)]
                 for obsolete in element.iterchildren("Root"):
@@ -324,20 +300,16 @@ class TreePlanner:
     def _check_child_count(
         self, id: str, node_type: NodeType, element: Element, children: list[Element]
     ) -> None:
-        count = len(children)
-        has = count_text(count)
+        label, count = f"<{id}>", len(children)
         if node_type is NodeType.DECORATOR:
             if count != 1:
-                message = f"<{id}> has {has}; a decorator has exactly 1"
-                hint, fixes = _one_child_hint(count)
-                self._report(WRONG_CHILD_COUNT, message, element, hint=hint, fixes=fixes)
+                rule = "a decorator has exactly 1"
+                self._report_child_count(label, count, rule, element, _one_child_hint(count))
         elif node_type is NodeType.CONTROL:
             manifest = self._context.manifest(id)
             least = 1 if manifest is None else max(manifest.spec.child_count_at_load[0], 1)
             if count < least:
-                message = (
-                    f"<{id}> has {has}; {'it' if least > 1 else 'a control node'} needs at least {least}"
-                )
+                rule = f"{'it' if least > 1 else 'a control node'} needs at least {least}"
                 roles, needed = "", least
                 if manifest is not None:
                     from btcore.registry.mock_nodes import is_mock  # only errors need it
@@ -345,14 +317,19 @@ class TreePlanner:
                     roles = manifest.spec.child_roles if least > 1 else ""
                     # More children may be needed at the first tick than to load the tree.
                     needed = least if is_mock(manifest.cls) else max(least, manifest.spec.child_count[0])
-                hint, fixes = _more_children_hint(needed - count, roles)
-                self._report(WRONG_CHILD_COUNT, message, element, hint=hint, fixes=fixes)
+                advice = _more_children_hint(needed - count, roles)
+                self._report_child_count(label, count, rule, element, advice)
             elif id == "ReactiveSequence":  # as BehaviorTree.CPP's parser, which knows this name only
                 self._check_asynchronous(children)
         elif count and node_type in _LEAVES:
-            message = f"<{id}> has {has}; {_LEAVES[node_type]} has none"
-            hint = "remove it" if count == 1 else "remove them"
-            self._report(WRONG_CHILD_COUNT, message, element, hint=hint, fixes=[RemoveChildren()])
+            advice = HintAndFixes("remove it" if count == 1 else "remove them", [RemoveChildren()])
+            self._report_child_count(label, count, f"{_LEAVES[node_type]} has none", element, advice)
+
+    def _report_child_count(
+        self, label: str, count: int, rule: str, element: Element, advice: HintAndFixes
+    ) -> None:
+        message = f"{label} has {child_count_text(count)}; {rule}"
+        self._report(WRONG_CHILD_COUNT, message, element, hint=advice.hint, fixes=advice.fixes)
 
     def _check_asynchronous(self, children: list[Element]) -> None:
         # W106 covers other asynchronous children, whose results must be inferred.
@@ -376,9 +353,7 @@ class TreePlanner:
                 self._report(INVALID_NAME, message, element, attribute="ID")
         count = len(children)
         if count != 1:
-            message = f"{label} has {count_text(count)}; a tree has exactly 1"
-            hint, fixes = _one_child_hint(count)
-            self._report(WRONG_CHILD_COUNT, message, element, hint=hint, fixes=fixes)
+            self._report_child_count(label, count, "a tree has exactly 1", element, _one_child_hint(count))
 
     def _check_call(self, tag: str, element: Element, children: list[Element]) -> None:
         id = element.get("ID") or ""
@@ -389,14 +364,14 @@ class TreePlanner:
             self._report(MISSING_ID, message, element, hint=f'write <{tag} ID="…"/>', fixes=fixes)
         elif self._dialect.checks_names:
             self._check_not_a_node(id, element)
+        hint = "move them into the <BehaviorTree> that it calls, or remove them"
         if children and tag in self._dialect.tags_with_ignored_children:
             message = f'the children of <{tag} ID="{id}"> are ignored'
-            hint = "move them into the <BehaviorTree> that it calls, or remove them"
             self._report(UNREACHABLE_CHILD, message, children[0], hint=hint)
         elif children:
-            message = f'<{tag} ID="{id}"> has {count_text(len(children))}; a call of a tree has none'
-            hint = "move them into the <BehaviorTree> that it calls, or remove them"
-            self._report(WRONG_CHILD_COUNT, message, element, hint=hint, fixes=[RemoveChildren()])
+            label, rule = f'<{tag} ID="{id}">', "a call of a tree has none"
+            advice = HintAndFixes(hint, [RemoveChildren()])
+            self._report_child_count(label, len(children), rule, element, advice)
 
     def _check_not_a_node(self, id: str, element: Element) -> None:
         known = self._context.manifest(id)

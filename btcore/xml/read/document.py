@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from btcore.xml.read.positions import SourceMap
 
 MAX_COMPARISONS: Final = 50_000
-"""Maximum number of comparisons of misspelt names with known names; each takes about 30 µs."""
+"""Maximum number of comparisons of misspelt names with known names in a stage; each takes about 30 µs."""
 MAX_PER_CODE: Final = 50_000
 """Maximum number of diagnostics that are collected with the same code."""
 
@@ -120,12 +120,10 @@ class Diagnostics(NamedTuple):
     Attributes:
         errors: The diagnostics that prevent loading the tree.
         warnings: The other diagnostics.
-        comparisons_left: How many comparisons with known names are left, to suggest similar names in hints.
     """
 
     errors: tuple[Diagnostic, ...] = ()
     warnings: tuple[Diagnostic, ...] = ()
-    comparisons_left: int = MAX_COMPARISONS
 
     def raise_errors(self) -> None:
         """Raise a single exception with all errors, if there are any.
@@ -141,21 +139,24 @@ class Diagnostics(NamedTuple):
 
 
 class DiagnosticCollector:
-    """Collects the diagnostics of a stage, after those of the earlier stages, *before*.
+    """Collects the diagnostics of a stage, after those of the earlier stages.
+
+    Args:
+        before: What the earlier stages have found.
+        max_comparisons: The maximum number of comparisons for suggestions of similar names in hints.
 
     Attributes:
         errors: The errors so far.
         warnings: The warnings so far.
     """
 
-    def __init__(self, before: Diagnostics | None = None) -> None:
+    def __init__(self, before: Diagnostics | None = None, max_comparisons: int = MAX_COMPARISONS) -> None:
         self.errors: list[Diagnostic] = []
         self.warnings: list[Diagnostic] = []
-        self._comparisons_left = MAX_COMPARISONS
+        self._comparisons_left = max_comparisons
         self._added: set[object] = set()
         self._counts: Counter[str] = Counter()
         if before is not None:
-            self._comparisons_left = before.comparisons_left
             for diagnostic in (*before.errors, *before.warnings):
                 self.add(diagnostic)
 
@@ -193,8 +194,7 @@ class DiagnosticCollector:
     def take_comparisons(self, names: Sized) -> bool:
         """Reserve the comparisons to search *names* for a similar name; return whether enough are left.
 
-        After MAX_COMPARISONS comparisons the result is False: of thousands of mistakes, only the first get
-        hints.
+        After `max_comparisons` the result is False: of thousands of mistakes, only the first get hints.
         """
         if len(names) > self._comparisons_left:
             return False
@@ -204,7 +204,7 @@ class DiagnosticCollector:
     @property
     def diagnostics(self) -> Diagnostics:
         """All diagnostics so far."""
-        return Diagnostics(tuple(self.errors), tuple(self.warnings), self._comparisons_left)
+        return Diagnostics(tuple(self.errors), tuple(self.warnings))
 
 
 def sort_diagnostics(diagnostics: Sequence[Diagnostic]) -> list[Diagnostic]:

@@ -36,6 +36,10 @@ class Element:
         """Return the value of the attribute *name*, or None."""
         return self.attributes.get(name)
 
+    def node_children(self) -> list["Element"]:
+        """Return the children without the obsolete `<Root>` of Groot 1."""
+        return [child for child in self.children if child.tag != "Root"]
+
     def iterchildren(self, *tags: str) -> Iterator["Element"]:
         """Return the children with one of *tags*, in order; without *tags*, none."""
         return (child for child in self.children if child.tag in tags)

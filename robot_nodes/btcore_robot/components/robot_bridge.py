@@ -56,21 +56,21 @@ class RobotBridge(Component):
         """Publish the scan, odometry, head position and image that are newer than the last published data."""
         robot = self.robot
         scan = robot.scan()
-        if scan is not None and self._is_new(SCAN_TOPIC, scan.stamp):
+        if scan is not None and self._take_if_new(SCAN_TOPIC, scan.stamp):
             self._scans.publish(scan)
         odometry = robot.odometry()
-        if self._is_new(ODOMETRY_TOPIC, odometry.stamp):
+        if self._take_if_new(ODOMETRY_TOPIC, odometry.stamp):
             self._odometry.publish(odometry)
         head = robot.head()
-        if head is not None and self._is_new(JOINT_STATE, head.stamp):
+        if head is not None and self._take_if_new(JOINT_STATE, head.stamp):
             self._joints.publish(head)
         # A simulated camera renders an image when it is requested.
         if self._images.has_subscribers:
             image = robot.camera()
-            if image is not None and self._is_new(IMAGE_TOPIC, image.stamp):
+            if image is not None and self._take_if_new(IMAGE_TOPIC, image.stamp):
                 self._images.publish(image)
 
-    def _is_new(self, topic: str, stamp: int) -> bool:
+    def _take_if_new(self, topic: str, stamp: int) -> bool:
         if self._sent.get(topic) == stamp:
             return False
         self._sent[topic] = stamp

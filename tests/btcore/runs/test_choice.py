@@ -515,7 +515,7 @@ def test_two_objects_of_a_class_are_ambiguous() -> None:
     def clapper(settings: OutputSettings, bell: Bell) -> None:
         pass
 
-    with pytest.raises(ProviderError, match="2 objects of the class Bell"):
+    with pytest.raises(ProviderError, match="2 resources of the class Bell fit the type Bell"):
         run_with(clapper, settings=[OutputSettings("a.txt")], resources=[Bell(), Bell()]).__enter__()
 
 

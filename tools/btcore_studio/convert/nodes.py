@@ -23,7 +23,6 @@ from btcore.diagnostic_codes import (
 from btcore.errors import ConversionError
 from btcore.script.lexer import NAME, tokenize
 from btcore.values import BOOL, DOUBLE, INT, STRING, ValueType
-from btcore.xml.plan.tree_planner import element_children
 from btcore.xml.read.dialect import EXPLICIT_TAGS, NODE_REPLACEMENTS
 from btcore.xml.read.element import Element
 from btcore_studio.convert.changes import ConversionChanges
@@ -83,7 +82,7 @@ def _convert_behavior(changes: ConversionChanges, element: Element, id: str) -> 
 
 
 def _convert_sequence_star(changes: ConversionChanges, element: Element, id: str) -> None:
-    if len(element_children(element)) < 2:
+    if len(element.node_children()) < 2:
         return
     message = (
         "<SequenceWithMemory> returns RUNNING after a child that succeeds immediately, and resumes at the "

@@ -14,8 +14,8 @@ from btcore.registry.manifest import Manifest, takes_children
 from btcore.script import lexer
 from btcore.status import NodeType
 from btcore.values import BOOL, ValueType
+from btcore.values.types import literals_of
 from btcore.xml.models.tree_nodes_model import quoted
-from btcore.xml.plan.tree_planner import literals_of
 from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, PORT_TAGS
 from btcore.xml.read.scan import Place, ScannedAttribute, ScannedElement
 from btcore_studio.language.descriptions import (

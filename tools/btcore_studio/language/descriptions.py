@@ -11,7 +11,7 @@ from btcore.registry.manifest import Manifest
 from btcore.registry.mock_nodes import is_mock
 from btcore.status import NodeType
 from btcore.values import DOUBLE, ValueType
-from btcore.xml.plan.tree_planner import literals_of
+from btcore.values.types import literals_of
 
 ARROWS: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "↔"}
 """The sign of a port's direction: the node reads the port, writes it, or both."""
