@@ -52,10 +52,9 @@ class CommandRun(Run):
         own = [option.options_class for option in self._ctx.command.params if isinstance(option, FieldOption)]
         if settings_class in own:
             return
-        given = given_setting_options(self._ctx)
-        names = [option.opts[0] for option in given if option.options_class is settings_class]
-        have = "has" if len(names) == 1 else "have"
-        terminal.print_warning(f"{join_names(names)} {have} no effect: {reason}")
+        given = [item for item in given_setting_options(self._ctx) if item.options_class is settings_class]
+        names = join_names([option.opts[0] for option in given])
+        terminal.print_warning(f"{names} {'has' if len(given) == 1 else 'have'} no effect: {reason}")
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None

@@ -19,8 +19,7 @@ from btcore.runs.settings import GivenSettings, RunSettings, Settings
 from btcore.suggestions import join_names
 
 _META_KEY: Final = "btcore.cli.provider_command"
-_PLUGINS: Final = "plugins"
-"""The name of the parameter of `--plugin`, which most commands have."""
+_PLUGINS: Final = "plugins"  # the name of the parameter of --plugin
 
 
 class CommandProviders(NamedTuple):
@@ -90,16 +89,14 @@ def _may_need_all_options(
 def _parse_known_options(
     options: Sequence[click.Parameter], args: Sequence[str]
 ) -> tuple[Mapping[str, Any], Sequence[str]]:
-    """Parse *args* before all options are known; a mistake is reported when all are known.
+    """Return the texts of the given *options* by parameter, and the words in *args* of none of them.
 
-    Returns:
-        The texts of the given *options* by the names of their parameters, and the words of none of them.
+    Other options are not known yet, so that a mistake is not reported.
     """
     known: list[click.Parameter] = [option for option in options if isinstance(option, click.Option)]
     command = click.Command(name=None, params=known, add_help_option=False)
     ctx = click.Context(command, ignore_unknown_options=True, resilient_parsing=True)
-    texts, other_words, _ = command.make_parser(ctx).parse_args(list(args))
-    return texts, other_words
+    return command.make_parser(ctx).parse_args(list(args))[:2]
 
 
 def command_providers(ctx: click.Context) -> CommandProviders:
@@ -124,12 +121,11 @@ class _ProviderOptions:
         """Create the options of *providers* that were not created before."""
         for provider in providers:
             for settings_class in provider.settings_classes:
-                if settings_class in self._known:
-                    continue
-                self._known.add(settings_class)
-                for option in create_options(settings_class):
-                    self._take_names(option, repr(provider))
-                    self.created.append(option)
+                if settings_class not in self._known:
+                    self._known.add(settings_class)
+                    for option in create_options(settings_class):
+                        self._take_names(option, repr(provider))
+                        self.created.append(option)
 
     def _take_names(self, option: FieldOption, user: str) -> None:
         for name in (option.opts[0], option.name):
@@ -221,11 +217,8 @@ class ProviderCommand(click.Command):
             formatter: The formatter, to which the help is written.
         """
         sections: dict[str, list[tuple[str, str]]] = {}
-        users: dict[type[Options], Provider] = {
-            settings_class: provider
-            for provider in command_providers(ctx).available.of_user
-            for settings_class in provider.settings_classes
-        }
+        added = command_providers(ctx).available.of_user
+        users: dict[type[Options], Provider] = {cls: user for user in added for cls in user.settings_classes}
         for option in self.get_params(ctx):
             record = option.get_help_record(ctx)
             if record is not None and not isinstance(option, click.Argument):

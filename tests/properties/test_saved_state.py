@@ -249,6 +249,8 @@ def attributes(node: TreeNode) -> dict[str, str]:
 
 def text_of(value: object) -> str:
     """Return *value* as a text; a node is written as its path, without its status."""
+    if isinstance(value, CallLog):  # a resource, not state of the node
+        return "calls"
     if isinstance(value, list):
         return str([text_of(item) for item in value])
     return value.path if isinstance(value, TreeNode) else repr(value)
