@@ -46,7 +46,7 @@ ALL_TESTS := $(WAITING) $(filter-out $(WAITING) tests/__pycache__/,$(wildcard te
 PLATFORM_MODULES := asyncio|ctypes|errno|faulthandler|fcntl|grp|http|locale|mmap|msvcrt|multiprocessing|os|pty|pwd
 PLATFORM_MODULES := $(PLATFORM_MODULES)|readline|resource|select|selectors|shutil|signal|socket|socketserver|ssl|stat
 PLATFORM_MODULES := $(PLATFORM_MODULES)|subprocess|sys|syslog|tempfile|termios|time|tty|urllib|webbrowser|zipfile
-TYPED := btcore monitor robot_nodes ros2 sim tools tests/typing
+PYTHON_FOLDERS := btcore monitor robot_nodes ros2 sim tools tests/typing
 # Continuous integration also checks the types on Windows, and runs the blocks of all pages.
 WITHOUT_PAGES := --deselect tests/docs/test_docs.py::test_the_examples_of_a_page_run
 BENCHMARKS := $(filter-out ros2,$(basename $(notdir $(wildcard benchmarks/*.py))))
@@ -224,7 +224,7 @@ lint: .venv/ready
 	@.venv/bin/ruff format --check .
 	@.venv/bin/mypy
 	@$(if $(CI),.venv/bin/mypy --platform win32 --cache-dir .mypy_cache/win32 --follow-imports silent \
-		$$(grep -rlE '^ *(import|from) ($(PLATFORM_MODULES))\b' --include='*.py' $(TYPED)))
+		$$(grep -rlE '^ *(import|from) ($(PLATFORM_MODULES))\b' --include='*.py' $(PYTHON_FOLDERS)))
 
 pure: .venv/ready vulkan
 	@echo '· the tests, on the pure build$(if $(CI),, (the pages of the documentation: make test-docs))'

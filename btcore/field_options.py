@@ -2,7 +2,7 @@
 
 import functools
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal, TypeVar, get_args, get_origin
 
@@ -10,6 +10,7 @@ import click
 import msgspec
 from msgspec.structs import FieldInfo
 
+from btcore import entry_points
 from btcore.errors import BtcoreError
 from btcore.options import Options, describe_field, from_values, option_name
 
@@ -40,14 +41,14 @@ class FiniteRange(click.FloatRange):
 
 
 class FieldOption(click.Option):
-    """The option of a field of *struct*, and how a sweep treats it."""
+    """The option of a field of *options_class*, and how a sweep treats it."""
 
     name: str  # click permits None
 
-    def __init__(self, struct: type[Options], field: FieldInfo) -> None:
+    def __init__(self, options_class: type[Options], field: FieldInfo) -> None:
         field_type, meta, details = describe_field(field)
-        self.struct = struct
-        self.vary = details.vary
+        self.options_class = options_class
+        self.sweep_option = details.sweep_option
         self.one_run_only = details.one_run_only
         default = None if field.default is msgspec.NODEFAULT else field.default
         arguments: dict[str, Any] = {"help": meta.description, "metavar": details.metavar}
@@ -72,51 +73,79 @@ class FieldOption(click.Option):
         return extra
 
 
-def create_options(options: type[Options], *names: str) -> list[FieldOption]:
-    """Return the options of the fields *names* of *options*, or of all fields, in the order of the fields."""
+def create_options(options_class: type[Options], *names: str) -> list[FieldOption]:
+    """Return the options of the fields *names* of a class, or of all fields, in the order of the fields."""
     created = []
-    for field in msgspec.structs.fields(options):
+    for field in msgspec.structs.fields(options_class):
         if not names or field.name in names:
             try:
-                created.append(FieldOption(options, field))
+                created.append(FieldOption(options_class, field))
             except TypeError as error:
-                raise BtcoreError(f"the field '{field.name}' of {options.__name__}: {error}") from error
+                raise BtcoreError(f"the field '{field.name}' of {options_class.__name__}: {error}") from error
     return created
 
 
-def add_options(options: type[Options], *names: str) -> Callable[[Function], Function]:
-    """Return a decorator that adds the options of *options* to a command.
+def add_options(options_class: type[Options], *names: str) -> Callable[[Function], Function]:
+    """Return a decorator that adds the options of a class to a command.
 
     Args:
-        options: The class of the options.
+        options_class: The class of the options.
         names: The fields whose options are added; by default all.
     """
 
     def decorate(function: Function) -> Function:
         params = function.__dict__.setdefault("__click_params__", [])
-        params.extend(reversed(create_options(options, *names)))
+        params.extend(reversed(create_options(options_class, *names)))
         return function
 
     return decorate
 
 
-def pass_options(options: type[Options], parameter: str) -> Callable[[Function], Function]:
-    """Return a decorator that adds the options of *options* to a command, which gets them as *parameter*.
+def pass_options(options_class: type[Options], parameter: str) -> Callable[[Function], Function]:
+    """Return a decorator that adds the options of a class to a command, which gets them as *parameter*.
 
     Args:
-        options: The class of the options.
+        options_class: The class of the options.
         parameter: The name of the parameter of the command's function.
     """
 
     def decorate(function: Function) -> Function:
         @functools.wraps(function)
         def with_options(*arguments: Any, **values: Any) -> Any:
-            own = {field.name: values.pop(field.name) for field in msgspec.structs.fields(options)}
-            return function(*arguments, **{parameter: from_values(options, own)}, **values)
+            own = {field.name: values.pop(field.name) for field in msgspec.structs.fields(options_class)}
+            return function(*arguments, **{parameter: from_values(options_class, own)}, **values)
 
-        return add_options(options)(with_options)  # type: ignore[return-value]
+        return add_options(options_class)(with_options)  # type: ignore[return-value]
 
     return decorate
+
+
+class ExtensibleCommand(click.Command):
+    """A command that also has the options of an extension, which another package offers.
+
+    Args:
+        group: The group of the entry point, which names a class of `Options` with the extension's methods.
+    """
+
+    def __init__(self, *arguments: Any, group: str, **attributes: Any) -> None:
+        super().__init__(*arguments, **attributes)
+        self._group = group
+
+    @functools.cached_property
+    def extension_class(self) -> type[Options] | None:
+        """The class of the first extension that can be loaded, or None."""
+        loaded, _ = entry_points.load(self._group)
+        return loaded[0].value if loaded else None
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        """Return the command's options, those of the extension, and `--help`."""
+        own = super().get_params(ctx)  # the last is --help
+        extension = self.extension_class
+        return own if extension is None else [*own[:-1], *create_options(extension), own[-1]]
+
+    def make_extension(self, values: Mapping[str, Any]) -> Any:
+        """Return the extension with *values*, those of its options; None if there is no extension."""
+        return None if self.extension_class is None else from_values(self.extension_class, values)
 
 
 def _click_type(field_type: Any, meta: msgspec.Meta) -> "click.ParamType[Any]":

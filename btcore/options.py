@@ -26,7 +26,7 @@ _DETAILS: Final = "btcore"
 AnyOptions = TypeVar("AnyOptions", bound="Options")
 
 
-class Plural(NamedTuple):
+class SweepOption(NamedTuple):
     """An option of `btcore sweep` that varies a setting.
 
     Attributes:
@@ -46,7 +46,7 @@ class OptionDetails(NamedTuple):
     """The arguments of `option`, except the help and the limits."""
 
     metavar: str | None
-    vary: Plural | None
+    sweep_option: SweepOption | None
     one_run_only: bool
     bare_value: object
     complete: Any
@@ -60,7 +60,7 @@ def option(
     gt: float | None = None,
     ge: float | None = None,
     le: float | None = None,
-    vary: Plural | None = None,
+    sweep_option: SweepOption | None = None,
     one_run_only: bool = False,
     bare_value: object = None,
     complete: Any = None,
@@ -74,13 +74,13 @@ def option(
         gt: The value is greater than this.
         ge: The value is at least this.
         le: The value is at most this.
-        vary: The option of `btcore sweep` that varies the setting; `--param` can vary every setting.
+        sweep_option: The option of `btcore sweep` that varies the setting; `--param` can vary every setting.
         one_run_only: Whether simultaneous runs cannot share the setting, such as the name of an output.
         bare_value: The value of the option if it is given without one: `--serve-web`.
         complete: A function for shell completion, as the argument `shell_complete` of `click.Option`.
         name: The name of the option without dashes; by default that of the field.
     """
-    details = OptionDetails(metavar, vary, one_run_only, bare_value, complete, name)
+    details = OptionDetails(metavar, sweep_option, one_run_only, bare_value, complete, name)
     limits: dict[str, Any] = {"gt": gt, "ge": ge, "le": le}
     meta: msgspec.Meta = msgspec.Meta(description=help, extra={_DETAILS: details}, **limits)
     return meta
@@ -90,21 +90,21 @@ class Options(msgspec.Struct):
     """The options of a command, one for each field. `__post_init__` may raise a `SettingsError`."""
 
 
-def from_values(options: type[AnyOptions], values: Mapping[str, Any]) -> AnyOptions | None:
-    """Return *options* with the values of a command's parameters; None if a required one is not given.
+def from_values(options_class: type[AnyOptions], values: Mapping[str, Any]) -> AnyOptions | None:
+    """Return options with the values of a command's parameters; None if a required option is not given.
 
     Args:
-        options: The class of the options.
+        options_class: The class of the options.
         values: The values of parameters by name; those that are missing have their defaults.
     """
     chosen: dict[str, Any] = {}
-    for field in msgspec.structs.fields(options):
+    for field in msgspec.structs.fields(options_class):
         value = values.get(field.name)
         if field.required and (value is None or value is False or value == ()):
             return None
         if value is not None:
             chosen[field.name] = tuple(value) if isinstance(value, list) else value
-    return options(**chosen)
+    return options_class(**chosen)
 
 
 def check_settings(settings: AnyOptions) -> AnyOptions:
@@ -118,9 +118,9 @@ def check_settings(settings: AnyOptions) -> AnyOptions:
     return settings
 
 
-def required_option_names(options: type[Options]) -> list[str]:
-    """Return the options that have no default, with dashes."""
-    return [option_name(field) for field in msgspec.structs.fields(options) if field.required]
+def required_option_names(options_class: type[Options]) -> list[str]:
+    """Return the options of a class that have no default, with dashes."""
+    return [option_name(field) for field in msgspec.structs.fields(options_class) if field.required]
 
 
 def changed_option_names(options: Options) -> list[str]:

@@ -11,11 +11,15 @@ from pathlib import Path
 def numbered_file(path: Path, number: int) -> Path:
     """Return the file for one of several trees that follow each other: `run.btlog`, `run.2.btlog` …
 
+    A name with two extensions, such as `run.btrec.txt`, becomes `run.2.btrec.txt`.
+
     Args:
         path: The file of the first tree.
         number: The number of the tree, from 1.
     """
-    return path if number == 1 else path.with_name(f"{path.stem}.{number}{path.suffix}")
+    extension = "".join(path.suffixes[-2:]) if path.name.endswith(".txt") else path.suffix
+    name = path.name.removesuffix(extension)
+    return path if number == 1 else path.with_name(f"{name}.{number}{extension}")
 
 
 def write_file(path: str | os.PathLike[str], data: bytes) -> None:

@@ -187,7 +187,7 @@ def test_monitor_client_imports_only_basic_modules_of_the_engine() -> None:
         "btcore_monitor.log_writer",
         "btcore_monitor.logs",
         "btcore_monitor.commands.record",
-        "btcore_monitor.commands.replay",
+        "btcore_monitor.log_viewer",
     )
     reached = violations("btcore_monitor", "btcore", but=("btcore_monitor.serve", *commands))
     shared = {

@@ -7,7 +7,7 @@ from typing import Unpack
 import click
 
 from btcore.cli import terminal
-from btcore.cli.provider_command import command_providers, given_options
+from btcore.cli.provider_command import command_providers, given_setting_options
 from btcore.field_options import FieldOption
 from btcore.loading.load import LoadArguments
 from btcore.runs.run import Run, TreelessProgram
@@ -47,12 +47,13 @@ class CommandRun(Run):
         self.report.print_warning = terminal.print_warning
         self._ctx = ctx
 
-    def warn_unused(self, unused: type[Settings], reason: str) -> None:
-        """Print a warning for the given options of *unused*, unless they are the command's own options."""
-        own = [option.struct for option in self._ctx.command.params if isinstance(option, FieldOption)]
-        if unused in own:
+    def warn_unused(self, settings_class: type[Settings], reason: str) -> None:
+        """Print a warning for the given options of a class, unless they are the command's own options."""
+        own = [option.options_class for option in self._ctx.command.params if isinstance(option, FieldOption)]
+        if settings_class in own:
             return
-        names = [option.opts[0] for option in given_options(self._ctx) if option.struct is unused]
+        given = given_setting_options(self._ctx)
+        names = [option.opts[0] for option in given if option.options_class is settings_class]
         have = "has" if len(names) == 1 else "have"
         terminal.print_warning(f"{join_names(names)} {have} no effect: {reason}")
 

@@ -19,6 +19,8 @@ from btcore.runs.settings import GivenSettings, RunSettings, Settings
 from btcore.suggestions import join_names
 
 _META_KEY: Final = "btcore.cli.provider_command"
+_PLUGINS: Final = "plugins"
+"""The name of the parameter of `--plugin`, which most commands have."""
 
 
 class CommandProviders(NamedTuple):
@@ -49,8 +51,8 @@ def attach_providers(
         args: The arguments of the command, which may contain the option `--plugin`.
         has_all_options: Whether to add the options of all providers in any case.
     """
-    plugin_names, _ = _parse_known_options(command_options, args)
-    plugins = {name: import_plugin(name) for name in plugin_names}
+    texts, _ = _parse_known_options(command_options, args)
+    plugins = {name: import_plugin(name) for name in dict.fromkeys(texts.get(_PLUGINS, ()))}
     available = AvailableProviders(
         provider for plugin in plugins.values() for provider in providers_in(plugin.module)
     )
@@ -79,7 +81,7 @@ def _may_need_all_options(
     - the command gives options other defaults, also those of providers;
     - a shell completes the command line.
     """
-    if ctx.resilient_parsing or ctx.default_map or any(provider.settings for provider in available.of_user):
+    if ctx.resilient_parsing or ctx.default_map or any(user.settings_classes for user in available.of_user):
         return True
     _, other_words = _parse_known_options(known_options, args)
     return any(word.startswith("-") and word != "-" for word in other_words)  # `-` is standard input
@@ -87,16 +89,17 @@ def _may_need_all_options(
 
 def _parse_known_options(
     options: Sequence[click.Parameter], args: Sequence[str]
-) -> tuple[Sequence[str], Sequence[str]]:
-    """Parse *args* before all options are known: return the values of `--plugin`, and all other words.
+) -> tuple[Mapping[str, Any], Sequence[str]]:
+    """Parse *args* before all options are known; a mistake is reported when all are known.
 
-    The words that belong to one of *options* are left out; a mistake is reported when all are known.
+    Returns:
+        The texts of the given *options* by the names of their parameters, and the words of none of them.
     """
     known: list[click.Parameter] = [option for option in options if isinstance(option, click.Option)]
     command = click.Command(name=None, params=known, add_help_option=False)
     ctx = click.Context(command, ignore_unknown_options=True, resilient_parsing=True)
-    values, other_words, _ = command.make_parser(ctx).parse_args(list(args))
-    return list(dict.fromkeys(values.get("plugins", ()))), other_words
+    texts, other_words, _ = command.make_parser(ctx).parse_args(list(args))
+    return texts, other_words
 
 
 def command_providers(ctx: click.Context) -> CommandProviders:
@@ -112,7 +115,7 @@ class _ProviderOptions:
 
     def __init__(self, command_options: Sequence[click.Parameter]) -> None:
         self.created: list[FieldOption] = []
-        self._known = {option.struct for option in command_options if isinstance(option, FieldOption)}
+        self._known = {option.options_class for option in command_options if isinstance(option, FieldOption)}
         self._known.add(RunSettings)
         names = (name for option in command_options for name in (*option.opts, option.name or ""))
         self._users = dict.fromkeys(["--help", *names], "the command")
@@ -120,9 +123,11 @@ class _ProviderOptions:
     def add(self, providers: Sequence[Provider]) -> None:
         """Create the options of *providers* that were not created before."""
         for provider in providers:
-            for settings in [settings for settings in provider.settings if settings not in self._known]:
-                self._known.add(settings)
-                for option in create_options(settings):
+            for settings_class in provider.settings_classes:
+                if settings_class in self._known:
+                    continue
+                self._known.add(settings_class)
+                for option in create_options(settings_class):
                     self._take_names(option, repr(provider))
                     self.created.append(option)
 
@@ -135,7 +140,7 @@ class _ProviderOptions:
             self._users[name] = user
 
 
-def given_options(ctx: click.Context) -> list[FieldOption]:
+def given_setting_options(ctx: click.Context) -> list[FieldOption]:
     """Return the options of settings that were given to a command of class `ProviderCommand`."""
     not_given = (None, ParameterSource.DEFAULT)
     return [
@@ -153,24 +158,24 @@ def given_settings(ctx: click.Context) -> GivenSettings:
     Raises:
         click.UsageError: The settings of a class cannot be used together.
     """
-    options = given_options(ctx)
+    options = given_setting_options(ctx)
     given: list[Settings] = []
-    for struct in dict.fromkeys(option.struct for option in options):
+    for settings_class in dict.fromkeys(option.options_class for option in options):
         try:
-            settings = from_values(struct, ctx.params)
+            settings = from_values(settings_class, ctx.params)
         except SettingsError as error:
             raise click.UsageError(str(error)) from error
         if isinstance(settings, Settings):
             given.append(settings)
         else:
-            needed = join_names(required_option_names(struct))
-            names = join_names([option.opts[0] for option in options if option.struct is struct])
-            terminal.print_warning(f"{names}: no effect without {needed}")
+            needed = join_names(required_option_names(settings_class))
+            names = [option.opts[0] for option in options if option.options_class is settings_class]
+            terminal.print_warning(f"{join_names(names)}: no effect without {needed}")
     return GivenSettings(given)
 
 
 def _is_of_settings(option: click.Parameter) -> TypeGuard[FieldOption]:
-    return isinstance(option, FieldOption) and issubclass(option.struct, Settings)
+    return isinstance(option, FieldOption) and issubclass(option.options_class, Settings)
 
 
 class ProviderCommand(click.Command):
@@ -217,14 +222,14 @@ class ProviderCommand(click.Command):
         """
         sections: dict[str, list[tuple[str, str]]] = {}
         users: dict[type[Options], Provider] = {
-            settings: provider
+            settings_class: provider
             for provider in command_providers(ctx).available.of_user
-            for settings in provider.settings
+            for settings_class in provider.settings_classes
         }
         for option in self.get_params(ctx):
             record = option.get_help_record(ctx)
             if record is not None and not isinstance(option, click.Argument):
-                provider = users.get(option.struct) if isinstance(option, FieldOption) else None
+                provider = users.get(option.options_class) if isinstance(option, FieldOption) else None
                 file = "" if provider is None else provider.place.rpartition(":")[0].rpartition("/")[2]
                 sections.setdefault(f"Options of {file}" if file else "Options", []).append(record)
         for title, records in sections.items():

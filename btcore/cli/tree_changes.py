@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
-from btcore.blackboard.ports import Port, remapped_key
+from btcore.blackboard.ports import Port, braced_key
 from btcore.cli import terminal
 from btcore.errors import BlackboardError, ConversionError
 from btcore.json_text import too_deep_at
@@ -144,7 +144,7 @@ def _parse_entries(texts: Iterable[str]) -> dict[str, str]:
     entries: dict[str, str] = {}
     for text in texts:
         left_side, equals, value = text.partition("=")
-        key = remapped_key(left_side, left_side) or left_side.strip()
+        key = braced_key(left_side) or left_side.strip()
         if not equals or not key:
             raise click.UsageError(
                 f"--set '{text}' is not an assignment: write KEY=VALUE, for example --set laps=3."

@@ -73,7 +73,7 @@ class TreeOptions(LibraryOptions):
     ] = False
 
 
-given_option = click.option(
+given_keys = click.option(
     "--given",
     multiple=True,
     metavar="KEY",

@@ -60,7 +60,7 @@ class TreeContext:
         uses_time: Whether a node has read the clock, so that the tree reads it at the start of each tick.
         tick_start: The time (ns) at which the present tick began, by which its timers are judged; -1 = not
             known.
-        journal: Records what ticks depend on from outside; None = nothing is recorded.
+        journal: Records what the ticks depend on; None = nothing is recorded.
         recorded_end: In a replay, answers `must_end_repetitions` as in the recorded run.
     """
 

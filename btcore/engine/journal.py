@@ -1,14 +1,14 @@
-"""The journal of a tree: in order, everything from outside that its ticks depend on.
+"""The journal of a tree: in order, everything that its ticks depend on besides the tree and the blackboard.
 
-A tick is determined by the tree, the blackboard, and what comes from outside: the results, exceptions and
-writes of nodes that are not built in, the times that nodes read, the statuses that callbacks force, and the
-writes of other threads. While a tree has a journal, built-in code runs *inside*: it holds a lock, so that no
-other thread can write to the blackboard. Around each call of code from outside, the lock is released.
+These are the results, exceptions and writes of external nodes (nodes that are not built in), the times that
+built-in nodes read, the statuses that callbacks force, and the writes of other threads. While a tree has a
+journal, built-in code runs *inside*: it holds a lock, so that no other thread can write to the blackboard.
+Around each call of external code, the lock is released.
 """
 
 import threading
 from collections.abc import Callable
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeVar
 
 from btcore.blackboard.blackboard import Blackboard, Entry, WriteRecorder
 from btcore.engine.node_config import NodeConfig
@@ -18,10 +18,11 @@ from btcore.status import FAILURE, IDLE, SKIPPED, SUCCESS, Status
 from btcore.values import ValueType
 
 NO_THREAD: Final = -1
+T = TypeVar("T")
 
 
 class TickBegan(NamedTuple):
-    """The root is ticked: the number of the tick, and its time (ns; -1 = no node has read the clock)."""
+    """The root is ticked: the number of the tick, and its time (ns)."""
 
     tick: int
     time: int
@@ -38,39 +39,39 @@ class StepEnded(NamedTuple):
 
 
 class Raised(NamedTuple):
-    """The tick of a node from outside raised *error*, an exception."""
+    """The tick of an external node raised *error*, an exception."""
 
     uid: int
     error: Any
 
 
-class HaltedOutside(NamedTuple):
-    """The halt of a node from outside begins, in which more happens than that its status becomes IDLE."""
+class ExternalHaltBegan(NamedTuple):
+    """The halt of an external node begins, in which more happens than that its status becomes IDLE."""
 
     uid: int
 
 
-class OutsideHaltEnded(NamedTuple):
-    """The halt that began by `HaltedOutside` has ended; *error* is what it raised, or None."""
+class ExternalHaltEnded(NamedTuple):
+    """The halt that began by `ExternalHaltBegan` has ended; *error* is what it raised, or None."""
 
     uid: int
     error: Any
 
 
 class ChildTicked(NamedTuple):
-    """A node from outside ticks a child."""
+    """An external node ticks a child."""
 
     uid: int
 
 
 class ChildHalted(NamedTuple):
-    """A node from outside halts a child."""
+    """An external node halts a child."""
 
     uid: int
 
 
 class StatusSet(NamedTuple):
-    """A node from outside stores the status of itself or of a child, which it has not ticked or halted."""
+    """An external node stores the status of itself or of a child, which it has not ticked or halted."""
 
     uid: int
     status: Status
@@ -133,8 +134,8 @@ Event = (
     | HaltBegan
     | StepEnded
     | Raised
-    | HaltedOutside
-    | OutsideHaltEnded
+    | ExternalHaltBegan
+    | ExternalHaltEnded
     | ChildTicked
     | ChildHalted
     | StatusSet
@@ -150,10 +151,10 @@ Event = (
 class Journal(WriteRecorder):
     """Records what the ticks of a tree depend on, in a flat list of pairs.
 
-    A pair is the config of a node from outside and the result of its tick, or None and an event.
+    A pair is the config of an external node and the result of its tick, or None and an event.
 
     Args:
-        observers: The observers of the tree, which record what nodes from outside do to statuses.
+        observers: The observers of the tree, which record what external nodes do to statuses.
         encode: Returns the recorded form of a value; the value itself may change later.
         deliver: Called with the pairs at the end of each tick and halt, on the thread that ticks.
     """
@@ -171,15 +172,15 @@ class Journal(WriteRecorder):
         self._lock = threading.Lock()
         self._inside = NO_THREAD  # the thread that is inside
         self._tick_thread = 0
-        # The transitions when the thread left the inside: further ones were made outside.
+        # The transitions when the thread went outside: further ones were made by external code.
         self._transitions: list[object] = []
         self._transition_count = 0
         self._time = -1
         self._repeats = 0
 
     @property
-    def is_outside(self) -> bool:
-        """Whether the thread that ticks executes code from outside, or the tree is not in a tick or halt."""
+    def runs_external_code(self) -> bool:
+        """Whether the thread that ticks executes external code; also between ticks and halts."""
         return self._inside != self._tick_thread
 
     @property
@@ -195,7 +196,7 @@ class Journal(WriteRecorder):
 
     def begin_halt(self) -> None:
         """Go inside for a halt of the whole tree, unless it is a part of a tick."""
-        if self.is_outside:
+        if self.runs_external_code:
             self._begin(HaltBegan(), -1)
 
     def _begin(self, event: TickBegan | HaltBegan, time: int) -> None:
@@ -207,13 +208,19 @@ class Journal(WriteRecorder):
 
     def end_step(self, status: Status) -> None:
         """End the tick or halt, unless it has ended, and deliver the records."""
-        if self.is_outside:
+        if self.runs_external_code:
             return
         self._add(StepEnded(status))
         records = self._records
         self._records = []
         self.leave()
         self._deliver(records)
+
+    def capture(self, capture: Callable[[], T]) -> T:
+        """Return the result of *capture*, between two steps: what follows is recorded relative to it."""
+        with self._lock:
+            self._records = []
+            return capture()
 
     # --- inside and outside
 
@@ -226,12 +233,12 @@ class Journal(WriteRecorder):
             self._add_status_changes(transitions)
 
     def enter_for_tick(self, uid: int) -> None:
-        """Go inside, because a node from outside ticks a child."""
+        """Go inside, because an external node ticks a child."""
         self.enter()
         self._add(ChildTicked(uid))
 
     def enter_for_halt(self, uid: int) -> None:
-        """Go inside, because a node from outside halts a child."""
+        """Go inside, because an external node halts a child."""
         self.enter()
         self._add(ChildHalted(uid))
 
@@ -255,16 +262,16 @@ class Journal(WriteRecorder):
         self._records.append(event)
 
     def add_result(self, config: NodeConfig, status: Status) -> None:
-        """Record that the tick of the node from outside with *config* returned *status*."""
+        """Record that the tick of the external node with *config* returned *status*."""
         self._records.append(config)
         self._records.append(status)
 
     def add_error(self, uid: int, error: BaseException) -> None:
-        """Record that the tick of a node from outside raised *error*."""
+        """Record that the tick of an external node raised *error*."""
         self._add(Raised(uid, error))
 
     def add_halt(self, uid: int, start: int, error: BaseException | None, is_idle: bool) -> None:
-        """Record that a node from outside was halted, unless it has only become IDLE.
+        """Record that an external node was halted, unless it has only become IDLE.
 
         Args:
             start: The `record_count` before the halt.
@@ -278,8 +285,8 @@ class Journal(WriteRecorder):
             if is_reset or len(records) == start:
                 del records[start:]
                 return
-        records[start:start] = [None, HaltedOutside(uid)]
-        self._add(OutsideHaltEnded(uid, error))
+        records[start:start] = [None, ExternalHaltBegan(uid)]
+        self._add(ExternalHaltEnded(uid, error))
 
     def add_callback(self, uid: int, start: int, is_pre_tick: bool, forced: Status) -> None:
         """Record the status that a callback forces, unless it forces and writes nothing.

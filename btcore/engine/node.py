@@ -345,12 +345,16 @@ def attach_to_tree(node: TreeNode, config: NodeConfig, context: TreeContext, bla
         node._tick_extras.conditions = NodeConditions(config.conditions, config.enums, blackboard)
 
 
-def start_recording(node: TreeNode, journal: "Journal", is_outside: bool) -> None:
-    """Record the results of *node* if it is from outside, else what its parent from outside does to it."""
+def start_recording(node: TreeNode, journal: "Journal", is_external: bool) -> None:
+    """Let *journal* record the results of an external node, or the ticks and halts by an external parent.
+
+    Args:
+        is_external: Whether *node* is external; if not, its parent is.
+    """
     with node._context.lock:
         node._tick_extras = extras = node._tick_extras or TickExtras()
         extras.journal = journal
-        extras.is_outside = is_outside
+        extras.is_external = is_external
 
 
 def stop_recording(node: TreeNode) -> None:
@@ -359,7 +363,7 @@ def stop_recording(node: TreeNode) -> None:
         extras = node._tick_extras
         if extras is not None:
             extras.journal = None
-            extras.is_outside = False
+            extras.is_external = False
             if extras.is_empty:
                 node._tick_extras = None
 
@@ -454,13 +458,8 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
 def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
     """Call `tick` of *node* unless a pre-condition or callback decides, then what *extras* adds after it."""
     journal = extras.journal
-    if journal is not None and journal.is_outside:
-        # The parent, which is from outside, ticks a child.
-        journal.enter_for_tick(node.config.uid)
-        try:
-            return _tick_with_extras(node, extras)
-        finally:
-            journal.leave()
+    if journal is not None and journal.runs_external_code:
+        return _tick_for_external_parent(node, extras, journal)
     conditions = extras.conditions
     counts = extras.tick_counts
     if counts is not None:
@@ -481,12 +480,12 @@ def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
         if node._context.journal is None:
             forced = pre_tick(node)
         else:
-            forced = _call_outside(node, True, partial(pre_tick, node))
+            forced = _call_callback(node, True, partial(pre_tick, node))
         if forced is SUCCESS or forced is FAILURE:
             status = forced
     if status is UNDECIDED:
-        if journal is not None and extras.is_outside:
-            status = _tick_outside(node, journal)
+        if journal is not None and extras.is_external:
+            status = _tick_external(node, journal)
         else:
             status = _as_status(node, node.tick())
     if conditions is not None and (status is SUCCESS or status is FAILURE):
@@ -496,7 +495,7 @@ def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
         if node._context.journal is None:
             forced = post_tick(node, status)
         else:
-            forced = _call_outside(node, False, partial(post_tick, node, status))
+            forced = _call_callback(node, False, partial(post_tick, node, status))
         if forced is SUCCESS or forced is FAILURE:
             status = forced
     if counts is not None:
@@ -504,8 +503,17 @@ def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
     return status
 
 
-def _tick_outside(node: TreeNode, journal: "Journal") -> Status:
-    """Call `tick` of *node*, which is from outside, and record its result."""
+def _tick_for_external_parent(node: TreeNode, extras: TickExtras, journal: "Journal") -> Status:
+    """Call `_tick_with_extras`, and record that the parent, which is external, ticks *node*."""
+    journal.enter_for_tick(node.config.uid)
+    try:
+        return _tick_with_extras(node, extras)
+    finally:
+        journal.leave()
+
+
+def _tick_external(node: TreeNode, journal: "Journal") -> Status:
+    """Call `tick` of *node*, which is external, and record its result."""
     journal.leave()
     try:
         status = _as_status(node, node.tick())
@@ -518,8 +526,8 @@ def _tick_outside(node: TreeNode, journal: "Journal") -> Status:
     return status
 
 
-def _halt_outside(node: TreeNode, journal: "Journal") -> None:
-    """Call `halt` of *node*, which is from outside. Record what it does, unless it only resets the node."""
+def _halt_external(node: TreeNode, journal: "Journal") -> None:
+    """Call `halt` of *node*, which is external. Record what it does, unless it only resets the node."""
     start = journal.record_count
     journal.leave()
     raised: BaseException | None = None
@@ -533,7 +541,7 @@ def _halt_outside(node: TreeNode, journal: "Journal") -> None:
         journal.add_halt(node.config.uid, start, raised, node._status is IDLE)
 
 
-def _call_outside(node: TreeNode, is_pre_tick: bool, callback: Callable[[], Status]) -> Status:
+def _call_callback(node: TreeNode, is_pre_tick: bool, callback: Callable[[], Status]) -> Status:
     """Call a callback of *node*, and record the status that it forces."""
     journal = node._context.journal
     assert journal is not None
@@ -623,8 +631,8 @@ def halt_node(node: TreeNode) -> None:
     """Halt *node*, whatever its status; see `TreeNode.halt_node`."""
     extras = node._tick_extras
     journal = None if extras is None else extras.journal
-    if journal is not None and journal.is_outside:
-        # The parent, which is from outside, halts a child.
+    if journal is not None and journal.runs_external_code:
+        # The parent, which is external, halts a child.
         journal.enter_for_halt(node.config.uid)
         try:
             halt_node(node)
@@ -636,8 +644,8 @@ def halt_node(node: TreeNode) -> None:
             counts = extras.tick_counts
             if counts is not None and node._status is RUNNING:
                 counts.halted += 1
-        if journal is not None and extras is not None and extras.is_outside:
-            _halt_outside(node, journal)
+        if journal is not None and extras is not None and extras.is_external:
+            _halt_external(node, journal)
         else:
             node.halt()
         if extras is not None and extras.conditions is not None:

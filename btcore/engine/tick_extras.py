@@ -125,13 +125,13 @@ class TickCounts:
 
 
 class TickExtras:
-    """The conditions, callbacks and counters of one node.
+    """The conditions, callbacks, counters and journal of one node.
 
     Most nodes of a tree in a program have none; under `btcore run` all nodes have counters.
 
     Attributes:
-        journal: The journal of the tree, if the node or its parent is from outside.
-        is_outside: Whether the node is from outside, so that the journal records its results.
+        journal: The journal of the tree, if it is recorded and the node or its parent is external.
+        is_external: Whether the node is external, that is, not built in: the journal records its results.
     """
 
     def __init__(self) -> None:
@@ -140,11 +140,11 @@ class TickExtras:
         self.pre_tick: Callable[[Any], Status] | None = None
         self.post_tick: Callable[[Any, Status], Status] | None = None
         self.journal: Journal | None = None
-        self.is_outside = False
+        self.is_external = False
 
     @property
     def is_empty(self) -> bool:
-        """Whether the node has no conditions, callbacks or counters."""
+        """Whether the node has none of them."""
         return (
             self.conditions is None
             and self.tick_counts is None

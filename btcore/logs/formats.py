@@ -62,12 +62,12 @@ def open_log(tree: Tree, path: str | os.PathLike[str]) -> Log:
     if path == CONSOLE:
         return ConsoleLog(tree)
     file = Path(path)
-    format = _find(file, file.suffix)
+    format = _find(file)
     if format is None:
         raise _unknown(file, "write", "written")
     if format.write is None:
         hint = file.with_suffix(".btlog").name
-        raise LogError(f"{file}: btcore reads but does not write {file.suffix}; use {hint}")
+        raise LogError(f"{file}: a log in this format can be read, but not written; use {hint}")
     return format.write(tree, file)
 
 
@@ -99,22 +99,27 @@ def read_log(path: str | os.PathLike[str]) -> Recording:
     file = Path(path)
     name, mark, number = file.name.rpartition("#")
     if mark and number.isdecimal() and not file.exists():
-        format = _find(file, Path(name).suffix)
+        format = _find(file.with_name(name))
         if format is not None and format.read_session is not None:
             return format.read_session(file.with_name(name), int(number))
-    format = _find(file, file.suffix)
+    format = _find(file)
     if format is None or format.read is None:
         raise _unknown(file, "read", "read")
     return format.read(file)
 
 
-def _find(path: Path, extension: str) -> LogFormat | None:
-    if extension in FORMATS:
-        return FORMATS[extension]
-    found, unavailable = entry_points.load(entry_points.LOGS_GROUP, extension.removeprefix("."))
-    for point in unavailable:
-        raise LogError(f"{path}: the format {extension} cannot be loaded: {point.remedy}")
-    return found[0].value if found else None
+def _find(path: Path) -> LogFormat | None:
+    """Return the format for the extension of *path*, such as `.btlog` or `.btrec.txt`."""
+    for extension in ("".join(path.suffixes[-2:]), path.suffix):
+        if extension in FORMATS:
+            return FORMATS[extension]
+        found, unavailable = entry_points.load(entry_points.LOGS_GROUP, extension.removeprefix("."))
+        for point in unavailable:
+            raise LogError(f"{path}: the format {extension} cannot be loaded: {point.remedy}")
+        if found:
+            format: LogFormat = found[0].value
+            return format
+    return None
 
 
 def _unknown(path: Path, field: str, participle: str) -> LogError:

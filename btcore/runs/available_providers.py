@@ -55,15 +55,15 @@ class AvailableProviders:
     def with_side_effects(self, given: Set[type[Settings]]) -> list[Provider]:
         """Return the side-effect providers, such as a publisher, that take settings of *given*."""
         for provider in self.of_user:
-            if not provider.types and not provider.settings:
+            if not provider.types and not provider.settings_classes:
                 raise ProviderError(
                     f"the provider {provider} has no type in its return annotation, and no settings, so "
                     "that no run would use it"
                 )
-        if not given <= {settings for provider in self._known() for settings in provider.settings}:
+        if not given <= {cls for provider in self._known() for cls in provider.settings_classes}:
             self._load(point for point, provided in self._points.items() if not provided)
         side_effects = [provider for provider in self._known() if not provider.types]
-        return [provider for provider in side_effects if provider.settings.keys() & given]
+        return [provider for provider in side_effects if not given.isdisjoint(provider.settings_classes)]
 
     def all(self) -> list[Provider]:
         """Return all providers, the user's first."""

@@ -165,9 +165,9 @@ class _Candidates(NamedTuple):
             return f"is not used, because {self.rejected[provider]}"
         if provider in chain:
             return f"needs itself: {_join([*chain, provider])}"
-        missing = [settings for settings in provider.required_settings if settings not in self.given]
+        missing = [cls for cls in provider.required_settings if cls not in self.given]
         if missing:
-            options = [name for settings in missing for name in required_option_names(settings)]
+            options = [name for cls in missing for name in required_option_names(cls)]
             return f"is not used without {join_names(options)}"
         for request in _make_requests(provider, chain):
             if not request.is_optional and self.find_object(request.type) is None:
@@ -265,9 +265,9 @@ class _Attempt:
         return best[0]
 
     def _rank(self, provider: Provider) -> _Rank:
-        given = provider.settings.keys() & self._candidates.given
+        given = self._candidates.given & set(provider.settings_classes)
         return _Rank(
-            required_options=sum(bool(required_option_names(settings)) for settings in given),
+            required_options=sum(bool(required_option_names(cls)) for cls in given),
             is_used=provider in self._used,
             is_of_user=provider in self._available.of_user,
             is_not_default=not provider.is_default,

@@ -153,8 +153,8 @@ class RunProviders:
 
     def open_before_tree(self, stack: contextlib.ExitStack) -> None:
         """Open the providers that do not need the tree, and fill the resources; *stack* closes them."""
-        used = dict.fromkeys(struct for provider in self.choice.order for struct in provider.settings)
-        for settings in map(self._settings.find, used):
+        used = [cls for provider in self.choice.order for cls in provider.settings_classes]
+        for settings in map(self._settings.find, dict.fromkeys(used)):
             if settings is not None:
                 settings.check_environment()
         self.resources += self._program_resources
@@ -235,21 +235,21 @@ class RunProviders:
         return [opened.error for opened in self._opened.values() if opened.error is not None]
 
     def find_unused_settings(self) -> dict[type[Settings], str]:
-        """Return the settings that were given, but that no used provider takes, with the reasons."""
+        """Return the classes of the given settings that no used provider takes, with the reasons."""
         choice = self.choice
-        used = {RunSettings, *(taken for provider in choice.order for taken in provider.settings)}
+        used = {RunSettings, *(cls for provider in choice.order for cls in provider.settings_classes)}
         reasons = {}
-        for unused in [settings for settings in self._settings.classes if settings not in used]:
-            takers = [provider for provider in self._available.all() if unused in provider.settings]
-            takers = [provider for provider in takers if not provider.settings[unused]] or takers
-            rejections = [choice.rejected[provider] for provider in takers if provider in choice.rejected]
+        for settings_class in [cls for cls in self._settings.classes if cls not in used]:
+            takers = [taker for taker in self._available.all() if settings_class in taker.settings_classes]
+            takers = [taker for taker in takers if settings_class not in taker.optional_settings] or takers
+            rejections = [choice.rejected[taker] for taker in takers if taker in choice.rejected]
             types = dict.fromkeys(title_with_article(taker.types[0]) for taker in takers if taker.types)
             if rejections:
-                reasons[unused] = rejections[0]
+                reasons[settings_class] = rejections[0]
             elif types:
-                reasons[unused] = f"no leaf needs {join_names(list(types), 'or')}"
+                reasons[settings_class] = f"no leaf needs {join_names(list(types), 'or')}"
             elif takers:
-                reasons[unused] = "it is not used"
+                reasons[settings_class] = "it is not used"
         return reasons
 
     def explain_missing(self) -> Iterator[str]:

@@ -215,15 +215,20 @@ class Provider:
         return [need for need in self.needs if need.type not in TYPES_OF_RUN and not is_settings(need.type)]
 
     @cached_property
-    def settings(self) -> dict[type[Settings], bool]:
-        """The classes of its settings, and whether each is optional."""
-        return {need.type: need.is_optional for need in self.needs if is_settings(need.type)}
+    def settings_classes(self) -> list[type[Settings]]:
+        """The classes of its settings."""
+        return [need.type for need in self.needs if is_settings(need.type)]
+
+    @cached_property
+    def optional_settings(self) -> list[type[Settings]]:
+        """The classes of its settings whose parameter may be None."""
+        return [need.type for need in self.needs if is_settings(need.type) and need.is_optional]
 
     @cached_property
     def required_settings(self) -> list[type[Settings]]:
         """The classes of its settings that have to be given: they have a field without a default."""
-        needed = [settings for settings, is_optional in self.settings.items() if not is_optional]
-        return [settings for settings in needed if required_option_names(settings)]
+        needed = [cls for cls in self.settings_classes if cls not in self.optional_settings]
+        return [cls for cls in needed if required_option_names(cls)]
 
     @property
     def needs_tree(self) -> bool:

@@ -207,18 +207,18 @@ class Run:
                 self._prepare(self)
             providers.open_after_tree(self.tree, stack)
             stack.callback(self._halt)
-            for unused, reason in providers.find_unused_settings().items():
-                self.warn_unused(unused, reason)
+            for settings_class, reason in providers.find_unused_settings().items():
+                self.warn_unused(settings_class, reason)
             self._stack = stack.pop_all()
 
-    def warn_unused(self, unused: type[Settings], reason: str) -> None:
+    def warn_unused(self, settings_class: type[Settings], reason: str) -> None:
         """Warn that settings were given, but have no effect.
 
         Args:
-            unused: The class of the settings.
+            settings_class: The class of the settings.
             reason: Why no provider uses them.
         """
-        warnings.warn(f"{unused.__name__} have no effect: {reason}", stacklevel=3)
+        warnings.warn(f"{settings_class.__name__} have no effect: {reason}", stacklevel=3)
 
     @property
     def trees(self) -> list[Tree]:

@@ -66,9 +66,9 @@ class GivenSettings:
     """
 
     def __init__(self, settings: Sequence[Settings] = ()) -> None:
-        for settings_type, count in Counter(map(type, settings)).items():
+        for settings_class, count in Counter(map(type, settings)).items():
             if count > 1:
-                raise SettingsError(f"{settings_type.__name__} are given {count} times")
+                raise SettingsError(f"{settings_class.__name__} are given {count} times")
         self._by_class = {type(given): check_settings(given) for given in settings}
 
     @property

@@ -167,7 +167,7 @@ def _options(command: click.Command, context: click.Context) -> list[str]:
             record = option.get_help_record(context)
             assert record is not None
             is_added = isinstance(option, FieldOption) and option not in command.params
-            package = option.struct.__module__.partition(".")[0] if is_added else "btcore"
+            package = option.options_class.__module__.partition(".")[0] if is_added else "btcore"
             title = "Options" if package == "btcore" else f"Options of {package}"
             # As HTML, because a table in Markdown would show the escape before a | in code.
             name = html.escape(record[0]).replace("|", "&#124;")

@@ -8,12 +8,12 @@ import contextlib
 import functools
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Final, Literal, get_args
 
 from btcore.errors import SettingsError
-from btcore.field_options import create_options, pass_options
+from btcore.field_options import create_options
 from btcore.options import Options, option
 from btcore_monitor.console import print_message
 from btcore_monitor.environment_checks import check_folder, check_is_recording
@@ -174,6 +174,11 @@ class ViewerOptions(OutputOptions):
         super().__post_init__()
         _parse_size(self.size)
 
+    def quiet_viewer(self) -> None:
+        """Suppress the log of the viewer, unless it is verbose. Call it before rerun is imported."""
+        if not self.verbose:
+            os.environ.setdefault("RUST_LOG", "off")
+
     @contextlib.contextmanager
     def open_sinks(self, opens_viewer: bool) -> "Iterator[RecordingSinks]":
         """Open the destinations, and also a viewer if *opens_viewer* is true and the view is not served.
@@ -251,16 +256,3 @@ def _parse_size(text: str) -> tuple[int, int]:
             "1920x1080"
         )
     return int(width), int(height)
-
-
-def pass_viewer_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the `ViewerOptions` to *command*, which gets them as the parameter `options`."""
-
-    @functools.wraps(command)
-    def with_viewer(*arguments: Any, options: ViewerOptions, **others: Any) -> Any:
-        if not options.verbose:
-            # rerun reads the variable when it is imported, so this precedes the imports of the command.
-            os.environ.setdefault("RUST_LOG", "off")
-        return command(*arguments, options=options, **others)
-
-    return pass_options(ViewerOptions, "options")(with_viewer)

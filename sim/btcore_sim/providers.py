@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Final, NamedTuple
 
 from btcore import Report, Resources, RunSettings, Settings, SettingsError, option, provider
 from btcore.clock import Clock
-from btcore.options import Plural
+from btcore.options import SweepOption
 from btcore_sim.completion import complete_world
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def parse_worlds(text: str) -> list[str]:
     return worlds
 
 
-_WORLDS: Final = Plural(
+_WORLDS: Final = SweepOption(
     "worlds",
     parse_worlds,
     "NAME:A-B,…",
@@ -70,7 +70,7 @@ class SimulatorSettings(Settings):
         option(
             "The robot's world: a name, a JSON file, a map (YAML), or office:N or home:N for a random world.",
             metavar="NAME",
-            vary=_WORLDS,
+            sweep_option=_WORLDS,
             complete=complete_world,
         ),
     ] = "arena"

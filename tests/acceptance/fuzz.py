@@ -23,13 +23,9 @@ from btcore.lint.validate import validate_document
 from btcore.script.program import compile_script
 from btcore.values import DOUBLE, INT, INT64, NODE_STATUS, UINT, UINT64, VECTOR_DOUBLE, VECTOR_INT
 from btcore.xml.read.read import parse_text
-from tests.conformance.recorded_cases import Journal
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
-RECORDED = Path(__file__).parents[1] / "conformance"
-sys.path.append(str(RECORDED))
-from recorded_cases import conformance_registry  # noqa: E402
-
-DATA = RECORDED / "data"
+DATA = Path(__file__).parents[1] / "conformance" / "data"
 LIMIT = 1.0
 """The limit of the processor time for an input (s)."""
 CHUNK = 500
@@ -81,7 +77,7 @@ def tree(rng: random.Random) -> None:
     nodes = conformance_registry()
     try:
         validate_document(parse_text(text), nodes=nodes, format=format)
-        tree = loads(text, nodes=nodes, resources=[Journal()], format=format, clock=SimClock())
+        tree = loads(text, nodes=nodes, resources=[CallLog()], format=format, clock=SimClock())
         # A Repeat of format 3 does all its cycles in one tick, and a mutation may demand any number.
         for _ in range(3 if tree.format == 4 else 0):
             tree.tick_once()

@@ -1,4 +1,4 @@
-"""Fixtures of the engine's tests: simulated time, a journal of the calls of mock leaves, trees, documents."""
+"""Fixtures of the engine's tests: simulated time, the calls of mock leaves, trees, documents."""
 
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -7,17 +7,17 @@ import pytest
 
 import btcore
 from btcore import Blackboard, Registry, SimClock, Tree
-from tests.conformance.recorded_cases import Journal, conformance_registry
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 MakeTree = Callable[..., Tree]
 
 
 class TreeFactory:
-    """Builds trees of mock leaves and other nodes, on one clock and with one journal."""
+    """Builds trees of mock leaves and other nodes, on one clock and with one log of calls."""
 
-    def __init__(self, clock: SimClock, journal: Journal) -> None:
+    def __init__(self, clock: SimClock, calls: CallLog) -> None:
         self.clock = clock
-        self.journal = journal
+        self.calls = calls
 
     def __call__(
         self,
@@ -35,7 +35,7 @@ class TreeFactory:
         return btcore.loads(
             f'<root main_tree_to_execute="Main"><BehaviorTree ID="Main">{body}</BehaviorTree>{others}</root>',
             nodes=registry,
-            resources=[self.journal, *resources],
+            resources=[self.calls, *resources],
             blackboard=blackboard,
             format=format,
             clock=self.clock,
@@ -48,13 +48,13 @@ def clock() -> SimClock:
 
 
 @pytest.fixture
-def journal() -> Journal:
-    return Journal()
+def calls() -> CallLog:
+    return CallLog()
 
 
 @pytest.fixture
-def make_tree(clock: SimClock, journal: Journal) -> TreeFactory:
-    return TreeFactory(clock, journal)
+def make_tree(clock: SimClock, calls: CallLog) -> TreeFactory:
+    return TreeFactory(clock, calls)
 
 
 @pytest.fixture

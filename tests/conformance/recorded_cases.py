@@ -4,8 +4,8 @@ A case contains a tree, a script or a text to convert, and the result that Behav
 program prints `N passed, M failed` and the first differences, and exits with 1 if there is a difference.
 Differences that docs/reference/differences.md describes are counted separately, and are no failures.
 
-The leaves and the journal, which many tests import, are in this file because the program runs alone: to test
-an installed btcore, its path must not contain the repository, and therefore not the package `tests`.
+The leaves and `CallLog`, which many tests import, are in this file because the program runs alone: to test an
+installed btcore, its path must not contain the repository, and therefore not the package `tests`.
 """
 
 import gzip
@@ -157,23 +157,17 @@ def conformance_registry() -> Registry:
     return nodes
 
 
-class Journal:
-    """A log of the calls of leaves, in order. An entry is `NAME:CALL`, for example `n3:start`.
-
-    Attributes:
-        calls: The entries so far.
-    """
-
-    def __init__(self) -> None:
-        self.calls: list[str] = []
+class CallLog(list[str]):
+    """The calls of leaves so far, in order. An entry is `NAME:CALL`, for example `n3:start`."""
 
     def record(self, name: str, call: str) -> None:
         """Record a call of the leaf *name*: `start`, `running`, `halted` or `tick`."""
-        self.calls.append(f"{name}:{call}")
+        self.append(f"{name}:{call}")
 
     def take(self) -> list[str]:
         """Return the calls since the last call of this method."""
-        taken, self.calls = self.calls, []
+        taken = list(self)
+        self.clear()
         return taken
 
 
@@ -181,33 +175,33 @@ class RecordedAct(Act):
     """A mock action that records its calls."""
 
     spec = NodeSpec(state_fields=())
-    journal: Journal
+    calls: CallLog
 
     def on_start(self) -> Status:
         """Record the call, unless the outcomes cannot be read."""
         self.own_outcomes()
-        self.journal.record(self.name, "start")
+        self.calls.record(self.name, "start")
         return super().on_start()
 
     def on_running(self) -> Status:
         """Record the call."""
-        self.journal.record(self.name, "running")
+        self.calls.record(self.name, "running")
         return super().on_running()
 
     def on_halted(self) -> None:
         """Record the call."""
-        self.journal.record(self.name, "halted")
+        self.calls.record(self.name, "halted")
 
 
 class RecordedAsk(Ask):
     """A mock condition that records its calls."""
 
     spec = NodeSpec(state_fields=())
-    journal: Journal
+    calls: CallLog
 
     def tick(self) -> Status:
         """Record the call."""
-        self.journal.record(self.name, "tick")
+        self.calls.record(self.name, "tick")
         return super().tick()
 
 
@@ -242,8 +236,8 @@ class Inc(SyncAction):
 
     spec = NodeSpec(state_fields=())
 
-    def __init__(self, journal: Journal) -> None:
-        self.journal = journal
+    def __init__(self, calls: CallLog) -> None:
+        self.calls = calls
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -252,7 +246,7 @@ class Inc(SyncAction):
 
     def tick(self) -> Status:
         """Add 1."""
-        self.journal.record(self.name, "tick")
+        self.calls.record(self.name, "tick")
         try:
             value = self.get_input("in")
         except (NodeError, BlackboardError, ConversionError):
@@ -267,9 +261,9 @@ class Inc(SyncAction):
 class TickRecorder(Observer):
     """Records the status changes since the last snapshot, and the state of the tree when a node raises."""
 
-    def __init__(self, tree: Tree, journal: Journal) -> None:
+    def __init__(self, tree: Tree, calls: CallLog) -> None:
         self.tree = tree
-        self.journal = journal
+        self.calls = calls
         self.names = {node.config.uid: node.name for node in tree}
         self.events: list[list[str]] = []
         self.at_error: dict[str, Any] | None = None
@@ -287,7 +281,7 @@ class TickRecorder(Observer):
         events, self.events = self.events, []
         return {
             "bb": recorded_blackboard(self.tree.blackboard),
-            "calls": self.journal.take(),
+            "calls": self.calls.take(),
             "events": events,
             "nodes": {node.name: node._status.name for node in self.tree},
         }
@@ -295,7 +289,7 @@ class TickRecorder(Observer):
 
 def run_case(case: dict[str, Any], nodes: Registry) -> dict[str, Any]:
     """Run the tree of a case with this engine, and return the result in the form of the case's `expect`."""
-    journal = Journal()
+    calls = CallLog()
     board = Format3Blackboard() if case["format"] == 3 else Blackboard()
     for key, value in case.get("bb", {}).items():
         board.set(key, value)
@@ -303,7 +297,7 @@ def run_case(case: dict[str, Any], nodes: Registry) -> dict[str, Any]:
         tree = loads(
             case["xml"],
             nodes=nodes,
-            resources=[journal],
+            resources=[calls],
             tree=case.get("tree"),
             blackboard=board,
             format=case["format"],
@@ -311,7 +305,7 @@ def run_case(case: dict[str, Any], nodes: Registry) -> dict[str, Any]:
         )
     except BtcoreError as error:
         return {"load_error": str(error)}
-    recorder = TickRecorder(tree, journal)
+    recorder = TickRecorder(tree, calls)
     tree.subscribe(recorder)
     step: Callable[[], Status] = tree.tick_once if case.get("tick") == "once" else tree.tick_exactly_once
     ticks: list[dict[str, Any]] = []

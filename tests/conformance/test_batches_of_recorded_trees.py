@@ -13,7 +13,7 @@ import pytest
 
 from btcore import In, Registry, SimClock, Status, TreeError
 from btcore.registry.mock_nodes import LETTERS
-from tests.conformance.recorded_cases import read_cases, recorded_value
+from tests.conformance.recorded_cases import CallLog, read_cases, recorded_value
 
 np = pytest.importorskip("numpy")
 import btcore_batch as batch  # noqa: E402
@@ -29,29 +29,22 @@ DATA = Path(__file__).parent / "data"
 Case = dict[str, Any]
 
 
-class Journals:
-    """The calls of each agent's leaves since the last `take`."""
-
-    def __init__(self, agents: int) -> None:
-        self.calls: list[list[str]] = [[] for _ in range(agents)]
-
-    def take(self) -> list[list[str]]:
-        taken, self.calls = self.calls, [[] for _ in self.calls]
-        return taken
+class CallLogs(list[CallLog]):
+    """The calls of each agent's leaves."""
 
 
 class Planned(batch.StatefulAction):
     """Common base of the mock leaves."""
 
-    def __init__(self, journals: Journals) -> None:
-        self.journals = journals
+    def __init__(self, calls: CallLogs) -> None:
+        self.calls = calls
         self.starts = [0] * self.agents
         self.segments = [""] * self.agents
         self.letters = [0] * self.agents
 
     def note(self, mask: Mask, what: str) -> None:
         for at in np.flatnonzero(mask):
-            self.journals.calls[at].append(f"{self.name}:{what}")
+            self.calls[at].record(self.name, what)
 
 
 class PlanAction(Planned):
@@ -101,18 +94,18 @@ class TickedPlan:
 
 @batch.condition(ID="PlanCondition")
 def plan_condition(
-    plan: In[Texts], mask: Mask, ticks: TickedPlan, journals: Journals, name: batch.NodeName
+    plan: In[Texts], mask: Mask, ticks: TickedPlan, calls: CallLogs, name: batch.NodeName
 ) -> object:
     for at in np.flatnonzero(mask):
-        journals.calls[at].append(f"{name}:tick")
+        calls[at].record(name, "tick")
     return ticks.next(name, plan, mask)
 
 
 @batch.action(ID="PlanSync")
 def plan_sync(
-    plan: In[Texts], mask: Mask, ticks: TickedPlan, journals: Journals, name: batch.NodeName
+    plan: In[Texts], mask: Mask, ticks: TickedPlan, calls: CallLogs, name: batch.NodeName
 ) -> object:
-    return plan_condition(plan, mask, ticks, journals, name)
+    return plan_condition(plan, mask, ticks, calls, name)
 
 
 NODES = Registry.standard()
@@ -124,10 +117,9 @@ def recorded(name: str) -> list[Case]:
     return list(read_cases(DATA / f"{name}.jsonl.gz"))
 
 
-def tick_results(tree: BatchTree, journals: Journals, statuses: Any) -> list[dict[str, Any]]:
+def tick_results(tree: BatchTree, calls: CallLogs, statuses: Any) -> list[dict[str, Any]]:
     """Return what a recorded case contains of a tick, for each agent."""
     stored = {node.name: node.status for node in tree}
-    calls = journals.take()
     found = []
     for at in range(tree.agents):
         board = {}
@@ -140,7 +132,7 @@ def tick_results(tree: BatchTree, journals: Journals, statuses: Any) -> list[dic
             {
                 "status": Status(statuses[at]).name,
                 "bb": board,
-                "calls": calls[at],
+                "calls": calls[at].take(),
                 "nodes": {name: Status(some[at]).name for name, some in stored.items()},
             }
         )
@@ -149,13 +141,13 @@ def tick_results(tree: BatchTree, journals: Journals, statuses: Any) -> list[dic
 
 def difference(case: Case, agents: int) -> str | None:
     """Return the first difference from the recording, or None. Raises TreeError for unsupported nodes."""
-    journals = Journals(agents)
+    calls = CallLogs(CallLog() for _ in range(agents))
     tree = BatchTree.loads(
         case["xml"],
         agents,
         LEAVES,
         nodes=NODES,
-        resources=[journals, TickedPlan()],
+        resources=[calls, TickedPlan()],
         tree=case.get("tree"),
         blackboard=case.get("bb", {}),
         clock=SimClock(),
@@ -168,7 +160,7 @@ def difference(case: Case, agents: int) -> str | None:
             return None if "exception" in expected else f"tick {number} raises"
         if "exception" in expected:
             return f"tick {number} does not raise"
-        for at, got in enumerate(tick_results(tree, journals, statuses)):
+        for at, got in enumerate(tick_results(tree, calls, statuses)):
             for key, value in got.items():
                 if expected[key] != value:
                     return f"tick {number}, agent {at}: {key}: expected {expected[key]}, got {value}"

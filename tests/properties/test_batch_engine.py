@@ -13,7 +13,7 @@ from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.registry.mock_nodes import LETTERS, Start
 from btcore.testing import Outcomes, outcomes, xml_documents
 from btcore.testing.tree_generator import SCRIPT_KEYS, cached_integers, cached_sampled_from
-from tests.conformance.recorded_cases import Journal, conformance_registry
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 np = pytest.importorskip("numpy")
 import btcore_batch as batch  # noqa: E402
@@ -37,7 +37,7 @@ class SingleTree:
     """An ordinary tree for one agent."""
 
     def __init__(self, xml: str, plan: Outcomes, values: Sequence[Any], clock: SimClock) -> None:
-        self.calls = Journal()
+        self.calls = CallLog()
         board = Blackboard(clock=clock)
         for key, value in zip(SCRIPT_KEYS, values, strict=False):
             board[key] = value
@@ -70,7 +70,7 @@ class AgentPlans:
 
     def __init__(self, plans: Sequence[Outcomes]) -> None:
         self.plans = plans
-        self.calls = [Journal() for _ in plans]
+        self.calls = [CallLog() for _ in plans]
 
 
 class ActForAll(batch.StatefulAction):
@@ -194,13 +194,13 @@ def compare(
         stored = np.array([node.status for node in many.tree])
         for at, single in enumerate(singles):
             assert [int(node.status) for node in single.tree] == stored[:, at].tolist(), f"agent {at}"
-            assert calls(single.calls) == calls(many.plans.calls[at]), f"agent {at}"
+            assert comparable(single.calls) == comparable(many.plans.calls[at]), f"agent {at}"
             assert with_types(single.boards()) == with_types(entries_of_agent(many.tree, at)), f"agent {at}"
         clock.advance(waits)
 
 
-def calls(journal: Journal) -> list[str]:
-    return [call if not call.endswith(":tick") else "Ask:tick" for call in journal.calls]
+def comparable(calls: CallLog) -> list[str]:
+    return [call if not call.endswith(":tick") else "Ask:tick" for call in calls]
 
 
 def with_types(boards: dict[str, dict[str, object]]) -> dict[str, dict[str, tuple[type, object]]]:

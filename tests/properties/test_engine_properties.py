@@ -14,7 +14,7 @@ from btcore import NodeExecutionError, Observer, SimClock, Status, Transition, T
 from btcore.testing import MockAction, MockLeafError, xml_documents
 from btcore.testing.strategies import outcome_texts
 from btcore.testing.tree_generator import SCRIPT_KEYS
-from tests.conformance.recorded_cases import Journal, conformance_registry
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 NODES = conformance_registry()
 MANY_CALLS = 500
@@ -24,8 +24,8 @@ class EndlessWakeUpsError(Exception):
     """A tree that always wakes itself was ticked by a method that serves every wake-up."""
 
 
-class Limited(Journal):
-    """A journal that makes a leaf raise *fault* after MANY_CALLS calls, so that every tree ends."""
+class LimitedCallLog(CallLog):
+    """A log that makes a leaf raise *fault* after MANY_CALLS calls, so that every tree ends."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -67,9 +67,9 @@ class TransitionRecorder(Observer):
         self.seen.append((change.number, change.stamp, change.uid, change.previous, change.status))
 
 
-def load_with_log(xml: str, clock: SimClock | None = None) -> tuple[Tree, Limited]:
-    journal = Limited()
-    return btcore.loads(xml, nodes=NODES, resources=[journal], clock=clock or SimClock()), journal
+def load_with_log(xml: str, clock: SimClock | None = None) -> tuple[Tree, LimitedCallLog]:
+    calls = LimitedCallLog()
+    return btcore.loads(xml, nodes=NODES, resources=[calls], clock=clock or SimClock()), calls
 
 
 @contextmanager
@@ -95,7 +95,7 @@ def statuses(tree: Tree) -> list[Status]:
     st.integers(0, 6),
 )
 def test_halted_tree_is_idle_in_every_node(xml: str, ticks: int) -> None:
-    tree, journal = load_with_log(xml)
+    tree, calls = load_with_log(xml)
     for key in SCRIPT_KEYS:
         tree.blackboard[key] = 0
     running: list[TreeNode] = []
@@ -104,11 +104,11 @@ def test_halted_tree_is_idle_in_every_node(xml: str, ticks: int) -> None:
         running = [node for node in tree.find(MockAction) if node.status is Status.RUNNING]
         tree.sleep(0.01)
     event(f"{min(len(running), 3)} actions halted")
-    journal.take()
+    calls.take()
     tree.halt()
     assert set(statuses(tree)) == {Status.IDLE}
     assert tree.context.deadlines == {}
-    assert Counter(f"{node.name}:halted" for node in running) <= Counter(journal.take())
+    assert Counter(f"{node.name}:halted" for node in running) <= Counter(calls.take())
 
 
 @given(xml_documents(timed=True), st.integers(1, 12), st.integers(1, 3))
@@ -204,7 +204,7 @@ def test_tick_once_does_the_same_as_repeated_exact_ticks(xml: str, steps: int) -
     last = [one_by_one.tick_exactly_once() for _ in range(together.ticks)][-1]
     event(f"{'more' if together.ticks > steps else 'as many'} ticks than steps")
     assert last is status
-    assert same_calls.calls == calls.calls
+    assert same_calls == calls
     assert statuses(one_by_one) == statuses(together)
 
 
@@ -222,36 +222,36 @@ def test_tick_while_running_does_the_same_as_a_loop_of_tick_once(xml: str, waits
         return status
 
     def outcome(drive: Callable[[Tree], Status]) -> tuple[object, ...]:
-        tree, journal = load_with_log(xml, ImpatientClock(waits))
+        tree, calls = load_with_log(xml, ImpatientClock(waits))
         everything = TransitionRecorder()
         tree.subscribe(everything)
         end = "still running"
         with reject_busy_trees(), suppress(WaitLimitError):
             end = drive(tree).name
         event(end)
-        return end, tree.ticks, tree.clock.now(), journal.calls, statuses(tree), everything.seen
+        return end, tree.ticks, tree.clock.now(), calls, statuses(tree), everything.seen
 
     assert outcome(run) == outcome(step)
 
 
 @given(xml_documents(), st.integers(1, 12), st.integers(0, 1000))
 def test_raising_leaf_leaves_the_tree_idle_and_is_named(xml: str, ticks: int, which: int) -> None:
-    tree, journal = load_with_log(xml)
+    tree, calls = load_with_log(xml)
     for _ in range(ticks):
         tree.tick_exactly_once()
-    assume(journal.calls)
-    which %= len(journal.calls)
-    name, _, what = journal.calls[which].partition(":")
+    assume(calls)
+    which %= len(calls)
+    name, _, what = calls[which].partition(":")
     event(what)
 
-    tree, journal = load_with_log(xml)
-    journal.left = which
-    journal.fault = MockLeafError("now")
+    tree, calls = load_with_log(xml)
+    calls.left = which
+    calls.fault = MockLeafError("now")
     with pytest.raises(NodeExecutionError) as raised:  # noqa: PT012
         for _ in range(ticks):
             tree.tick_exactly_once()
     error = raised.value
-    assert error.__cause__ is journal.fault
+    assert error.__cause__ is calls.fault
     guilty = tree.node(error.path)
     assert guilty.name == name
     assert error.backtrace[0] == tree.root.path
@@ -272,7 +272,7 @@ def test_trees_of_the_same_document_are_independent(xml: str, ticks: int) -> Non
         second.tick_exactly_once()
         second.halt()
     assert statuses(first) == statuses(alone)
-    assert first_calls.calls == calls.calls
+    assert first_calls == calls
 
 
 @given(xml_documents())

@@ -31,7 +31,7 @@ from btcore.nodes.manual_selector import Prompt
 from btcore.testing import xml_documents
 from btcore.testing.tree_generator import BUILTIN_MANIFESTS, SCRIPT_KEYS
 from btcore_proof.tree_state import state_fields_of
-from tests.conformance.recorded_cases import Journal, conformance_registry
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 from tests.saved_state import SavedState, restore_state, save_state
 
 NODES = conformance_registry()
@@ -138,7 +138,7 @@ def new_tree(text: str, format: int, now: int = 0) -> Tree:
     others = {"doubles": [0.5, 1.5], "shared": queue, "alias": queue, "once": True, "text": "x", "word": "0"}
     for key, value in {**numbers, **others}.items():
         board[key] = value
-    resources = [Journal(), ByTime(clock)]
+    resources = [CallLog(), ByTime(clock)]
     return loads(text, nodes=NODES, resources=resources, blackboard=board, clock=clock, format=format)
 
 

@@ -11,7 +11,7 @@ from btcore import Registry, SimClock, Tree, TreeNode
 from btcore_navigation import nodes as nav2_nodes
 from btcore_proof.tree_state import state_fields_of
 from btcore_robot.robot import Pose2D, Waypoints
-from tests.conformance.recorded_cases import Journal, RecordedAct
+from tests.conformance.recorded_cases import CallLog, RecordedAct
 from tests.saved_state import restore_state, save_state
 
 XML = """<root BTCPP_format="4"><BehaviorTree ID="Main">
@@ -43,7 +43,7 @@ def registry() -> Registry:
 
 
 def new_tree(start: int) -> Tree:
-    return btcore.loads(XML, nodes=registry(), clock=SimClock(start), resources=[Journal()])
+    return btcore.loads(XML, nodes=registry(), clock=SimClock(start), resources=[CallLog()])
 
 
 def tick(tree: Tree) -> list[str]:

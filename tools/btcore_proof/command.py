@@ -19,7 +19,7 @@ from btcore.cli.tree_source import (
     TreeReader,
     complete_tree,
     find_source,
-    given_option,
+    given_keys,
 )
 from btcore.escaping import escape_controls
 from btcore.exit_codes import ExitCode
@@ -63,7 +63,7 @@ _INTERVAL_S: Final = 0.2
     metavar="QUESTION",
     help="Ask a question: 'never A', 'A leads to B', 'A leads to B within 5 ticks' or 'A before B'.",
 )
-@given_option
+@given_keys
 @click.option(
     "--declarations",
     type=click.Path(path_type=Path),

@@ -1,4 +1,4 @@
-"""What a recording consists of: the tree, and for each tick what it depends on from outside.
+"""What a recording consists of: the tree with its state, and for each tick what it depends on.
 
 `btcore.engine.journal` records it in a running tree. Here the values are independent of the tree: nodes are
 numbers (UIDs), scopes are indices, values have the form of `btcore_recorder.values`.
@@ -11,18 +11,19 @@ from btcore.blackboard.blackboard import Blackboard
 from btcore.engine.journal import (
     ChildHalted,
     ChildTicked,
-    HaltedOutside,
+    ExternalHaltBegan,
     RepetitionEnded,
     StatusForced,
     StatusSet,
     TimeRead,
 )
+from btcore.engine.node import TreeNode
 from btcore.status import Status
 from btcore.tree.tree import Tree
 
 
 class Result(NamedTuple):
-    """The tick of a node from outside returned *status*."""
+    """The tick of an external node returned *status*."""
 
     uid: int
     status: Status
@@ -36,14 +37,14 @@ class RecordedError(NamedTuple):
 
 
 class Raised(NamedTuple):
-    """The tick of a node from outside raised an exception."""
+    """The tick of an external node raised an exception."""
 
     uid: int
     error: RecordedError
 
 
-class OutsideHaltEnded(NamedTuple):
-    """The halt that began by `HaltedOutside` has ended; *error* is what it raised, or None."""
+class ExternalHaltEnded(NamedTuple):
+    """The halt that began by `ExternalHaltBegan` has ended; *error* is what it raised, or None."""
 
     uid: int
     error: RecordedError | None
@@ -92,8 +93,8 @@ class Replaced(NamedTuple):
 Input = (
     Result
     | Raised
-    | HaltedOutside
-    | OutsideHaltEnded
+    | ExternalHaltBegan
+    | ExternalHaltEnded
     | ChildTicked
     | ChildHalted
     | StatusSet
@@ -111,11 +112,11 @@ class Step(NamedTuple):
 
     Attributes:
         tick: The number of the tick; 0 = a halt.
-        time: The time (ns) at which the tick began; -1 = no node had read the clock.
+        time: The time (ns) at which the tick began; -1 for a halt.
         before: What happened since the previous step.
-        inputs: What the step depends on from outside, in order.
+        inputs: What the step depends on, in order.
         status: The result of the tick; IDLE after a halt or an exception.
-        checksum: The checksum of all transitions up to the end of the step.
+        checksum: The checksum of all transitions from the start of the segment to the end of the step.
     """
 
     tick: int
@@ -126,12 +127,45 @@ class Step(NamedTuple):
     checksum: int
 
 
+class NodeState(NamedTuple):
+    """The state of a node between two ticks.
+
+    Attributes:
+        uid: The UID of the node.
+        status: The status.
+        status_before_reset: The status before it was last reset.
+        fields: The values of its `spec.state_fields`; none for an external node.
+    """
+
+    uid: int
+    status: Status
+    status_before_reset: Status
+    fields: Mapping[str, Any]
+
+
+class TreeState(NamedTuple):
+    """The state of a tree between two ticks.
+
+    Attributes:
+        entries: The entries.
+        scopes: For each scope the keys of its entries, with their index in *entries*.
+        nodes: The nodes that have state fields, or a status other than IDLE.
+        ticks: The number of ticks so far.
+    """
+
+    entries: tuple[RecordedEntry, ...]
+    scopes: tuple[Mapping[str, int], ...]
+    nodes: tuple[NodeState, ...]
+    ticks: int
+
+
 class RecordedClass(NamedTuple):
-    """The class of nodes from outside with a registration ID.
+    """The class of nodes with a registration ID, or of a node that a substitution rule has replaced.
 
     Attributes:
         id: The registration ID.
-        kind: "leaf", "decorator" or "control".
+        kind: "leaf", "decorator" or "control" for external nodes; "built-in" for others, of which only *id*
+            counts.
         node_type: The name of the node type.
         must_complete: Whether RUNNING is not a valid result.
         ports: For each port its name, its direction, the name of its type, and its default or None.
@@ -153,11 +187,14 @@ class Head(NamedTuple):
         documents: The documents, as in `btcore.Tree.documents`.
         enums: The numbers of enum names in scripts.
         types: Descriptions of the user's types, by name.
-        classes: The classes of nodes from outside.
-        entries: The entries when the recording began.
-        scopes: For each scope the keys of its entries, with their index in *entries*.
+        classes: The classes of external nodes.
+        replaced: The classes of the nodes that substitution rules have replaced, by UID.
         outer: For the scope of the main tree and each parent whether it has automatic remapping, and its
             remappings.
+        state: The state when the recording began.
+        time: The time (ns) of the tree's clock when the recording began.
+        wall_time: The same moment in ns since 1970.
+        versions: What recorded the run: "btcore", "build" and "python".
     """
 
     tree_id: str
@@ -166,9 +203,48 @@ class Head(NamedTuple):
     enums: Mapping[str, int]
     types: Mapping[str, Any]
     classes: tuple[RecordedClass, ...]
-    entries: tuple[RecordedEntry, ...]
-    scopes: tuple[Mapping[str, int], ...]
+    replaced: Mapping[int, RecordedClass]
     outer: tuple[tuple[bool, Mapping[str, str]], ...]
+    state: TreeState
+    time: int
+    wall_time: int
+    versions: Mapping[str, str]
+
+
+class Segment(NamedTuple):
+    """A part of a recording after the first, which begins with the state of the tree.
+
+    Attributes:
+        position: The number of recorded steps before it.
+        gap: Why steps are missing before it; "" if none is.
+        state: The state in which it begins.
+    """
+
+    position: int
+    gap: str
+    state: TreeState
+
+
+class RunRecording(NamedTuple):
+    """The content of a recording.
+
+    Attributes:
+        head: The tree.
+        steps: The ticks and halts, in order.
+        segments: The segments after the first, in order.
+        damage: Where the file is truncated or damaged, as a sentence; "" if it is complete.
+    """
+
+    head: Head
+    steps: tuple[Step, ...]
+    segments: tuple[Segment, ...] = ()
+    damage: str = ""
+
+
+def is_external(cls: type[TreeNode]) -> bool:
+    """Return whether the results of *cls* are recorded: it is not built in, or a person decides them."""
+    module = cls.__module__
+    return not module.startswith("btcore.nodes.") or module == "btcore.nodes.manual_selector"
 
 
 def scopes_of(tree: Tree) -> list[Blackboard]:

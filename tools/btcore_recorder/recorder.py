@@ -1,12 +1,15 @@
-"""Records a running tree: what its ticks depend on from outside, and a checksum of what follows from it."""
+"""Records a running tree: what its ticks depend on, and a checksum of the transitions that follow from it."""
 
+import platform
+import time
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple, cast
 
-from btcore.blackboard.blackboard import Entry
+import btcore
+from btcore.builds import active_build
 from btcore.engine import journal
 from btcore.engine.control import ControlNode, DecoratorNode
-from btcore.engine.node import TreeNode, start_recording, stop_recording
+from btcore.engine.node import start_recording, stop_recording
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.observers import Observer
 from btcore.engine.transition_records import Transitions
@@ -15,28 +18,24 @@ from btcore.registry.manifest import Manifest
 from btcore.status import IDLE, Status
 from btcore.tree.tree import Tree
 from btcore_recorder.inputs import (
+    ExternalHaltEnded,
     Head,
     Input,
-    OutsideHaltEnded,
     Raised,
     RecordedClass,
-    RecordedEntry,
     RecordedError,
     Removed,
     Replaced,
     Result,
     Step,
+    TreeState,
     Written,
+    is_external,
     scopes_of,
     with_parents,
 )
+from btcore_recorder.tree_state import capture, recorded_entry
 from btcore_recorder.values import Encoder
-
-
-def is_outside(cls: type[TreeNode]) -> bool:
-    """Return whether the results of *cls* are recorded: it is not built in, or a person decides them."""
-    module = cls.__module__
-    return not module.startswith("btcore.nodes.") or module == "btcore.nodes.manual_selector"
 
 
 class RawStep(NamedTuple):
@@ -50,52 +49,53 @@ class Recorder(Observer):
     """Records the ticks and halts of *tree* until it is closed.
 
     Args:
-        tree: The tree, which has not been ticked yet.
+        tree: The tree, between two ticks.
         deliver: Called with each step, on the thread that ticks. `step` converts it, on any thread.
         found: Called with the name and description of each user's type that is met later than in the head.
 
     Attributes:
         head: The head of the recording.
+        last_result: The result of the last tick that raised no exception; at first IDLE.
 
     Raises:
-        BtcoreError: The tree was ticked already, or is being recorded, or is not from a document, or its
-            registry has substitution rules.
+        BtcoreError: The tree is in a tick, is being recorded, or is not from a document, or the substitution
+            rules of its registry have changed.
     """
 
     def __init__(
         self, tree: Tree, deliver: Callable[[RawStep], object], found: Callable[[str, Any], object]
     ) -> None:
-        if tree.ticks or any(node._status is not IDLE for node in tree.nodes):
-            raise BtcoreError(f"tree '{tree.id}' was ticked already: record it from its first tick on")
+        if tree._in_tick:
+            raise BtcoreError(f"tree '{tree.id}' is in a tick: begin to record it between two ticks")
         if tree.context.journal is not None:
             raise BtcoreError(f"tree '{tree.id}' is being recorded already")
-        if tree.registry.substitutions:
-            raise BtcoreError(
-                f"tree '{tree.id}' has nodes that rules may have replaced: it cannot be recorded"
-            )
         self._tree = tree
         self._deliver = deliver
         types: dict[str, Any] = {}
         self._encoder = Encoder(types.__setitem__)
         self._boards = scopes_of(tree)
         self._scopes = {id(board): index for index, board in enumerate(self._boards)}
+        self.last_result = IDLE
         self._checksum = 0
         self._records: list[object] | None = None
-        self.head = self._make_head(types)
-        self._encoder.found = found
+        if not tree.documents:
+            raise BtcoreError(f"tree '{tree.id}' is not from a document: it cannot be recorded")
         self._unsubscribe = tree.subscribe(self)
         observers = tree.context.observers
         assert observers is not None
         self._journal = journal.Journal(observers, self._encoder.encode, self._end_step)
         for node in tree.nodes:
-            if is_outside(type(node)):
+            if is_external(type(node)):
                 start_recording(node, self._journal, True)
                 for child in node.children:
-                    if not is_outside(type(child)):
+                    if not is_external(type(child)):
                         start_recording(child, self._journal, False)
         for board in self._boards:
             board.recorder = self._journal
+        tree.context.uses_time = True  # each tick has a time
         tree.context.journal = self._journal
+        self.head = self._make_head(types)
+        self._encoder.found = found
 
     def close(self) -> None:
         """End the recording. Call it while no tick is in progress."""
@@ -109,32 +109,28 @@ class Recorder(Observer):
             stop_recording(node)
         self._unsubscribe()
 
+    def capture(self) -> TreeState:
+        """Return the state of the tree, between two steps. A new segment begins, with a new checksum."""
+        self._checksum = 0
+        return self._journal.capture(lambda: capture(self._tree, self._boards, self._encoder.encode))
+
+    @property
+    def value_count(self) -> int:
+        """The number of values that were encoded so far."""
+        return self._encoder.count
+
     # --- the head
 
     def _make_head(self, types: Mapping[str, Any]) -> Head:
         """Return the head. Encoding the entries adds to *types*."""
         tree = self._tree
-        if not tree.documents:
-            raise BtcoreError(f"tree '{tree.id}' is not from a document: it cannot be recorded")
         texts = [text for _, text, _ in tree.documents]
         # Also those of trees that are not used: a document with an unknown node cannot be loaded.
         classes = [
             _describe(manifest)
             for manifest in tree.registry.manifests_of(tree.format).values()
-            if is_outside(manifest.cls) and any(manifest.id in text for text in texts)
+            if is_external(manifest.cls) and any(manifest.id in text for text in texts)
         ]
-        entries: list[RecordedEntry] = []
-        indices: dict[int, int] = {}
-        scopes: list[dict[str, int]] = []
-        for board in self._boards:
-            keys = {}
-            for key, entry in board.local_entries().items():
-                # Scopes of format 3 share the entries of remapped keys.
-                if id(entry) not in indices:
-                    indices[id(entry)] = len(entries)
-                    entries.append(_recorded_entry(entry, self._encoder.encode(entry.value)))
-                keys[key] = indices[id(entry)]
-            scopes.append(keys)
         return Head(
             tree.id,
             tree.format,
@@ -142,10 +138,26 @@ class Recorder(Observer):
             dict(tree.registry.types.enums),
             types,
             tuple(classes),
-            tuple(entries),
-            tuple(scopes),
+            self._find_replaced(),
             tuple((board.autoremap, dict(board.remappings())) for board in with_parents(tree.blackboard)),
+            self.capture(),
+            tree.clock.now(),
+            time.time_ns(),
+            {"btcore": btcore.__version__, "build": active_build(), "python": platform.python_version()},
         )
+
+    def _find_replaced(self) -> dict[int, RecordedClass]:
+        """Return the classes of the nodes that substitution rules have replaced, by UID."""
+        tree, registry = self._tree, self._tree.registry
+        replaced = {}
+        for node in tree.nodes if registry.substitutions else ():
+            manifest = registry.get(node.config.id, tree.format)
+            by = None if manifest is None else registry.apply_substitutions(node.config, manifest, 1)
+            if by is None or by.cls is not type(node):
+                raise BtcoreError(f"the substitution rule of '{node.path}' has changed: load the tree again")
+            if by is not manifest:
+                replaced[node.config.uid] = _describe(by)
+        return replaced
 
     # --- steps
 
@@ -155,6 +167,7 @@ class Recorder(Observer):
 
     def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
         """Deliver the step, now that its transitions are known."""
+        self.last_result = status
         if self._records is not None:
             records, self._records = self._records, None
             self._deliver(RawStep(records, self._checksum))
@@ -192,22 +205,17 @@ class Recorder(Observer):
         match event:
             case journal.Raised(uid, error):
                 return Raised(uid, _recorded_error(error))
-            case journal.OutsideHaltEnded(uid, error):
-                return OutsideHaltEnded(uid, None if error is None else _recorded_error(error))
+            case journal.ExternalHaltEnded(uid, error):
+                return ExternalHaltEnded(uid, None if error is None else _recorded_error(error))
             case journal.Written(board, key, value, declared):
                 scope = self._scopes[id(board)]
                 return Written(scope, key, value, None if declared is None else declared.name)
             case journal.Removed(board, key):
                 return Removed(self._scopes[id(board)], key)
             case journal.Replaced(board, entries):
-                recorded = {key: _recorded_entry(entry, entry.value) for key, entry in entries.items()}
+                recorded = {key: recorded_entry(entry, entry.value) for key, entry in entries.items()}
                 return Replaced(self._scopes[id(board)], recorded)
         return cast(Input, event)
-
-
-def _recorded_entry(entry: Entry, encoded: Any) -> RecordedEntry:
-    value_type = None if entry.value_type is None else entry.value_type.name
-    return RecordedEntry(encoded, entry.declared.name, entry.inferred, value_type, entry.sequence_id)
 
 
 def _recorded_error(error: object) -> RecordedError:
@@ -216,7 +224,9 @@ def _recorded_error(error: object) -> RecordedError:
 
 def _describe(manifest: Manifest) -> RecordedClass:
     cls, kind = manifest.cls, "leaf"
-    if issubclass(cls, DecoratorNode):
+    if not is_external(cls):
+        kind = "built-in"
+    elif issubclass(cls, DecoratorNode):
         kind = "decorator"
     elif issubclass(cls, ControlNode):
         kind = "control"

@@ -1,21 +1,22 @@
 """The text form of a recording, `.btrec.txt`: a line for each input, in the order of the run.
 
 A line is a word and its values as a JSON array; a line of a document is `|` and the line. The head describes
-the tree. A step is what happened before it, then `tick` or `halt`, its inputs, and `end`. The last value of
-`head` and `end` is a CRC-32 of the lines since the previous one and of the other values, so that damage is
-found; in a hand-written file it may be null.
+the tree. A step is what happened before it, then `tick` or `halt`, its inputs, and `end`. A `segment` begins
+with the state of the tree, up to `state_end`; its value says why steps are missing before it. The last value
+of `head`, `end` and `state_end` is a CRC-32 of the lines since the previous one and of the other values, so
+that damage is found; in a hand-written file it may be null.
 """
 
 import json
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 from btcore.engine.journal import (
     ChildHalted,
     ChildTicked,
-    HaltedOutside,
+    ExternalHaltBegan,
     RepetitionEnded,
     StatusForced,
     StatusSet,
@@ -23,11 +24,12 @@ from btcore.engine.journal import (
 )
 from btcore.json_text import load_json
 from btcore.logs.files import LogError, read_bytes
-from btcore.status import Status
+from btcore.status import NodeType, Status
 from btcore_recorder.inputs import (
+    ExternalHaltEnded,
     Head,
     Input,
-    OutsideHaltEnded,
+    NodeState,
     Raised,
     RecordedClass,
     RecordedEntry,
@@ -35,7 +37,10 @@ from btcore_recorder.inputs import (
     Removed,
     Replaced,
     Result,
+    RunRecording,
+    Segment,
     Step,
+    TreeState,
     Written,
 )
 
@@ -45,8 +50,8 @@ FORMAT: Final = 1
 _INPUTS: Final[dict[str, type[Input]]] = {
     "result": Result,
     "raised": Raised,
-    "halt_began": HaltedOutside,
-    "halt_ended": OutsideHaltEnded,
+    "halt_began": ExternalHaltBegan,
+    "halt_ended": ExternalHaltEnded,
     "child_ticked": ChildTicked,
     "child_halted": ChildHalted,
     "status_set": StatusSet,
@@ -60,20 +65,6 @@ _INPUTS: Final[dict[str, type[Input]]] = {
 _WORDS: Final = {cls: word for word, cls in _INPUTS.items()}
 
 
-class RunRecording(NamedTuple):
-    """The content of a recording.
-
-    Attributes:
-        head: The tree.
-        steps: The ticks and halts, in order.
-        damage: Where the file is truncated or damaged, as a sentence; "" if it is complete.
-    """
-
-    head: Head
-    steps: tuple[Step, ...]
-    damage: str = ""
-
-
 # --- writing
 
 
@@ -82,16 +73,21 @@ class TextWriter:
 
     Args:
         write: Called with each piece of text.
+
+    Attributes:
+        crc: The CRC of the lines since the last that contains one.
     """
 
     def __init__(self, write: Callable[[str], object]) -> None:
         self._write = write
-        self._crc = 0
+        self.crc = 0
 
     def head(self, head: Head, paths: Iterable[str]) -> None:
         """Write the head; *paths* are the paths of the nodes, for readers."""
         self._line("btrec", FORMAT)
         self._line("tree", head.tree_id, head.format)
+        self._line("clock", head.time, head.wall_time)
+        self._line("versions", head.versions)
         for file, text, is_shared in head.documents:
             self._line("document", file, is_shared)
             self._add("".join(f"|{line}\n" for line in text.split("\n")))
@@ -101,19 +97,33 @@ class TextWriter:
             self.type(name, description)
         for recorded in head.classes:
             self._line("class", *recorded)
+        for uid, recorded in head.replaced.items():
+            self._line("replaced", uid, *recorded)
         for uid, path in enumerate(paths, start=1):
             self._line("node", uid, path)
-        for entry in head.entries:
-            self._line("entry", *entry)
-        for keys in head.scopes:
-            self._line("scope", keys)
         for autoremap, remaps in head.outer:
             self._line("outer", autoremap, remaps)
+        self._state(head.state)
         self._end("head")
+
+    def _state(self, state: TreeState) -> None:
+        for entry in state.entries:
+            self._line("entry", *entry)
+        for keys in state.scopes:
+            self._line("scope", keys)
+        for node in state.nodes:
+            self._line("state", *_names(node))
+        self._line("ticks", state.ticks)
 
     def type(self, name: str, description: Any) -> None:
         """Write the description of a user's type."""
         self._line("type", name, description)
+
+    def segment(self, gap: str, state: TreeState) -> None:
+        """Write the begin of a segment; *gap* says why steps are missing before it."""
+        self._line("segment", gap)
+        self._state(state)
+        self._end("state_end")
 
     def step(self, step: Step) -> None:
         """Write a step."""
@@ -128,19 +138,23 @@ class TextWriter:
         self._end("end", step.status.name, step.checksum)
 
     def _input(self, event: Input) -> None:
-        values = [value.name if isinstance(value, Status) else value for value in event]
-        self._line(_WORDS[type(event)], *values)
+        self._line(_WORDS[type(event)], *_names(event))
 
     def _end(self, word: str, *values: object) -> None:
-        self._line(word, *values, zlib.crc32(_json(values).encode(), self._crc))
-        self._crc = 0
+        self._line(word, *values, zlib.crc32(_json(values).encode(), self.crc))
+        self.crc = 0
 
     def _line(self, word: str, *values: object) -> None:
         self._add(f"{word} {_json(values)}\n")
 
     def _add(self, text: str) -> None:
-        self._crc = zlib.crc32(text.encode("utf-8", "surrogatepass"), self._crc)
+        self.crc = zlib.crc32(text.encode("utf-8", "surrogatepass"), self.crc)
         self._write(text)
+
+
+def _names(values: Iterable[object]) -> list[object]:
+    """Return *values* with names in place of statuses."""
+    return [value.name if isinstance(value, Status) else value for value in values]
 
 
 def _json(values: Sequence[object]) -> str:
@@ -152,7 +166,10 @@ def to_text(recording: RunRecording, paths: Iterable[str] = ()) -> str:
     parts: list[str] = []
     writer = TextWriter(parts.append)
     writer.head(recording.head, paths)
-    for step in recording.steps:
+    segments = {segment.position: segment for segment in recording.segments}
+    for position, step in enumerate(recording.steps):
+        if position in segments:
+            writer.segment(segments[position].gap, segments[position].state)
         writer.step(step)
     return "".join(parts)
 
@@ -191,14 +208,18 @@ class _Reader:
                 f"{self._name}:{self._number}: the head of this recording is damaged: {error}"
             ) from None
         steps: list[Step] = []
+        segments: list[Segment] = []
         types: dict[str, Any] = dict(head.types)
         damage = ""
         try:
-            while (step := self._step(types)) is not None:
-                steps.append(step)
+            while (item := self._step(types)) is not None:
+                if isinstance(item, Step):
+                    steps.append(item)
+                else:
+                    segments.append(item._replace(position=len(steps)))
         except _DamageError as error:
             damage = f"line {self._number}: {error}; {len(steps)} steps before it are read"
-        return RunRecording(head._replace(types=types), tuple(steps), damage)
+        return RunRecording(head._replace(types=types), tuple(steps), tuple(segments), damage)
 
     def _next(self) -> tuple[str, list[Any]] | None:
         """Return the word and the values of the next line, or None at the end of the file."""
@@ -210,7 +231,7 @@ class _Reader:
         line = self._lines[self._number]
         self._number += 1
         word, _, data = line.partition(b" ")
-        if word not in (b"head", b"end"):
+        if word not in (b"head", b"end", b"state_end"):
             self._crc = zlib.crc32(line + b"\n", self._crc)
         try:
             values = load_json(data.decode("utf-8"), parse_constant=_refuse)
@@ -247,39 +268,34 @@ class _Reader:
             case _:
                 raise _DamageError("expected 'btrec [1]'")
         tree: tuple[str, int] | None = None
+        clock, versions = (0, 0), {}
         documents: list[tuple[str, str, bool]] = []
         enums: dict[str, int] = {}
         types: dict[str, Any] = {}
         classes: list[RecordedClass] = []
-        entries: list[RecordedEntry] = []
-        scopes: list[Mapping[str, int]] = []
+        replaced: dict[int, RecordedClass] = {}
+        state = _StateReader()
         outer: list[tuple[bool, Mapping[str, str]]] = []
         while True:
             match self._next():
                 case "tree", [str(id), int(format)] if format in (3, 4):
                     tree = id, format
+                case "clock", [int(time), int(wall_time)]:
+                    clock = time, wall_time
+                case "versions", [dict(named)] if all(isinstance(text, str) for text in named.values()):
+                    versions = named
                 case "document", [str(file), bool(is_shared)]:
                     documents.append((file, self._document(), is_shared))
                 case "enum", [str(name), int(number)]:
                     enums[name] = number
                 case "type", [str(name), dict(description)]:
                     types[name] = description
-                case "class", [
-                    str(id),
-                    ("leaf" | "control" | "decorator") as kind,
-                    ("ACTION" | "CONDITION" | "CONTROL" | "DECORATOR") as node_type,
-                    bool(must_complete),
-                    list(ports),
-                ]:
-                    classes.append(
-                        RecordedClass(id, kind, node_type, must_complete, tuple(map(_port, ports)))
-                    )
+                case "class", values:
+                    classes.append(_class(values))
+                case "replaced", [int(uid), *values]:
+                    replaced[uid] = _class(values)
                 case "node", [int(), str()]:
                     pass  # for people who read the file
-                case "entry", values:
-                    entries.append(_entry(values))
-                case "scope", [dict(keys)] if all(_is_index(index, entries) for index in keys.values()):
-                    scopes.append(keys)
                 case "outer", [bool(autoremap), dict(remaps)] if all(
                     isinstance(key, str) for key in remaps.values()
                 ):
@@ -289,6 +305,8 @@ class _Reader:
                     break
                 case None:
                     raise _DamageError("the head does not end")
+                case word, values if state.take(word, values):
+                    pass
                 case word, _:
                     raise _DamageError(f"'{word}' does not belong here, or its values are invalid")
         if tree is None or not documents or not outer:
@@ -299,12 +317,27 @@ class _Reader:
             enums,
             types,
             tuple(classes),
-            tuple(entries),
-            tuple(scopes),
+            replaced,
             tuple(outer),
+            state.state(),
+            *clock,
+            versions,
         )
 
-    def _step(self, types: dict[str, Any]) -> Step | None:
+    def _segment(self, gap: str) -> Segment:
+        state = _StateReader()
+        while True:
+            match self._next():
+                case "state_end", [crc]:
+                    self._check_crc(crc)
+                    return Segment(0, gap, state.state())
+                case None:
+                    raise _DamageError("the file is truncated within a state")
+                case word, values if not state.take(word, values):
+                    raise _DamageError(f"'{word}' does not belong here, or its values are invalid")
+
+    def _step(self, types: dict[str, Any]) -> Step | Segment | None:
+        """Read the next step or the begin of a segment; return None at the end."""
         before: list[Input] | None = None
         inputs: list[Input] = []
         tick, time = 0, -1
@@ -314,6 +347,8 @@ class _Reader:
                     types[name] = description
                 case "tick", [int(number), int(at)] if before is None and number > 0:
                     before, inputs, tick, time = inputs, [], number, at
+                case "segment", [str(gap)] if before is None and not inputs:
+                    return self._segment(gap)
                 case "halt", [] if before is None:
                     before, inputs = inputs, []
                 case "end", [str(status), int(checksum), crc] if before is not None:
@@ -329,6 +364,35 @@ class _Reader:
                     raise _DamageError(f"'{word}' does not belong here, or its values are invalid")
 
 
+class _StateReader:
+    """Reads the lines of a state."""
+
+    def __init__(self) -> None:
+        self._entries: list[RecordedEntry] = []
+        self._scopes: list[Mapping[str, int]] = []
+        self._nodes: list[NodeState] = []
+        self._ticks = 0
+
+    def take(self, word: str, values: list[Any]) -> bool:
+        """Take a line; return False if it is not a line of a state."""
+        match word, values:
+            case "entry", _:
+                self._entries.append(_entry(values))
+            case "scope", [dict(keys)] if all(_is_index(index, self._entries) for index in keys.values()):
+                self._scopes.append(keys)
+            case "state", [int(uid), str(status), str(before), dict(fields)]:
+                self._nodes.append(NodeState(uid, _status(status), _status(before), fields))
+            case "ticks", [int(count)] if count >= 0:
+                self._ticks = count
+            case _:
+                return False
+        return True
+
+    def state(self) -> TreeState:
+        """Return the state."""
+        return TreeState(tuple(self._entries), tuple(self._scopes), tuple(self._nodes), self._ticks)
+
+
 def _is_index(index: object, entries: list[RecordedEntry]) -> bool:
     return isinstance(index, int) and 0 <= index < len(entries)
 
@@ -338,6 +402,19 @@ def _entry(values: object) -> RecordedEntry:
         case [value, str(declared), bool(inferred), None | str() as value_type, int(sequence_id)]:
             return RecordedEntry(value, declared, inferred, value_type, sequence_id)
     raise _DamageError("an entry is invalid")
+
+
+def _class(values: object) -> RecordedClass:
+    match values:
+        case [
+            str(id),
+            ("leaf" | "control" | "decorator" | "built-in") as kind,
+            str(node_type),
+            bool(must_complete),
+            list(ports),
+        ] if node_type in NodeType.__members__:
+            return RecordedClass(id, kind, node_type, must_complete, tuple(map(_port, ports)))
+    raise _DamageError("a class is invalid")
 
 
 def _port(values: object) -> tuple[str, str, str, str | None]:
@@ -354,11 +431,11 @@ def _input(word: str, values: list[Any]) -> Input:
         case "raised", [int(uid), [str(name), str(text)]]:
             return Raised(uid, RecordedError(name, text))
         case "halt_began", [int(uid)]:
-            return HaltedOutside(uid)
+            return ExternalHaltBegan(uid)
         case "halt_ended", [int(uid), None]:
-            return OutsideHaltEnded(uid, None)
+            return ExternalHaltEnded(uid, None)
         case "halt_ended", [int(uid), [str(name), str(text)]]:
-            return OutsideHaltEnded(uid, RecordedError(name, text))
+            return ExternalHaltEnded(uid, RecordedError(name, text))
         case "child_ticked", [int(uid)]:
             return ChildTicked(uid)
         case "child_halted", [int(uid)]:

@@ -7,6 +7,7 @@ value is recorded as text, and is not replayable.
 import base64
 import json
 import math
+from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass, make_dataclass
 from enum import Enum, IntEnum, StrEnum
@@ -36,10 +37,12 @@ class Encoder:
 
     Attributes:
         found: Called with the name and the description of each type that was not encountered before.
+        count: The number of values so far, those in lists and others included.
     """
 
     def __init__(self, found: Callable[[str, Any], object]) -> None:
         self.found = found
+        self.count = 0
         self._names: dict[type, str] = {}
         self._taken: set[str] = set(_BUILTIN_ENUMS)
 
@@ -52,7 +55,8 @@ class Encoder:
 
     def _encode(self, value: object) -> Any:
         cls = type(value)
-        if isinstance(value, (str, bytes, list, tuple, dict)) and len(value) > MAX_ITEMS:
+        self.count += 1
+        if isinstance(value, (str, bytes, list, tuple, dict, deque, set)) and len(value) > MAX_ITEMS:
             return {"__text": f"{cls.__qualname__} of {len(value):,} items"}
         if cls is int or cls is str or cls is bool or value is None:
             return value
@@ -62,10 +66,17 @@ class Encoder:
             return {"__enum": self.name(cls), "name": value.name}
         if cls is list:
             return [self._encode(item) for item in value]  # type: ignore[attr-defined]
+        if cls is NotReplayable:
+            return {"__text": value.text}  # type: ignore[attr-defined]
         if cls is tuple:
             return {"__tuple": [self._encode(item) for item in value]}  # type: ignore[attr-defined]
         if isinstance(value, dict) and cls is dict:
             return {"__dict": [[self._encode(key), self._encode(item)] for key, item in value.items()]}
+        if cls is deque:
+            return {"__deque": [self._encode(item) for item in value]}  # type: ignore[attr-defined]
+        if cls is set:
+            items = [self._encode(item) for item in value]  # type: ignore[attr-defined]
+            return {"__set": sorted(items, key=repr)}  # equal sets have equal forms
         if cls is bytes:
             return {"__bytes": base64.b64encode(value).decode()}  # type: ignore[arg-type]
         if is_dataclass(value) and not isinstance(value, type):
@@ -129,6 +140,10 @@ class Decoder:
                     raise ValueError(f"the enum {name} has no member {member}") from None
             case {"__tuple": list(items)}:
                 return tuple(self.decode(item) for item in items)
+            case {"__deque": list(items)}:
+                return deque(self.decode(item) for item in items)
+            case {"__set": list(items)}:
+                return {self.decode(item) for item in items}
             case {"__dict": list(pairs)}:
                 return {self.decode(key): self.decode(item) for key, item in pairs}
             case {"__bytes": str(text)}:

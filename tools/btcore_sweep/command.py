@@ -14,10 +14,10 @@ from btcore.field_options import FiniteRange
 from btcore.script.program import Program, compile_script
 from btcore_sweep.definition import create_definition
 from btcore_sweep.episode_runner import run_sweep
-from btcore_sweep.journal import Journal
 from btcore_sweep.options import SweepCommand
 from btcore_sweep.parameters import parse_seeds
 from btcore_sweep.results import write_results
+from btcore_sweep.sweep_folder import SweepFolder
 
 
 def _parse_script(ctx: click.Context, parameter: click.Parameter, text: str | None) -> Program | None:
@@ -132,14 +132,14 @@ def sweep(
     from btcore_sweep import cluster
 
     definition = create_definition(ctx, source, params, seeds, duration)
-    folder = output if output is not None else Path(f"{Path(source).stem}.sweep")
-    with Journal(folder, definition) as journal:
+    path = output if output is not None else Path(f"{Path(source).stem}.sweep")
+    with SweepFolder(path, definition) as folder:
         if scheduler is not None:
             pool = cluster.remote(scheduler, attempts)
         else:
-            pool = cluster.local(workers, attempts, folder)
-        summary = run_sweep(journal, success_if, pool)
-        results, code = write_results(journal, success_if, table_format, summary)
+            pool = cluster.local(workers, attempts, path)
+        summary = run_sweep(folder, success_if, pool)
+        results, code = write_results(folder, success_if, table_format, summary)
     if as_json:
         terminal.print_json(results)
     return code

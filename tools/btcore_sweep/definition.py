@@ -153,9 +153,9 @@ def create_definition(
     """
     choices = options.collect_run_options(ctx)
     varied = parameters.parse_parameters(params, choices)
-    for key, values in options.varied_by_plurals(ctx).items():
+    for key, values in options.varied_by_sweep_options(ctx).items():
         if key in varied:
-            name = "/".join(options.plural_options(ctx)[key].opts)
+            name = "/".join(options.sweep_options(ctx)[key].opts)
             raise click.UsageError(f"{name} and --param {key}=… cannot be used together.")
         varied[key] = values
     texts = options.given(ctx)

@@ -17,7 +17,7 @@ from btcore.script.program import Program
 from btcore.signals import EndingSignals
 from btcore_sweep import table
 from btcore_sweep.definition import Episode, SweepDefinition, format_setting
-from btcore_sweep.journal import Journal, Record
+from btcore_sweep.sweep_folder import Record, SweepFolder
 
 if TYPE_CHECKING:
     from btcore_sweep.cluster import Workers
@@ -47,14 +47,14 @@ class ExecutionSummary(NamedTuple):
 
 
 def run_sweep(
-    journal: Journal, script: Program | None, pool: "AbstractContextManager[Workers]"
+    folder: SweepFolder, script: Program | None, pool: "AbstractContextManager[Workers]"
 ) -> ExecutionSummary:
-    """Run the episodes that are not in the journal yet, and add each of them to the journal.
+    """Run the episodes that are not finished yet, and add each of them to the folder.
 
     Ctrl-C, SIGTERM or SIGHUP ends the sweep early.
 
     Args:
-        journal: The journal, entered as a context manager.
+        folder: The folder of the sweep, entered as a context manager.
         script: The condition for a success, or None.
         pool: A context with the workers, which is entered if there are episodes to run.
 
@@ -63,18 +63,18 @@ def run_sweep(
             uses an unknown column.
         click.ClickException: The workers cannot be reached, or cannot run episodes.
     """
-    sweep = journal.definition
-    todo = [number for number in range(len(sweep)) if number not in journal.done]
+    sweep = folder.definition
+    todo = [number for number in range(len(sweep)) if number not in folder.done]
     if not todo:
         return ExecutionSummary()
     # If there are finished episodes, an error in the script is reported before workers are started.
-    for record in journal.done.values():
+    for record in folder.done.values():
         table.make_row(sweep.episode(record["episode"]), record, script)
     began = time.perf_counter()
     stopped = threading.Event()
     with (
         EndingSignals(stopped.set) as signals,
-        _Bar(Path(sweep.tree).stem, len(sweep), len(journal.done)) as bar,
+        _Bar(Path(sweep.tree).stem, len(sweep), len(folder.done)) as bar,
         pool as workers,
     ):
         count, episode_time = 0, 0.0
@@ -83,7 +83,7 @@ def run_sweep(
             record = {"episode": episode.number, **result}
             _raise_user_error(record, episode, sweep)
             bar.warn(record.pop("warnings", ()))
-            journal.add(record)
+            folder.add(record)
             count += 1
             episode_time += record.get("wall_s", 0.0)
             bar.count_episode(table.make_row(episode, record, script)["success"], workers.count)

@@ -10,7 +10,7 @@ from btcore.cli.commands.run import run
 from btcore.cli.provider_command import ProviderCommand, attach_providers, explain_missing_options
 from btcore.errors import SettingsError
 from btcore.field_options import FieldOption
-from btcore.options import Plural
+from btcore.options import SweepOption
 from btcore_sweep.parameters import ParameterOptions
 
 _GIVEN: Final = "btcore_sweep.options.given"
@@ -37,7 +37,7 @@ class SweepCommand(click.Command):
             for key, option in collect_run_options(ctx).options.items()
             if option.name not in names and key not in _OWN
         ]
-        return [*own[:-1], *plural_options(ctx).values(), *run_options, own[-1]]
+        return [*own[:-1], *sweep_options(ctx).values(), *run_options, own[-1]]
 
     format_options = ProviderCommand.format_options  # in sections
 
@@ -77,26 +77,26 @@ def given(ctx: click.Context) -> dict[str, Any]:
     return {key: texts[item.name] for key, item in _options_with_set(ctx).items() if item.name in texts}
 
 
-def varied_by_plurals(ctx: click.Context) -> dict[str, tuple[str, ...]]:
-    """Return the values of the parameters that plural options such as `--worlds` vary, by KEY."""
-    values = {key: ctx.params[str(option.name)] for key, option in plural_options(ctx).items()}
+def varied_by_sweep_options(ctx: click.Context) -> dict[str, tuple[str, ...]]:
+    """Return the values of the parameters that sweep options such as `--worlds` vary, by KEY."""
+    values = {key: ctx.params[str(option.name)] for key, option in sweep_options(ctx).items()}
     return {key: tuple(texts) for key, texts in values.items() if texts is not None}
 
 
-def plural_options(ctx: click.Context) -> dict[str, click.Option]:
-    """Return the plural options of settings, by the KEY of the parameter that they vary."""
+def sweep_options(ctx: click.Context) -> dict[str, click.Option]:
+    """Return the sweep options of settings, by the KEY of the parameter that they vary."""
     settings = (item for item in collect_run_options(ctx).options.values() if isinstance(item, FieldOption))
-    return {_key(item): _plural_option(item.vary) for item in settings if item.vary is not None}
+    return {_key(item): _create_option(item.sweep_option) for item in settings if item.sweep_option}
 
 
-def _plural_option(plural: Plural) -> click.Option:
+def _create_option(declared: SweepOption) -> click.Option:
     def parse(ctx: click.Context, option: click.Parameter, text: str | None) -> Sequence[str] | None:
         try:
-            return None if text is None else plural.parse(text)
+            return None if text is None else declared.parse(text)
         except SettingsError as error:
             raise click.UsageError(str(error)) from None
 
-    return click.Option([f"--{plural.name}"], metavar=plural.metavar, help=plural.help, callback=parse)
+    return click.Option([f"--{declared.name}"], metavar=declared.metavar, help=declared.help, callback=parse)
 
 
 def option_arguments(ctx: click.Context, texts: dict[str, Any]) -> list[str]:

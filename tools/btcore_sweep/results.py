@@ -12,8 +12,8 @@ from btcore.script.program import Program
 from btcore_sweep.charts import percent
 from btcore_sweep.definition import Episode
 from btcore_sweep.episode_runner import ExecutionSummary
-from btcore_sweep.journal import Journal
 from btcore_sweep.report import ReportData, render_report
+from btcore_sweep.sweep_folder import SweepFolder
 from btcore_sweep.sweep_statistics import LEVEL, SuccessRate, compute_statistics
 from btcore_sweep.table import Row, list_columns, make_row, write_table
 
@@ -24,12 +24,12 @@ _MAX_SHOWN: Final = 8
 
 
 def write_results(
-    journal: Journal, script: Program | None, suffix: str, execution: ExecutionSummary
+    folder: SweepFolder, script: Program | None, suffix: str, execution: ExecutionSummary
 ) -> tuple[dict[str, Any], ExitCode]:
     """Write the table and the report to the sweep's folder, and print a summary on stderr.
 
     Args:
-        journal: The journal of the sweep.
+        folder: The folder of the sweep.
         script: The condition for a success, or None.
         suffix: The file format of the table: csv or parquet.
         execution: The summary that `run_sweep` returned.
@@ -40,13 +40,11 @@ def write_results(
     Raises:
         click.ClickException: A file cannot be written.
     """
-    sweep = journal.definition
-    rows = [
-        make_row(sweep.episode(number), record, script) for number, record in sorted(journal.done.items())
-    ]
-    results, report = journal.folder / f"results.{suffix}", journal.folder / REPORT
+    sweep = folder.definition
+    rows = [make_row(sweep.episode(number), record, script) for number, record in sorted(folder.done.items())]
+    results, report = folder.path / f"results.{suffix}", folder.path / REPORT
     write_table(results, rows, list_columns(rows, sweep))
-    walls = [record["wall_s"] for record in journal.done.values() if record.get("wall_s")]
+    walls = [record["wall_s"] for record in folder.done.values() if record.get("wall_s")]
     script_text = None if script is None else script.text
     data = ReportData(sweep, compute_statistics(rows, sweep), script_text, tuple(walls))
     files.write(report, render_report(data).encode())

@@ -18,7 +18,7 @@ from btcore.cli import files
 from btcore.errors import ScriptError
 from btcore.script.program import Program, condition_result
 from btcore_sweep.definition import Episode, SweepDefinition
-from btcore_sweep.journal import Record
+from btcore_sweep.sweep_folder import Record
 
 Row = dict[str, Any]
 """The cells of an episode by column. A cell is a bool, int, float, str or None."""
@@ -36,7 +36,7 @@ def make_row(episode: Episode, record: Record, script: Program | None) -> Row:
 
     Args:
         episode: The episode.
-        record: The record of the episode in the journal.
+        record: The saved result of the episode.
         script: The condition for a success, or None, see `is_success`.
 
     Returns:

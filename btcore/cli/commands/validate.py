@@ -9,10 +9,10 @@ import click
 from rich.console import Console
 from rich.text import Text
 
-from btcore.blackboard.ports import remapped_key
+from btcore.blackboard.ports import braced_key
 from btcore.cli import files, terminal
 from btcore.cli.node_libraries import load_libraries
-from btcore.cli.tree_source import STDIN, TreeOptions, complete_tree, find_source, given_option, parse_source
+from btcore.cli.tree_source import STDIN, TreeOptions, complete_tree, find_source, given_keys, parse_source
 from btcore.diagnostics import Diagnostic, shown_diagnostics
 from btcore.errors import TreeError
 from btcore.exit_codes import ExitCode
@@ -39,7 +39,7 @@ class _FixedFile(NamedTuple):
 @click.command(short_help="Check trees, and report all errors and warnings.")
 @click.argument("sources", nargs=-1, required=True, metavar="TREE|FOLDER…", shell_complete=complete_tree)
 @pass_options(TreeOptions, "options")
-@given_option
+@given_keys
 @click.option("--strict", is_flag=True, help="Treat warnings as errors.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
 @click.option("--fix", is_flag=True, help="Correct the files, as far as no decision of a person is needed.")
@@ -73,7 +73,7 @@ def validate(
     if (fix or diff) and STDIN in paths:
         raise click.UsageError(f"{'--fix' if fix else '--diff'} needs a file, not stdin.")
     libraries = load_libraries(options.plugins, options.models, options.confined, own_on_demand=True)
-    given = [remapped_key(key, key) or key for key in given]  # a key may also be given as {key}
+    given = [braced_key(key) or key for key in given]  # a key may also be given as {key}
 
     def check(file: Path, text: str | None = None) -> list[Diagnostic]:
         """Return the problems of a file, or of the *text* that replaces its content."""

@@ -22,7 +22,6 @@ from btcore_monitor.viewer_options import (
     DRAWING_OPTION_NAMES,
     DrawingOptions,
     ViewerOptions,
-    pass_viewer_options,
 )
 from btcore_monitor.watch_options import duration_option, robot_options
 from btcore_monitor.wire.groot2 import DEFAULT_ADDRESS
@@ -45,7 +44,7 @@ _CHECK_VIEWER_INTERVAL_S: Final = 2.0
 
 @click.command()
 @click.argument("addresses", nargs=-1, metavar="[ADDRESS]...")
-@pass_viewer_options
+@pass_options(ViewerOptions, "options")
 @robot_options
 @pass_options(KeyOptions, "keys")
 @click.option("--no-view", "--headless", "no_view", is_flag=True, help="Open no window.")
@@ -77,6 +76,7 @@ def monitor(
       4  the recording is incomplete, for example because the disk is full
     """
     check_installed("rerun", "zmq", "msgpack", "numpy")
+    options.quiet_viewer()
     from btcore_monitor.watch.feed import Feed
 
     recordings = [Path(address) for address in addresses if address.endswith(".rrd")]
@@ -207,7 +207,7 @@ def _wait_for_end(
             continue
         next_viewer_check = now + _CHECK_VIEWER_INTERVAL_S
         if not viewer.is_open:
-            failure, viewer = viewer.find_failure(), None
+            failure, viewer = viewer.wait_for_failure(), None
             # Printed at once, because closing the recording takes some seconds without a viewer.
             print_message(f"the viewer (rerun) failed: {failure}" if failure else "the viewer was closed")
             if failure:

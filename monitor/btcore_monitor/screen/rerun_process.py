@@ -81,8 +81,7 @@ class RerunProcess:
         """
         deadline = time.monotonic() + VIEWER_START_TIMEOUT_S
         while time.monotonic() < deadline:
-            if self._process.poll() is not None:
-                raise ScreenError(f"the viewer (rerun) ended while starting: {self.find_failure()}")
+            self._check_running()
             if is_listening(port or self.port):
                 return
             time.sleep(0.05)
@@ -107,11 +106,19 @@ class RerunProcess:
         threading.Thread(target=request, daemon=True).start()
         deadline = time.monotonic() + _DRAW_TIMEOUT_S
         while not answered.wait(0.1) and time.monotonic() < deadline:
-            if self._process.poll() is not None:
-                raise ScreenError(f"the viewer (rerun) ended while starting: {self.find_failure()}")
+            self._check_running()
 
-    def find_failure(self) -> str | None:
-        """Return the reason why the viewer ended; None if it is running or was closed by a user."""
+    def _check_running(self) -> None:
+        if self._process.poll() is not None:
+            reason = self.wait_for_failure() or "it was closed"
+            raise ScreenError(f"the viewer (rerun) ended while starting: {reason}")
+
+    def wait_for_failure(self) -> str | None:
+        """Wait up to two seconds until the viewer has ended, and return the reason.
+
+        Returns:
+            The reason; None if the viewer is still running, or was closed by a user.
+        """
         try:
             code = self._process.wait(_END_TIMEOUT_S)
         except subprocess.TimeoutExpired:

@@ -191,7 +191,7 @@ def _open_viewer(size: tuple[int, int]) -> Iterator[_HeadlessViewer]:
         if viewer is not None and viewer.is_silent:
             reason = f"it did not answer for {_ANSWER_TIMEOUT_S:.0f} s, and was killed"
         else:
-            reason = process.find_failure() or "it does not answer"
+            reason = process.wait_for_failure() or "it does not answer"
         raise ScreenError(f"the viewer (rerun) failed while it drew the picture: {reason}") from error
     finally:
         if viewer is not None:

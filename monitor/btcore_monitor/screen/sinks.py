@@ -62,9 +62,9 @@ class Viewer:
         """Whether the viewer is running."""
         return is_listening(self.port)
 
-    def find_failure(self) -> str | None:
-        """Return the reason why the viewer ended, or None if a user closed it."""
-        return self.process.find_failure() if self.process is not None else None
+    def wait_for_failure(self) -> str | None:
+        """Wait as `RerunProcess.wait_for_failure` does; None also if the viewer was running before."""
+        return self.process.wait_for_failure() if self.process is not None else None
 
 
 @dataclass(slots=True)

@@ -66,8 +66,6 @@ def read_fulltree(xml: bytes, tree_id: str) -> ObservedTree:
     }
     main = next(iter(trees))
     nodes = tuple(_Reader(trees, node_types).read(main))
-    if not nodes:
-        raise ProtocolError("expected nodes in the full tree, and the main tree has none")
     names = {path: str(element.get("ID") or "") for path, element in trees.items()}
     return ObservedTree(tree_id, names[main], nodes, names, xml)
 
@@ -170,7 +168,7 @@ class _Reader:
         children: dict[int, list[int]] = {0: []}
         nodes: list[ObservedNode] = []
         self._read.add(main)
-        waiting = [(element, 0, main) for element in _find_roots(self._trees[main])]
+        waiting = [(_find_root(self._trees[main]), 0, main)]
         while waiting:
             element, parent, subtree = waiting.pop()
             if len(nodes) >= _MAX_NODES:
@@ -184,7 +182,7 @@ class _Reader:
             if node.type == "subtree":
                 # <SubTree> has no child elements: its content is the <BehaviorTree> with the same _fullpath.
                 child_subtree = node.path
-                below = self._list_content(child_subtree)
+                below = [self._find_content(child_subtree)]
             # Reversed, because the last item of the list is read next.
             waiting.extend((child, node.uid, child_subtree) for child in reversed(below))
         # The type of a node without a model depends on its number of children, which is known only now.
@@ -194,7 +192,7 @@ class _Reader:
             node_type = node.type if known else infer_node_type(len(below_node))
             yield replace(node, type=node_type, children=below_node)
 
-    def _list_content(self, path: str) -> list[etree._Element]:
+    def _find_content(self, path: str) -> etree._Element:
         if path not in self._trees:
             raise ProtocolError(
                 f"expected a <BehaviorTree> with _fullpath {describe_value(path)}, and it is missing"
@@ -204,7 +202,7 @@ class _Reader:
                 f"expected a single <SubTree> with _fullpath {describe_value(path)}, and got two"
             )
         self._read.add(path)
-        return _find_roots(self._trees[path])
+        return _find_root(self._trees[path])
 
     def _read_node(self, element: etree._Element, parent: int, subtree: str) -> ObservedNode:
         tag = str(element.tag)
@@ -245,9 +243,9 @@ class _Reader:
         return ObservedNode(uid, name, node_id, node_type, path, parent, (), ports, subtree)
 
 
-def _find_roots(tree: etree._Element) -> list[etree._Element]:
+def _find_root(tree: etree._Element) -> etree._Element:
     roots = list(tree.iterchildren(etree.Element))
     if len(roots) != 1:
         name = describe_value(tree.get("ID"))
         raise ProtocolError(f"expected one node in the <BehaviorTree> {name}, and got {len(roots)} nodes")
-    return roots
+    return roots[0]

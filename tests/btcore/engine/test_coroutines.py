@@ -8,7 +8,7 @@ import pytest
 
 from btcore import In, NodeExecutionError, Put, SimClock, Status, Tree, action, running, sleep
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import Journal
+from tests.conformance.recorded_cases import CallLog
 
 
 def statuses(tree: Tree, ticks: int) -> str:
@@ -124,22 +124,22 @@ def test_sleep_of_zero_is_running_for_one_tick(make_tree: MakeTree, clock: SimCl
 # --- halting
 
 
-def test_a_halt_runs_finally_before_the_sibling_starts(make_tree: MakeTree, journal: Journal) -> None:
+def test_a_halt_runs_finally_before_the_sibling_starts(make_tree: MakeTree, calls: CallLog) -> None:
     @action
     async def drive() -> bool:
-        journal.record("drive", "start")
+        calls.record("drive", "start")
         try:
             while True:
                 await running()
         finally:
-            journal.record("drive", "stop")
+            calls.record("drive", "stop")
 
     drive_or_turn = '<Drive/><Act name="turn" outcomes="S"/>'
     body = f'<WhileDoElse><Ask name="clear" outcomes="SF"/>{drive_or_turn}</WhileDoElse>'
     tree = make_tree(body, drive)
     tree.tick_exactly_once()
     tree.tick_exactly_once()
-    assert journal.calls == ["clear:tick", "drive:start", "clear:tick", "drive:stop", "turn:start"]
+    assert calls == ["clear:tick", "drive:start", "clear:tick", "drive:stop", "turn:start"]
 
 
 def test_generator_is_cancelled_by_a_halt(make_tree: MakeTree) -> None:

@@ -20,7 +20,7 @@ from btcore import (
     TreeNode,
 )
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import Journal
+from tests.conformance.recorded_cases import CallLog
 
 
 class Endless(SyncAction):
@@ -194,16 +194,16 @@ def test_interrupted_tree_continues_where_it_was(body: str, make_tree: MakeTree)
 
 @pytest.mark.parametrize("kind", ["Sequence", "SequenceWithMemory", "Fallback"])
 def test_after_an_error_only_a_sequence_with_memory_resumes_at_the_raising_child(
-    kind: str, make_tree: MakeTree, journal: Journal
+    kind: str, make_tree: MakeTree, calls: CallLog
 ) -> None:
     outcomes = "F" if kind == "Fallback" else "S"
     tree = make_tree(
         f'<{kind}><Act name="a" outcomes="{outcomes}"/><Act name="x" outcomes="X{outcomes}"/></{kind}>'
     )
     tick_error(tree)
-    journal.take()
+    calls.take()
     tree.tick_once()
-    assert journal.take() == (["x:start"] if kind == "SequenceWithMemory" else ["a:start", "x:start"])
+    assert calls.take() == (["x:start"] if kind == "SequenceWithMemory" else ["a:start", "x:start"])
 
 
 def test_node_that_halts_its_own_tree_in_a_tick_keeps_its_result(make_tree: MakeTree) -> None:

@@ -18,7 +18,7 @@ from btcore import (
     action,
 )
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import Journal
+from tests.conformance.recorded_cases import CallLog
 
 
 class Explode(SyncAction):
@@ -94,10 +94,10 @@ def test_backtrace_leads_from_the_root_through_subtrees(make_tree: MakeTree) -> 
     assert tick_raises(tree).backtrace == ["s", "inner", "inner/f", "inner/boom"]
 
 
-def test_exception_halts_the_tree_and_the_running_siblings(make_tree: MakeTree, journal: Journal) -> None:
+def test_exception_halts_the_tree_and_the_running_siblings(make_tree: MakeTree, calls: CallLog) -> None:
     tree = make_tree(PARALLEL, Explode)
     tick_raises(tree)
-    assert journal.calls == ["a:start", "a:halted"]
+    assert calls == ["a:start", "a:halted"]
     assert idle(tree)
     assert tree.status is Status.IDLE
 
@@ -124,7 +124,7 @@ def test_observers_are_notified_of_an_error_before_the_tree_is_halted(make_tree:
     assert received == [("boom", 500_000_000, ["all", "a", "i"])]
 
 
-def test_error_of_following_halt_does_not_hide_first_error(make_tree: MakeTree, journal: Journal) -> None:
+def test_error_of_following_halt_does_not_hide_first_error(make_tree: MakeTree, calls: CallLog) -> None:
     tree = make_tree(
         '<Parallel success_count="4"><Cling name="c"/><Act name="a" outcomes="R"/><Cling name="d"/>'
         '<Explode name="boom"/></Parallel>',
@@ -135,7 +135,7 @@ def test_error_of_following_halt_does_not_hide_first_error(make_tree: MakeTree, 
     assert error.path == "boom"
     assert all(message in str(error) for message in ("the fuse was lit", "c can't let go", "d can't let go"))
     assert idle(tree)
-    assert journal.calls == ["a:start", "a:halted"]
+    assert calls == ["a:start", "a:halted"]
 
 
 @pytest.mark.parametrize("script", ['_skipIf="missing == 1"', '_onSuccess="missing += 1"'])
@@ -171,20 +171,20 @@ def test_leaf_that_raises_when_halted_is_named_and_becomes_idle(make_tree: MakeT
     assert tree.status is Status.IDLE
 
 
-def test_other_leaves_are_halted_too_and_first_error_is_raised(make_tree: MakeTree, journal: Journal) -> None:
+def test_other_leaves_are_halted_too_and_first_error_is_raised(make_tree: MakeTree, calls: CallLog) -> None:
     tree = make_tree(
         '<Parallel><Act name="a" outcomes="R"/><Cling name="c1"/><Act name="b" outcomes="R"/>'
         '<Inverter><Cling name="c2"/></Inverter><Act name="d" outcomes="R"/></Parallel>',
         Cling,
     )
     tree.tick_once()
-    journal.take()
+    calls.take()
     assert halt_raises(tree).path == "c1"
-    assert journal.take() == ["a:halted", "b:halted", "d:halted"]
+    assert calls.take() == ["a:halted", "b:halted", "d:halted"]
     assert idle(tree)
 
 
-def test_leaf_halted_by_parent_in_tick_raises_error_of_tick(make_tree: MakeTree, journal: Journal) -> None:
+def test_leaf_halted_by_parent_in_tick_raises_error_of_tick(make_tree: MakeTree, calls: CallLog) -> None:
     tree = make_tree(
         '<ReactiveSequence><Ask name="q" outcomes="SF"/><Cling name="c"/></ReactiveSequence>', Cling
     )

@@ -19,7 +19,7 @@ from btcore import (
 from btcore.nodes.result_decorators import Inverter
 from btcore.nodes.sequences_and_fallbacks import Sequence
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import Journal
+from tests.conformance.recorded_cases import CallLog
 
 
 class Shuffle(ControlNode):
@@ -28,8 +28,8 @@ class Shuffle(ControlNode):
     rounds: In[int] = 1
     done: Out[int]
 
-    def __init__(self, journal: Journal) -> None:
-        self.journal = journal
+    def __init__(self, calls: CallLog) -> None:
+        self.calls = calls
         self.left: list[int] = []
 
     def tick(self) -> Status:
@@ -49,7 +49,7 @@ class Shuffle(ControlNode):
         return Status.SUCCESS
 
     def halt(self) -> None:
-        self.journal.record(self.name, "halt")
+        self.calls.record(self.name, "halt")
         super().halt()
 
 
@@ -70,7 +70,7 @@ class AtMost(DecoratorNode):
         return self.child.execute_tick()
 
 
-def test_control_node_decides_the_order_of_its_children(make_tree: MakeTree, journal: Journal) -> None:
+def test_control_node_decides_the_order_of_its_children(make_tree: MakeTree, calls: CallLog) -> None:
     tree = make_tree(
         '<Shuffle name="x" rounds="2" done="{done}">'
         '<Act name="a" outcomes="S"/><Act name="b" outcomes="RS|S"/></Shuffle>',
@@ -78,17 +78,17 @@ def test_control_node_decides_the_order_of_its_children(make_tree: MakeTree, jou
     )
     assert tree.tick_exactly_once() is Status.RUNNING
     assert tree.tick_exactly_once() is Status.SUCCESS
-    assert journal.calls == ["b:start", "b:running", "a:start", "b:start", "a:start"]
+    assert calls == ["b:start", "b:running", "a:start", "b:start", "a:start"]
     assert tree.blackboard["done"] == 2
     assert {node.status for node in tree} == {Status.IDLE}
 
 
-def test_control_node_is_halted_with_its_children(make_tree: MakeTree, journal: Journal) -> None:
+def test_control_node_is_halted_with_its_children(make_tree: MakeTree, calls: CallLog) -> None:
     tree = make_tree('<Sequence><Shuffle name="x"><Act name="b" outcomes="R"/></Shuffle></Sequence>', Shuffle)
     tree.tick_once()
-    journal.take()
+    calls.take()
     tree.root.halt()
-    assert journal.take() == ["x:halt", "b:halted"]
+    assert calls.take() == ["x:halt", "b:halted"]
     assert {node.status for node in tree} == {Status.IDLE}
 
 
@@ -103,10 +103,10 @@ def test_node_types_ports_and_descriptions_are_known(make_tree: MakeTree) -> Non
     assert tree.registry.manifests["AtMost"].description == "Gives its child *ticks* ticks, then fails."
 
 
-def test_a_decorator_decides_when_its_child_is_ticked(make_tree: MakeTree, journal: Journal) -> None:
+def test_a_decorator_decides_when_its_child_is_ticked(make_tree: MakeTree, calls: CallLog) -> None:
     tree = make_tree('<AtMost ticks="2" used="{u}"><Act name="a" outcomes="RRR"/></AtMost>', AtMost)
     assert [tree.tick_once().name for _ in range(3)] == ["RUNNING", "RUNNING", "FAILURE"]
-    assert journal.calls == ["a:start", "a:running", "a:halted"]
+    assert calls == ["a:start", "a:running", "a:halted"]
     assert tree.blackboard["u"] == 2
 
 
@@ -133,7 +133,7 @@ def test_user_nodes_may_use_the_explicit_form(make_tree: MakeTree) -> None:
     assert tree.tick_once() is Status.SUCCESS
 
 
-def test_pre_and_post_conditions_apply_to_user_nodes(make_tree: MakeTree, journal: Journal) -> None:
+def test_pre_and_post_conditions_apply_to_user_nodes(make_tree: MakeTree, calls: CallLog) -> None:
     tree = make_tree(
         '<Shuffle name="x" done="{d}" _skipIf="n == 1" _post="n := 1"><Act name="a" outcomes="S"/></Shuffle>',
         Shuffle,
@@ -141,7 +141,7 @@ def test_pre_and_post_conditions_apply_to_user_nodes(make_tree: MakeTree, journa
     tree.blackboard["n"] = 0
     assert tree.tick_once() is Status.SUCCESS
     assert tree.tick_once() is Status.SKIPPED
-    assert journal.calls == ["a:start"]
+    assert calls == ["a:start"]
 
 
 def test_decorator_requires_one_child_and_control_node_at_least_one(make_tree: MakeTree) -> None:
@@ -159,7 +159,7 @@ def test_node_without_a_tick_raises_an_error_that_names_it(make_tree: MakeTree) 
         make_tree("<Idler><AlwaysSuccess/></Idler>", Idler).tick_once()
 
 
-def test_built_in_control_node_can_be_subclassed(make_tree: MakeTree, journal: Journal) -> None:
+def test_built_in_control_node_can_be_subclassed(make_tree: MakeTree, calls: CallLog) -> None:
     class Polite(Sequence):
         """A Sequence that records its results."""
 
@@ -167,13 +167,13 @@ def test_built_in_control_node_can_be_subclassed(make_tree: MakeTree, journal: J
 
         def tick(self) -> Status:
             status = super().tick()
-            journal.record(self.greeting, status.name)
+            calls.record(self.greeting, status.name)
             return status
 
     tree = make_tree('<Polite><Act name="a" outcomes="S"/><Act name="b" outcomes="RS"/></Polite>', Polite)
     tree.tick_once()
     tree.tick_once()
-    assert journal.calls == ["a:start", "b:start", "hello:RUNNING", "b:running", "hello:SUCCESS"]
+    assert calls == ["a:start", "b:start", "hello:RUNNING", "b:running", "hello:SUCCESS"]
 
 
 def test_built_in_decorator_can_be_subclassed(make_tree: MakeTree) -> None:

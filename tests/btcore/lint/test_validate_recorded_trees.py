@@ -12,7 +12,7 @@ from btcore.diagnostics import Diagnostic
 from btcore.errors import TreeError
 from btcore.lint.validate import validate_document
 from btcore.xml.read.read import parse_text
-from tests.conformance.recorded_cases import Journal, conformance_registry, read_cases
+from tests.conformance.recorded_cases import CallLog, conformance_registry, read_cases
 
 DATA = Path(__file__).parents[2] / "conformance" / "data"
 NODES = conformance_registry()
@@ -66,7 +66,7 @@ def test_errors_include_those_of_the_loader(name: str) -> None:
         found = [str(one) for one in diagnostics_of(case) if one.is_error]
         try:
             btcore.loads(
-                case["xml"], nodes=NODES, tree=case.get("tree"), format=case["format"], resources=[Journal()]
+                case["xml"], nodes=NODES, tree=case.get("tree"), format=case["format"], resources=[CallLog()]
             )
         except TreeError as fault:
             tree_error += 1

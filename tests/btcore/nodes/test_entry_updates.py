@@ -4,7 +4,7 @@ import pytest
 
 from btcore import Status, TreeError
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import Journal
+from tests.conformance.recorded_cases import CallLog
 
 R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
 
@@ -22,7 +22,7 @@ def test_equals_sign_is_the_name_of_the_entry(text: str, make_tree: MakeTree) ->
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
 def test_child_is_ticked_only_if_the_entry_was_written_since_the_last_check(
-    tag: str, otherwise: Status, make_tree: MakeTree, journal: Journal
+    tag: str, otherwise: Status, make_tree: MakeTree, calls: CallLog
 ) -> None:
     tree = make_tree(f'<{tag} entry="{{x}}"><Act name="p" outcomes="SF"/></{tag}>')
     assert tree.tick_once() is otherwise
@@ -31,18 +31,18 @@ def test_child_is_ticked_only_if_the_entry_was_written_since_the_last_check(
     assert tree.tick_once() is otherwise
     tree.blackboard["x"] = 1
     assert tree.tick_once() is F
-    assert journal.calls == ["p:start", "p:start"]
+    assert calls == ["p:start", "p:start"]
 
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
 def test_halt_halts_the_child_and_keeps_the_last_seen_write(
-    tag: str, otherwise: Status, make_tree: MakeTree, journal: Journal
+    tag: str, otherwise: Status, make_tree: MakeTree, calls: CallLog
 ) -> None:
     tree = make_tree(f'<{tag} entry="{{x}}"><Act name="a" outcomes="R"/></{tag}>')
     tree.blackboard["x"] = 1
     tree.tick_once()
     tree.halt()
-    assert journal.calls == ["a:start", "a:halted"]
+    assert calls == ["a:start", "a:halted"]
     assert tree.tick_once() is otherwise
 
 

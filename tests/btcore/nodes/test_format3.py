@@ -4,7 +4,7 @@ import pytest
 
 from btcore import NodeExecutionError, Status, SyncAction, TreeError, action
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import Journal
+from tests.conformance.recorded_cases import CallLog
 
 R, S, F = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 
@@ -33,11 +33,11 @@ def check(kind: str, a: str, b: str, more: str = "", outcomes: str = "S") -> str
     ],
 )
 def test_the_child_is_ticked_if_both_values_are_equal_as_that_type(
-    kind: str, a: str, b: str, equal: bool, make_tree: MakeTree, journal: Journal
+    kind: str, a: str, b: str, equal: bool, make_tree: MakeTree, calls: CallLog
 ) -> None:
     tree = make_tree(check(kind, a, b), format=3)
     assert tree.tick_once() is (S if equal else F)
-    assert journal.calls == (["a:start"] if equal else [])
+    assert calls == (["a:start"] if equal else [])
 
 
 @pytest.mark.parametrize("written", ["SUCCESS", "FAILURE", "RUNNING"])
@@ -75,14 +75,14 @@ def test_value_of_a_wrong_type_is_a_mismatch(make_tree: MakeTree) -> None:
 
 
 def test_values_are_checked_while_the_child_runs_and_a_mismatch_halts_it(
-    make_tree: MakeTree, journal: Journal
+    make_tree: MakeTree, calls: CallLog
 ) -> None:
     tree = make_tree(check("Int", "{x}", "1", outcomes="RRR"), format=3)
     tree.blackboard["x"] = 1
     assert [tree.tick_once(), tree.tick_once()] == [R, R]
     tree.blackboard["x"] = 2
     assert tree.tick_once() is F
-    assert journal.calls == ["a:start", "a:running", "a:halted"]
+    assert calls == ["a:start", "a:running", "a:halted"]
     assert {node.status for node in tree} == {Status.IDLE}
 
 
@@ -239,11 +239,11 @@ def test_some_control_nodes_may_be_empty(make_tree: MakeTree) -> None:
 
 
 @pytest.mark.parametrize("tag", ["RetryUntilSuccessful", "RetryUntilSuccesful"])
-def test_retry_completes_in_a_single_tick(make_tree: MakeTree, journal: Journal, tag: str) -> None:
+def test_retry_completes_in_a_single_tick(make_tree: MakeTree, calls: CallLog, tag: str) -> None:
     """BehaviorTree.CPP 3 keeps the first spelling, which it calls a typo."""
     tree = make_tree(f'<{tag} num_attempts="3"><Act name="p" outcomes="F"/></{tag}>', format=3)
     assert tree.tick_exactly_once() is F
-    assert journal.calls == ["p:start"] * 3
+    assert calls == ["p:start"] * 3
 
 
 def test_mismatch_result_missing_on_the_blackboard_is_a_failure(make_tree: MakeTree) -> None:

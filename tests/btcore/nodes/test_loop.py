@@ -8,7 +8,7 @@ import pytest
 
 from btcore import In, LoopNode, NodeExecutionError, Out, Registry, Status, Tree, TreeError, action, loads
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import Journal
+from tests.conformance.recorded_cases import CallLog
 
 R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
 
@@ -65,12 +65,12 @@ def test_empty_queue_returns_if_empty(written: str, make_tree: MakeTree) -> None
     assert tree.tick_once() is Status[written]
 
 
-def test_halt_halts_the_child_and_restarts_a_literal_list(make_tree: MakeTree, journal: Journal) -> None:
+def test_halt_halts_the_child_and_restarts_a_literal_list(make_tree: MakeTree, calls: CallLog) -> None:
     tree = make_tree('<LoopInt queue="1;2" value="{v}"><Act name="a" outcomes="S|RR|S"/></LoopInt>')
     ticks(tree, 2)
     assert tree.blackboard["v"] == 2
     tree.halt()
-    assert journal.calls[-1] == "a:halted"
+    assert calls[-1] == "a:halted"
     ticks(tree, 1)
     assert tree.blackboard["v"] == 1
 

@@ -5,7 +5,7 @@ import pytest
 from btcore import NodeSpec, Status
 from btcore.nodes.sequences_and_fallbacks import OrderedNode, ReactiveNode, ReactiveSequence, Sequence
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import Journal
+from tests.conformance.recorded_cases import CallLog
 
 R, S, F = Status.RUNNING, Status.SUCCESS, Status.FAILURE
 
@@ -17,11 +17,11 @@ LEAVES = '<Act name="a" outcomes="{}"/><Act name="b" outcomes="{}"/>'
     ("letters", "result", "ticked"), [("FS", S, ["a", "b"]), ("SF", S, ["a"]), ("FF", F, ["a", "b"])]
 )
 def test_subclass_may_continue_after_a_failure(
-    base: type, letters: str, result: Status, ticked: list[str], make_tree: MakeTree, journal: Journal
+    base: type, letters: str, result: Status, ticked: list[str], make_tree: MakeTree, calls: CallLog
 ) -> None:
     own = type("Own", (base,), {"spec": NodeSpec(continue_on=F)})
     assert make_tree(f"<Own>{LEAVES.format(*letters)}</Own>", own).tick_once() is result
-    assert journal.calls == [f"{name}:start" for name in ticked]
+    assert calls == [f"{name}:start" for name in ticked]
 
 
 @pytest.mark.parametrize(
@@ -37,12 +37,12 @@ def test_subclass_may_continue_after_a_failure(
     ],
 )
 def test_first_child_that_is_ticked_after_a_halt(
-    tag: str, outcomes: str, first: str, make_tree: MakeTree, journal: Journal
+    tag: str, outcomes: str, first: str, make_tree: MakeTree, calls: CallLog
 ) -> None:
     tree = make_tree(f'<{tag}><Act name="a" outcomes="{outcomes}"/><Act name="b" outcomes="RRRR"/></{tag}>')
-    while "b:start" not in journal.calls:
+    while "b:start" not in calls:
         assert tree.tick_once() is R
     tree.halt()
-    journal.calls.clear()
+    calls.clear()
     assert tree.tick_once() is R
-    assert journal.calls[0].partition(":")[0] == first
+    assert calls[0].partition(":")[0] == first

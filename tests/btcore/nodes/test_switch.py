@@ -6,7 +6,7 @@ import pytest
 
 from btcore import NodeExecutionError, Status, TreeError
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import Journal, conformance_registry
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
 
@@ -28,32 +28,32 @@ def switch(cases: int, *outcomes: str, variable: str = "{v}") -> str:
 @pytest.mark.parametrize("format", FORMATS)
 @pytest.mark.parametrize("cases", SIZES)
 def test_matching_case_is_ticked_and_otherwise_the_last_child(
-    cases: int, format: int, make_tree: MakeTree, journal: Journal
+    cases: int, format: int, make_tree: MakeTree, calls: CallLog
 ) -> None:
     tree = make_tree(switch(cases), format=format)
     for number in range(1, cases + 1):
         tree.blackboard["v"] = str(number)
         assert tree.tick_once() is S
-        assert journal.take() == [f"c{number}:start"]
+        assert calls.take() == [f"c{number}:start"]
     tree.blackboard["v"] = str(cases + 1)
     assert tree.tick_once() is S
-    assert journal.take() == ["other:start"]
+    assert calls.take() == ["other:start"]
 
 
 @pytest.mark.parametrize("format", FORMATS)
-def test_unreadable_variable_matches_no_case(format: int, make_tree: MakeTree, journal: Journal) -> None:
+def test_unreadable_variable_matches_no_case(format: int, make_tree: MakeTree, calls: CallLog) -> None:
     assert make_tree(switch(4), format=format).tick_once() is S
-    assert journal.calls == ["other:start"]
+    assert calls == ["other:start"]
 
 
 @pytest.mark.parametrize("format", FORMATS)
-def test_changed_choice_halts_the_running_child(format: int, make_tree: MakeTree, journal: Journal) -> None:
+def test_changed_choice_halts_the_running_child(format: int, make_tree: MakeTree, calls: CallLog) -> None:
     tree = make_tree(switch(4, "R", "RS"), format=format)
     tree.blackboard["v"] = "1"
     assert tree.tick_once() is R
     tree.blackboard["v"] = "2"
     assert [tree.tick_once(), tree.tick_once()] == [R, S]
-    assert journal.calls == ["c1:start", "c1:halted", "c2:start", "c2:running"]
+    assert calls == ["c1:start", "c1:halted", "c2:start", "c2:running"]
     assert {node.status for node in tree} == {Status.IDLE}
 
 
@@ -74,13 +74,13 @@ def test_number_of_children_must_be_cases_plus_one(cases: int, format: int, make
         ).tick_once()
 
 
-def test_missing_case_is_ignored(make_tree: MakeTree, journal: Journal) -> None:
+def test_missing_case_is_ignored(make_tree: MakeTree, calls: CallLog) -> None:
     tree = make_tree(
         '<Switch4 variable="b" case_3="b"><Act name="a" outcomes="S"/><Act name="b" outcomes="S"/>'
         '<Act name="c" outcomes="S"/><Act name="d" outcomes="S"/><Act name="e" outcomes="S"/></Switch4>'
     )
     tree.tick_once()
-    assert journal.calls == ["c:start"]
+    assert calls == ["c:start"]
 
 
 class Colour(enum.Enum):
@@ -120,7 +120,7 @@ def test_format_3_compares_texts_and_format_4_compares_values(
     assert make_tree(body, nodes=nodes, format=3).tick_once() is (S if in_format_3 else F)
 
 
-def test_number_written_by_a_script_is_compared_by_value(make_tree: MakeTree, journal: Journal) -> None:
+def test_number_written_by_a_script_is_compared_by_value(make_tree: MakeTree, calls: CallLog) -> None:
     tree = make_tree(f'<Sequence><Script code="v := 2"/>{switch(4)}</Sequence>')
     tree.tick_once()
-    assert journal.calls == ["c2:start"]
+    assert calls == ["c2:start"]

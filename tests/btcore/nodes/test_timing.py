@@ -4,7 +4,7 @@ import pytest
 
 from btcore import NodeExecutionError, SimClock, Status, Tree, TreeError, action, sleep
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import Journal
+from tests.conformance.recorded_cases import CallLog
 
 MS = 1_000_000
 
@@ -63,12 +63,12 @@ def test_negative_or_missing_duration_is_refused(make_tree: MakeTree) -> None:
 # --- Delay
 
 
-def test_delay_ticks_child_only_after_time(make_tree: MakeTree, clock: SimClock, journal: Journal) -> None:
+def test_delay_ticks_child_only_after_time(make_tree: MakeTree, clock: SimClock, calls: CallLog) -> None:
     tree = make_tree('<Delay delay_msec="100"><Act name="a" outcomes="RS"/></Delay>')
     assert after(tree, clock, 0, 99) == [R, R]
-    assert journal.calls == []
+    assert calls == []
     assert after(tree, clock, 1, 0) == [R, S]
-    assert journal.calls == ["a:start", "a:running"]
+    assert calls == ["a:start", "a:running"]
 
 
 def test_running_child_is_not_delayed_again_but_ended_child_is(make_tree: MakeTree, clock: SimClock) -> None:
@@ -76,10 +76,10 @@ def test_running_child_is_not_delayed_again_but_ended_child_is(make_tree: MakeTr
     assert after(tree, clock, 0, 100, 0, 0, 99, 1) == [R, R, S, R, R, F]
 
 
-def test_delay_of_zero_takes_a_tick(make_tree: MakeTree, clock: SimClock, journal: Journal) -> None:
+def test_delay_of_zero_takes_a_tick(make_tree: MakeTree, clock: SimClock, calls: CallLog) -> None:
     tree = make_tree('<Delay delay_msec="0"><Act name="a" outcomes="S"/></Delay>')
     assert after(tree, clock, 0, 0) == [R, S]
-    assert journal.calls == ["a:start"]
+    assert calls == ["a:start"]
 
 
 def test_delay_wakes_the_tree_when_the_child_is_due(make_tree: MakeTree, clock: SimClock) -> None:
@@ -87,15 +87,15 @@ def test_delay_wakes_the_tree_when_the_child_is_due(make_tree: MakeTree, clock: 
     assert clock.now() == 70 * MS
 
 
-def test_a_halt_ends_the_delay_and_the_child(make_tree: MakeTree, clock: SimClock, journal: Journal) -> None:
+def test_a_halt_ends_the_delay_and_the_child(make_tree: MakeTree, clock: SimClock, calls: CallLog) -> None:
     tree = make_tree('<Delay delay_msec="100"><Act name="a" outcomes="RRR"/></Delay>')
     after(tree, clock, 0, 60)
     tree.halt()
     assert tree.sleep(0.06) is False
     assert after(tree, clock, 0, 60, 40) == [R, R, R]
-    assert journal.take() == ["a:start"]
+    assert calls.take() == ["a:start"]
     tree.halt()
-    assert journal.take() == ["a:halted"]
+    assert calls.take() == ["a:halted"]
 
 
 def test_a_skipped_child_is_ticked_again_without_a_new_delay(make_tree: MakeTree, clock: SimClock) -> None:
@@ -112,11 +112,11 @@ def test_child_that_completes_in_time_returns_its_own_result(make_tree: MakeTree
 
 
 def test_child_running_at_the_limit_is_halted_and_timeout_fails(
-    make_tree: MakeTree, clock: SimClock, journal: Journal
+    make_tree: MakeTree, clock: SimClock, calls: CallLog
 ) -> None:
     tree = make_tree('<Timeout msec="100"><Act name="a" outcomes="RRRRR"/></Timeout>')
     assert after(tree, clock, 0, 99.999999, 0.000001) == [R, R, F]
-    assert journal.calls == ["a:start", "a:running", "a:halted"]
+    assert calls == ["a:start", "a:running", "a:halted"]
     assert {node.status for node in tree} == {Status.IDLE}
 
 
@@ -166,19 +166,19 @@ def test_node_halted_by_its_parent_while_waiting_causes_no_wake_up(
 
 
 def test_child_not_running_at_the_limit_is_not_halted_and_has_no_limit(
-    make_tree: MakeTree, clock: SimClock, journal: Journal
+    make_tree: MakeTree, clock: SimClock, calls: CallLog
 ) -> None:
     tree = make_tree('<Timeout msec="100"><Act name="a" outcomes="K|RRS"/></Timeout>')
     assert after(tree, clock, 0, 100, 1e6, 1e6) == [K, R, R, S]
-    assert "a:halted" not in journal.calls
+    assert "a:halted" not in calls
 
 
-def test_in_format_3_halt_does_not_stop_time(make_tree: MakeTree, clock: SimClock, journal: Journal) -> None:
+def test_in_format_3_halt_does_not_stop_time(make_tree: MakeTree, clock: SimClock, calls: CallLog) -> None:
     tree = make_tree('<Timeout msec="100"><Act name="a" outcomes="R"/></Timeout>', format=3)
     after(tree, clock, 0, 60)
     tree.halt()
     assert after(tree, clock, 0, 39, 1) == [R, R, F]
-    assert journal.calls[-1] == "a:halted"
+    assert calls[-1] == "a:halted"
     assert after(tree, clock, 0, 99, 1) == [R, R, F]
 
 
@@ -189,14 +189,14 @@ def test_in_format_3_a_limit_between_two_starts_is_ignored(make_tree: MakeTree, 
     assert after(tree, clock, 100, 1e6, 1e6) == [R, R, S]
 
 
-def test_inner_limit_ends_first(make_tree: MakeTree, clock: SimClock, journal: Journal) -> None:
+def test_inner_limit_ends_first(make_tree: MakeTree, clock: SimClock, calls: CallLog) -> None:
     tree = make_tree(
         '<Timeout msec="200"><Fallback><Timeout msec="50"><Act name="a" outcomes="R"/></Timeout>'
         '<Act name="b" outcomes="R"/></Fallback></Timeout>'
     )
     assert tree.tick_while_running(period=60.0) is F
     assert clock.now() == 200 * MS
-    assert journal.calls == ["a:start", "a:halted", "b:start", "b:halted"]
+    assert calls == ["a:start", "a:halted", "b:start", "b:halted"]
 
 
 @pytest.mark.parametrize("format", [3, 4])

@@ -27,7 +27,7 @@ from btcore import (
 )
 from btcore.registry.mock_nodes import parse_outcomes
 from btcore.testing import Outcomes, blackboards, outcomes, trees, xml_documents
-from tests.conformance.recorded_cases import Journal, conformance_registry
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 SMALLEST = settings(
     derandomize=True, database=None, max_examples=5000, suppress_health_check=list(HealthCheck)
@@ -130,7 +130,7 @@ def test_skipped_false_generates_no_skips(text: str) -> None:
 
 @given(xml_documents(max_nodes=40, format=3, timed=True, subtrees=2))
 def test_documents_of_format_3_can_be_loaded(text: str) -> None:
-    tree = btcore.loads(text, nodes=conformance_registry(), resources=[Journal()], clock=SimClock())
+    tree = btcore.loads(text, nodes=conformance_registry(), resources=[CallLog()], clock=SimClock())
     assert tree.format == 3
 
 

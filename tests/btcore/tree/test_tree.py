@@ -21,7 +21,7 @@ from btcore import (
 from btcore.clock import NS_PER_S
 from btcore.nodes.sequences_and_fallbacks import Sequence
 from tests.btcore.conftest import MakeTree
-from tests.conformance.recorded_cases import Journal, RecordedAct, conformance_registry
+from tests.conformance.recorded_cases import CallLog, RecordedAct, conformance_registry
 
 THREE = "<AlwaysSuccess/><AlwaysSuccess/><AlwaysSuccess/>"
 
@@ -295,8 +295,8 @@ def test_another_thread_wakes_a_sleeping_tree() -> None:
 
 def test_another_thread_ends_the_wait_between_two_ticks() -> None:
     xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Act outcomes="RS"/></BehaviorTree></root>'
-    journal = Journal()
-    tree = btcore.loads(xml, nodes=conformance_registry(), resources=[journal])
+    calls = CallLog()
+    tree = btcore.loads(xml, nodes=conformance_registry(), resources=[calls])
     result: list[Status] = []
     driver = threading.Thread(target=lambda: result.append(tree.tick_while_running(period=200.0)))
     driver.start()
@@ -340,34 +340,34 @@ def counter() -> Blackboard:
     return board
 
 
-def test_a_halt_leaves_every_node_idle_and_ends_only_what_runs(make_tree: MakeTree, journal: Journal) -> None:
+def test_a_halt_leaves_every_node_idle_and_ends_only_what_runs(make_tree: MakeTree, calls: CallLog) -> None:
     tree = make_tree(
         '<Parallel><Act name="a" outcomes="RR"/><Act name="b" outcomes="S"/>'
         '<Inverter><Act name="c" outcomes="RR"/></Inverter></Parallel>'
     )
     tree.tick_once()
-    journal.take()
+    calls.take()
     tree.halt()
-    assert journal.take() == ["a:halted", "c:halted"]
+    assert calls.take() == ["a:halted", "c:halted"]
     assert {node.status for node in tree} == {Status.IDLE}
     assert tree.status is Status.IDLE
 
 
 @pytest.mark.parametrize(("value", "handled"), [("true", True), ("{missing}", False), ("{empty}", False)])
 def test_a_halt_ticks_the_handler_of_a_try_catch_if_its_port_is_true(
-    value: str, handled: bool, make_tree: MakeTree, journal: Journal
+    value: str, handled: bool, make_tree: MakeTree, calls: CallLog
 ) -> None:
     body = '<Act name="a" outcomes="R"/><Act name="handler" outcomes="S"/>'
     tree = make_tree(f'<TryCatch catch_on_halt="{value}">{body}</TryCatch>')
     tree.tick_once()
     tree.halt()
-    assert journal.calls == ["a:start", "a:halted", *(["handler:start"] if handled else [])]
+    assert calls == ["a:start", "a:halted", *(["handler:start"] if handled else [])]
 
 
-def test_tree_is_a_context_manager_that_halts_it(make_tree: MakeTree, journal: Journal) -> None:
+def test_tree_is_a_context_manager_that_halts_it(make_tree: MakeTree, calls: CallLog) -> None:
     with make_tree('<Act name="a" outcomes="R"/>') as tree:
         tree.tick_once()
-    assert journal.calls == ["a:start", "a:halted"]
+    assert calls == ["a:start", "a:halted"]
 
 
 # --- inspecting

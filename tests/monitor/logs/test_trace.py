@@ -12,7 +12,7 @@ import btcore
 from btcore import NodeExecutionError, Registry, SimClock, Status, Transition, Tree
 from btcore.testing.strategies import xml_documents
 from btcore_monitor.logs import TraceLog
-from tests.conformance.recorded_cases import Journal, conformance_registry
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 NODES = conformance_registry()
 
@@ -133,7 +133,7 @@ def test_log_attached_to_running_nodes_shows_next_start(small: Callable[..., Tre
 @given(text=xml_documents(raising=True, timed=True), ticks=st.integers(1, 6), halt=st.booleans())
 def test_slices_are_nested_and_end_in_trees(text: str, ticks: int, halt: bool, tmp_path_factory: Any) -> None:
     path = tmp_path_factory.mktemp("trace") / "run.json"
-    tree = btcore.loads(text, nodes=NODES, resources=[Journal()], clock=SimClock(), format=4)
+    tree = btcore.loads(text, nodes=NODES, resources=[CallLog()], clock=SimClock(), format=4)
     with TraceLog(tree, path):
         try:
             for _ in range(ticks):

@@ -11,7 +11,12 @@ from pathlib import Path
 
 import pytest
 
-from btcore_monitor.screen.rerun_process import RerunProcess, find_viewer_program, make_environment
+from btcore_monitor.screen.rerun_process import (
+    RerunProcess,
+    ScreenError,
+    find_viewer_program,
+    make_environment,
+)
 from btcore_monitor.screen.sinks import serve_web
 
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads the sockets of a process from /proc")
@@ -100,6 +105,14 @@ def test_viewers_that_start_at_the_same_moment_get_different_ports(free_port: Ca
     finally:
         for viewer in viewers:
             viewer.close()
+
+
+def test_viewer_that_is_closed_while_it_starts_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("btcore_monitor.screen.rerun_process.find_viewer_program", lambda: "/bin/true")
+    viewer = RerunProcess()
+    with pytest.raises(ScreenError, match=r"the viewer \(rerun\) ended while starting: it was closed"):
+        viewer.wait_until_listening()
+    viewer.close()
 
 
 def test_usage_statistics_are_off_unless_the_user_forces_them(monkeypatch: pytest.MonkeyPatch) -> None:

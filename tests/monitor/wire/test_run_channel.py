@@ -1,8 +1,10 @@
 """The run channel's messages: encoding and decoding, and errors in invalid messages."""
 
 import functools
+import re
 from contextlib import suppress
 from dataclasses import fields
+from pathlib import Path
 from typing import Any
 
 import msgpack
@@ -13,6 +15,7 @@ from hypothesis import strategies as st
 from btcore_monitor.serve.run_channel_server import MAX_BUFFER_BYTES, History
 from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.run_channel import (
+    _MESSAGE_CLASSES,
     BlackboardMessage,
     EndMessage,
     ExceptionMessage,
@@ -64,6 +67,13 @@ def test_every_message_has_its_version_and_kind() -> None:
     for message in MESSAGES:
         whole = msgpack.unpackb(encode(message))
         assert (whole["v"], whole["kind"]) == (1, message.kind)
+
+
+def test_the_page_of_the_protocols_has_a_row_for_every_kind() -> None:
+    page = Path(__file__).parents[3] / "docs" / "reference" / "protocols.md"
+    _, _, section = page.read_text(encoding="utf-8").partition("\n## The run channel\n")
+    table = section.partition("| kind |")[2].partition("\n\n")[0]
+    assert set(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)) == _MESSAGE_CLASSES.keys()
 
 
 def test_a_newer_version_is_refused_with_a_suggestion() -> None:

@@ -112,7 +112,7 @@ def test_cpp_573_earlier_child_that_starts_halts_later_child(format: int, make_t
         CheckSensor,
         format=format,
     )
-    calls = make_tree.journal.take
+    calls = make_tree.calls.take
     tree.blackboard["bad"] = False
     assert (ticks(tree, 2), calls()) == ([R, R], ["work:start", "work:running"])
     tree.blackboard["bad"] = True
@@ -134,9 +134,9 @@ def test_cpp_1031_halt_order_is_the_originals_and_one_child_runs_after_the_tick(
 ) -> None:
     tree = make_tree(BACKCHAINED, format=format)
     ticks(tree, 1)
-    assert make_tree.journal.take() == ["a:start", "b:start"]
+    assert make_tree.calls.take() == ["a:start", "b:start"]
     ticks(tree, 1)
-    assert make_tree.journal.take() == ["a:start", "b:halted"]
+    assert make_tree.calls.take() == ["a:start", "b:halted"]
     assert [node.status for node in named(tree, "a", "b")] == [R, Status.IDLE]
 
 
@@ -226,7 +226,7 @@ def test_cpp_pr_1178_trailing_characters_in_switch(variable: str, same: bool, ma
         '<Act name="three" outcomes="S"/><Act name="other" outcomes="S"/></Switch2>'
     )
     assert tree.tick_once() is S
-    assert make_tree.journal.calls == ["three:start" if same else "other:start"]
+    assert make_tree.calls == ["three:start" if same else "other:start"]
 
 
 # --- substitution, time

@@ -22,7 +22,7 @@ from btcore_proof.interrupts import OpaqueStateError
 from btcore_proof.state_graph import StateTable
 from btcore_proof.timer_order import NO_TIMERS, Advance
 from btcore_proof.tree_state import TICK_START_NS, StateKeeper, TreeState, state_fields_of
-from tests.conformance.recorded_cases import Journal, conformance_registry
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 NODES = conformance_registry()
 SAME_TIME = Advance((), NO_TIMERS)
@@ -35,7 +35,7 @@ def grown(xml: str, format: int = 4) -> Tree:
     if format == 4:
         for key in ("a", "b", "c"):
             board[key] = 0
-    resources = [Journal()]
+    resources = [CallLog()]
     if format == 3:
         return loads(xml, nodes=NODES, resources=resources, clock=clock)
     return loads(xml, nodes=NODES, resources=resources, blackboard=board, clock=clock)

@@ -1,6 +1,7 @@
 """Recordings in files: what is written, what damage is found, and what cannot be recorded."""
 
 import logging
+import re
 from contextlib import suppress
 from io import FileIO
 from pathlib import Path
@@ -11,8 +12,11 @@ import pytest
 import btcore
 from btcore import BtcoreError, NodeExecutionError, Tree
 from btcore.logs import LogError
+from btcore.testing import TestNodeConfig
 from btcore_recorder import Replay, record
-from btcore_recorder.text_form import RunRecording, read_recording
+from btcore_recorder.file_recorder import RingRecorder
+from btcore_recorder.inputs import RunRecording
+from btcore_recorder.text_form import read_recording
 from btcore_recorder.values import Decoder, Encoder, NotReplayable
 from tests.tools.btcore_recorder.random_leaves import Colour, Spot, any_value, random_registry
 
@@ -20,6 +24,12 @@ NODES = random_registry()
 XML = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
     <Write name="pen" out="{o}" number="{n}" spot="{s}" colour="{c}"/>
     <Hold out="{h}"/><Script code="done := true"/>
+</Sequence></BehaviorTree></root>
+"""
+
+
+SHORT_XML = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
+    <Script code="n := 3"/><Repeat num_cycles="9"><Sleep msec="1000000"/></Repeat>
 </Sequence></BehaviorTree></root>
 """
 
@@ -59,8 +69,6 @@ def test_the_tree_is_not_changed_by_a_recording_that_has_ended(tmp_path: Path) -
     assert tree.context.journal is None
     assert tree.blackboard.recorder is None
     assert all(node._tick_extras is None for node in tree)
-    with pytest.raises(BtcoreError, match="was ticked already"):
-        record(tree, tmp_path / "again.btrec.txt")
 
 
 def test_a_file_that_is_cut_off_anywhere_holds_only_complete_steps(file: Path, tmp_path: Path) -> None:
@@ -133,12 +141,22 @@ def test_only_documents_are_recorded(tmp_path: Path) -> None:
         record(tree, tmp_path / "run.btrec.txt")
 
 
-def test_trees_with_substitution_rules_are_not_recorded(tmp_path: Path) -> None:
-    nodes = NODES.copy()
+def test_nodes_that_rules_replaced_are_recorded(tmp_path: Path) -> None:
+    nodes, path = NODES.copy(), tmp_path / "run.btrec.txt"
     nodes.substitute("pen", "AlwaysSuccess")
-    tree = btcore.loads(XML, nodes=nodes, resources=[Random(3)])
-    with pytest.raises(BtcoreError, match="rules may have replaced"):
-        record(tree, tmp_path / "run.btrec.txt")
+    nodes.substitute("Hold", TestNodeConfig(success_script="held := 1", async_delay=100))
+    clock = btcore.SimClock()
+    tree = btcore.loads(XML, nodes=nodes, resources=[Random(3)], clock=clock)
+    with record(tree, path):
+        tree.tick_while_running(period=0.05)
+    replay = Replay(path)
+    assert replay.verify() is None
+    names = [type(node).__name__ for node in replay.tree]
+    assert names == ["Sequence", "AlwaysSuccess", "TestNode", "Script"]
+    assert (replay.tree.ticks, replay.tree.blackboard["held"]) == (3, 1)
+    nodes.substitute("pen", "AlwaysFailure")
+    with pytest.raises(BtcoreError, match="the substitution rule of 'pen' has changed"):
+        record(tree, path)
 
 
 def test_a_tree_is_recorded_once(tmp_path: Path) -> None:
@@ -156,18 +174,103 @@ def test_the_name_of_the_file_is_checked(tmp_path: Path) -> None:
     assert tree.context.journal is None
 
 
-def test_a_full_disk_ends_the_recording_but_not_the_run(
-    tmp_path: Path, caplog: pytest.LogCaptureFixture
+def test_after_a_full_disk_the_recording_continues_with_a_gap(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("btcore_recorder.file_recorder.WRITE_INTERVAL_S", 3600.0)
     path = tmp_path / "run.btrec.txt"
     tree = written_tree()
+
+    def tick() -> None:
+        with suppress(NodeExecutionError):
+            tree.tick_exactly_once()
+
     with caplog.at_level(logging.WARNING, "btcore"), record(tree, path) as recorder:
-        recorder._file.close()
-        recorder._file = FileIO("/dev/full", "wb")  # the disk is full from now on
-        tree.tick_exactly_once()
+        tick()
+        recorder._write_queued()
+        file = recorder._file
+        with FileIO("/dev/full", "wb") as full:
+            recorder._file = full
+            tick()
+            recorder._write_queued()
+        recorder._file = file  # there is room again
+        tick()  # from its end on, the run is recorded
+        recorder._write_queued()
+        tick()
+        tick()
     assert recorder.is_incomplete
-    assert "is incomplete, writing failed: No space left on device" in caplog.text
-    assert tree.ticks == 1
+    assert "is incomplete: writing failed: No space left on device" in caplog.text
+    replay = Replay(path)
+    assert replay.verify() is None
+    assert [step.tick for step in replay.steps] == [1, 4, 5]
+    assert [(segment.position, segment.gap) for segment in replay.recording.segments] == [
+        (1, "writing failed: No space left on device")
+    ]
+    assert replay.tree.blackboard.get("n") == tree.blackboard.get("n")
+
+
+def test_steps_are_lost_if_the_queue_is_full(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("btcore_recorder.file_recorder.WRITE_INTERVAL_S", 3600.0)
+    monkeypatch.setattr("btcore_recorder.file_recorder.MAX_QUEUED_VALUES", 100)
+    tree = btcore.loads(SHORT_XML)
+    with caplog.at_level(logging.WARNING, "btcore"), record(tree, tmp_path / "run.btrec.txt") as recorder:
+        for _ in range(100):
+            tree.tick_exactly_once()
+        recorder._write_queued()
+        for _ in range(3):
+            tree.tick_exactly_once()
+    assert "is incomplete: the disk is too slow" in caplog.text
+    replay = Replay(recorder.path)
+    assert replay.verify() is None
+    numbers = [step.tick for step in replay.steps]
+    assert numbers[-2:] == [102, 103]
+    assert len(numbers) < 60
+
+
+@pytest.mark.parametrize("change", ["entry", "node"])
+def test_the_state_at_the_start_of_a_segment_is_compared(tmp_path: Path, change: str) -> None:
+    path = tmp_path / "run.btrec.txt"
+    clock = btcore.SimClock()
+    tree = btcore.loads(SHORT_XML, clock=clock)
+    with record(tree, path):
+        for _ in range(4):
+            tree.tick_exactly_once()
+            clock.advance(50.0)
+    replay = Replay(path)
+    assert replay.verify() is None
+    assert [segment.position for segment in replay.recording.segments] == [3]
+    text = path.read_text()
+    old, new = ("entry [3,", "entry [2,") if change == "entry" else ('{"_count":0}', '{"_count":1}')
+    head, found, segment = text.partition("segment ")
+    assert old in segment
+    path.write_text(head + found + re.sub(r"(state_end \[)\d+", r"\1null", segment.replace(old, new)))
+    difference = Replay(path).verify()
+    assert difference is not None
+    assert ("'n'" if change == "entry" else "node 3") in difference.recorded
+
+
+@pytest.mark.parametrize("limit", ["time", "size"])
+def test_a_ring_keeps_the_end_of_a_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limit: str) -> None:
+    if limit == "size":
+        monkeypatch.setattr("btcore_recorder.file_recorder.RING_BYTES", 20_000)
+    clock, path = btcore.SimClock(), tmp_path / "run.btrec.txt"
+    tree = written_tree()
+    tree.context.clock = clock
+    ring = RingRecorder(tree, path)
+    assert not path.exists()
+    for _ in range(1000):
+        with suppress(NodeExecutionError):
+            tree.tick_exactly_once()
+        clock.advance(2.0 if limit == "time" else 0.01)
+    ring.save()
+    replay = Replay(path)
+    assert replay.verify() is None
+    assert replay.tree.ticks == 1000
+    first = replay.recording.head.state.ticks
+    assert 600 < first < 710 if limit == "time" else 0 < first < 990
+    assert tree.context.journal is None
 
 
 # --- values

@@ -1,6 +1,7 @@
 """A replay does what the recorded run did: every transition, every entry, at every tick."""
 
 import os
+import re
 import sys
 import threading
 from collections.abc import Callable
@@ -30,10 +31,10 @@ from btcore.testing import xml_documents
 from btcore.testing.tree_generator import BUILTIN_MANIFESTS, SCRIPT_KEYS
 from btcore.tree.hooks import Hook, HookMode, HookPosition
 from btcore_recorder import Replay
-from btcore_recorder.inputs import scopes_of
+from btcore_recorder.inputs import RunRecording, scopes_of
 from btcore_recorder.recorder import Recorder
-from btcore_recorder.text_form import RunRecording, read_recording, to_text
-from tests.conformance.recorded_cases import Journal, conformance_registry, read_cases
+from btcore_recorder.text_form import read_recording, to_text
+from tests.conformance.recorded_cases import CallLog, conformance_registry, read_cases
 from tests.tools.btcore_recorder.random_leaves import NODE_IDS, Spot, random_registry
 
 NODES = random_registry()
@@ -145,28 +146,51 @@ DOCUMENTS = xml_documents(
 )
 
 
-def random_run(xml: str, seed: int, clock: btcore.Clock) -> Run:
+def random_tree(xml: str, seed: int, clock: btcore.Clock) -> Tree:
     board = Blackboard(clock=clock)
     for key in SCRIPT_KEYS:
         board[key] = 0
-    resources = [Journal(), Random(seed)]
-    tree = btcore.loads(xml, nodes=NODES, clock=clock, resources=resources, blackboard=board)
-    return Run(tree)
+    resources = [CallLog(), Random(seed)]
+    return btcore.loads(xml, nodes=NODES, clock=clock, resources=resources, blackboard=board)
 
 
 @settings(max_examples=int(RUNS) if RUNS else settings().max_examples)
-@given(DOCUMENTS, ACTIONS, st.integers(0, 2**32), st.booleans())
-def test_a_replay_repeats_the_run(xml: str, actions: list[str], seed: int, real_time: bool) -> None:
-    run = random_run(xml, seed, SystemClock() if real_time else SimClock())
+@given(DOCUMENTS, ACTIONS, st.integers(0, 2**32), st.booleans(), st.integers(0, 4))
+def test_a_replay_repeats_the_run(
+    xml: str, actions: list[str], seed: int, real_time: bool, recorded_from: int
+) -> None:
+    tree = random_tree(xml, seed, SystemClock() if real_time else SimClock())
+    for action in actions[:recorded_from]:
+        act(tree, action, Random(seed))
+    run = Run(tree)
+    for action in actions[recorded_from:]:
+        act(tree, action, Random(seed))
+    check_replay(run, run.end())
+
+
+@settings(max_examples=int(RUNS) // 4 if RUNS else max(10, settings().max_examples // 5))
+@given(DOCUMENTS, ACTIONS, st.integers(0, 2**32), st.lists(st.integers(0, 12), max_size=6))
+def test_every_moment_can_be_reached_from_every_other(
+    xml: str, actions: list[str], seed: int, positions: list[int]
+) -> None:
+    run = Run(random_tree(xml, seed, SimClock()))
+    begin = entries_of(run.tree)
     for action in actions:
         act(run.tree, action, Random(seed))
-    check_replay(run, run.end())
+    replay = Replay(run.end())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("btcore_recorder.replay.STATE_INTERVAL", 3)
+        for position in positions:
+            target = min(position, len(run.entries))
+            assert replay.seek(target), replay.difference
+            assert entries_of(replay.tree) == [begin, *run.entries][target]
+        assert replay.verify() is None
 
 
 @settings(max_examples=int(RUNS) // 4 if RUNS else max(10, settings().max_examples // 5))
 @given(DOCUMENTS, st.integers(0, 2**32))
 def test_writes_of_another_thread_within_ticks_are_repeated(xml: str, seed: int) -> None:
-    run = random_run(xml, seed, SimClock())
+    run = Run(random_tree(xml, seed, SimClock()))
     run._ignored = "".join(SCRIPT_KEYS)  # written between the end of a tick and the reading of the entries
     ended = threading.Event()
     source = Random(seed)
@@ -202,7 +226,7 @@ def test_recorded_cases_replay_from_the_results_of_leaves(name: str) -> None:
         arguments: dict[str, Any] = {"tree": case.get("tree"), "format": case["format"], "blackboard": board}
         try:
             tree = btcore.loads(
-                case["xml"], nodes=nodes, resources=[Journal()], clock=SimClock(), **arguments
+                case["xml"], nodes=nodes, resources=[CallLog()], clock=SimClock(), **arguments
             )
         except BtcoreError:
             continue  # a documented difference
@@ -246,7 +270,10 @@ def test_the_scopes_around_a_tree_are_recorded() -> None:
 def test_the_text_form_loses_nothing(
     tmp_path_factory: pytest.TempPathFactory, xml: str, actions: list[str], seed: int
 ) -> None:
-    run = random_run(xml.replace("\n", "\r\n"), seed, SimClock())
+    tree = random_tree(xml.replace("\n", "\r\n"), seed, SimClock())
+    for action in actions[:2]:
+        act(tree, action, Random(seed))
+    run = Run(tree)
     for action in actions:
         act(run.tree, action, Random(seed))
     recording = run.end()
@@ -262,7 +289,7 @@ def test_the_text_form_loses_nothing(
 def recorded_door() -> RunRecording:
     b = btcore.Builder(NODES)
     tree = b.build(
-        b.Sequence(b.Act(name="door", outcomes="RS|F"), b.Script(code="n := 1")), resources=[Journal()]
+        b.Sequence(b.Act(name="door", outcomes="RS|F"), b.Script(code="n := 1")), resources=[CallLog()]
     )
     run = Run(tree)
     for _ in range(3):
@@ -291,11 +318,9 @@ def test_the_first_difference_is_found(tmp_path: Path, old: str, new: str, diffe
     text = to_text(recorded_door())
     assert old in text
     # Without the checksums of lines, as in a file that was written by hand.
-    lines = [
-        f"{line.rpartition(' ')[0]} null]" if line.startswith(("head [", "end [")) else line
-        for line in text.replace(old, new).split("\n")
-    ]
-    path.write_text("\n".join(lines).replace("head null]", "head [null]"))
+    path.write_text(
+        re.sub(r"^((head|end) .*?)\d+\]$", r"\1null]", text.replace(old, new), flags=re.MULTILINE)
+    )
     found = Replay(path).verify()
     assert found is not None
     assert difference in str(found)

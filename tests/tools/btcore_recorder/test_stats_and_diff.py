@@ -90,7 +90,7 @@ def test_gap_is_reported(cli: Cli, tmp_path: Path) -> None:
     ("name", "content", "message"),
     [
         ("gone.btlog", None, "cannot read this log: no such file"),
-        ("run.rrd", b"RRF2", "logs that can be read end in .btlog, .btdb, .db3, .fbl or .mcap"),
+        ("run.rrd", b"RRF2", "logs that can be read end in .btlog, .btdb, .btrec.txt, .db3, .fbl or .mcap"),
         ("empty.fbl", b"", "this is not a .fbl file"),
         ("head.btlog", BTLOG.read_bytes()[:5000], "this log ends in its header: 5000 of 8339 bytes"),
         ("half.db3", DB3.read_bytes()[:14000], "the file is truncated: it has 14000 of 28672 bytes"),

@@ -12,7 +12,7 @@ import btcore
 from btcore import In, Put, Registry, action
 from btcore.loading.tree_xml import tree_to_xml
 from btcore_studio.schema import write_schema
-from tests.conformance.recorded_cases import Journal, conformance_registry
+from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 ROOT = Path(__file__).parents[3]
 RECORDED = ROOT / "tests" / "conformance" / "data"
@@ -65,7 +65,7 @@ def test_xml_of_a_running_tree_is_valid(schema: etree.XMLSchema) -> None:
         '<SubTree ID="B" goal="{g}"/><PlanSync plan="S" _onSuccess="x := 1"/></Sequence></BehaviorTree>'
         '<BehaviorTree ID="B"><AlwaysSuccess/></BehaviorTree></root>'
     )
-    written = tree_to_xml(btcore.loads(text, nodes=nodes, resources=[Journal()]))
+    written = tree_to_xml(btcore.loads(text, nodes=nodes, resources=[CallLog()]))
     assert schema.validate(etree.fromstring(written.encode())), schema.error_log.last_error
 
 

@@ -13,9 +13,9 @@ import pytest
 from btcore.script.program import compile_script
 from btcore_sweep import charts, table
 from btcore_sweep.definition import SweepDefinition
-from btcore_sweep.journal import Journal
 from btcore_sweep.parameters import ParameterOptions
 from btcore_sweep.report import ReportData, render_report
+from btcore_sweep.sweep_folder import SweepFolder
 from btcore_sweep.sweep_statistics import SuccessRate, compute_statistics, wilson
 
 SWEEP = SweepDefinition(
@@ -161,10 +161,10 @@ def test_report_names_varied_parameters_and_escapes_user_texts() -> None:
 
 
 def test_journal_with_an_old_name_of_a_key_is_read(tmp_path: Path) -> None:
-    with Journal(tmp_path, SWEEP):
+    with SweepFolder(tmp_path, SWEEP):
         pass
     old = record(0, "FAILURE", blamed="a")
     del old["failed_at"]
     (tmp_path / "journal.jsonl").write_text(json.dumps(old) + "\n", encoding="utf-8")
-    with Journal(tmp_path, SWEEP) as journal:
-        assert table.make_row(SWEEP.episode(0), journal.done[0], None)["failed_at"] == "a"
+    with SweepFolder(tmp_path, SWEEP) as folder:
+        assert table.make_row(SWEEP.episode(0), folder.done[0], None)["failed_at"] == "a"

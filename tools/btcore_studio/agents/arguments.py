@@ -114,7 +114,7 @@ def _with_settings(model: type[TreeArguments]) -> type[TreeArguments]:
     """Return *model* with `SETTINGS`; without the simulator, with those of every run."""
     settings_classes: list[type[Settings]] = [RunSettings]
     for simulator in AvailableProviders().of_type("btcore_sim.simulated_robot.SimulatedRobot"):
-        settings_classes += list(simulator.settings)
+        settings_classes += simulator.settings_classes
     fields: dict[str, Any] = {}
     for settings_class in settings_classes:
         for field, option in zip(

@@ -16,7 +16,7 @@ from pathlib import Path
 from traceback import extract_tb
 from typing import Any, BinaryIO, Final, NamedTuple
 
-from btcore.blackboard.ports import remapped_key
+from btcore.blackboard.ports import braced_key
 from btcore.errors import BtcoreError
 from btcore.input_files import read_file, real_path
 from btcore.registry.registry import Registry
@@ -221,7 +221,7 @@ class Worker:
         folders = [Path(folder) for folder in settings.folders]
         last = [NodeModel.from_data(data) for data in settings.last_models], settings.last_enums
         self._libraries = Libraries(folders, settings.plugins, settings.models, settings.trusted, last)
-        self._given = [remapped_key(key, key) or key for key in settings.given]
+        self._given = [braced_key(key) or key for key in settings.given]
         self._texts = _Texts()
 
     def describe(self) -> dict[str, Any]:

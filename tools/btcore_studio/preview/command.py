@@ -2,50 +2,29 @@
 
 import threading
 import webbrowser
-from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Final
+from typing import Any
 
 import click
 
-from btcore import entry_points
 from btcore.cli import terminal
 from btcore.cli.node_libraries import load_libraries
 from btcore.cli.tree_source import STDIN, TreeOptions, complete_tree, find_source
 from btcore.clock import POLL_INTERVAL_S
 from btcore.exit_codes import code_of_signal
-from btcore.field_options import create_options, pass_options
+from btcore.field_options import ExtensibleCommand, pass_options
 from btcore.loading.hot_reload import FileWatcher
-from btcore.options import from_values
-from btcore.runs.settings import Settings
 from btcore.signals import EndingSignals
 from btcore_studio.preview.live import PreviewExtension
 from btcore_studio.preview.server import PreviewServer
 from btcore_studio.preview.session import PreviewSession
 from btcore_studio.preview.tree_reading import TreeFile
 
-PREVIEW_GROUP: Final = "btcore.preview"
 
-
-class PreviewCommand(click.Command):
-    """A command that also has the options of the package that connects with running trees."""
-
-    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
-        """Return the command's options, those of the extension, and `--help`."""
-        own = super().get_params(ctx)  # the last is --help
-        extension = _find_extension()
-        return own if extension is None else [*own[:-1], *create_options(extension), own[-1]]
-
-
-@cache
-def _find_extension() -> type[Settings] | None:
-    """Return the first extension that can be loaded, or None."""
-    loaded, _ = entry_points.load(PREVIEW_GROUP)
-    return loaded[0].value if loaded else None
-
-
-@click.command(cls=PreviewCommand, short_help="Show a tree in a browser, and watch it run.")
+@click.command(
+    cls=ExtensibleCommand, group="btcore.preview", short_help="Show a tree in a browser, and watch it run."
+)
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
 @pass_options(TreeOptions, "options")
 @click.option(
@@ -78,10 +57,8 @@ def preview(
     path = find_source(source)
     if path == STDIN:
         raise click.UsageError("btcore preview needs a file: a tree on stdin cannot be saved again.")
-    extension_class = _find_extension()
-    # A class of settings that satisfies the protocol.
-    extension: Any = None if extension_class is None else from_values(extension_class, extension_values)
-    live: PreviewExtension | None = extension
+    assert isinstance(ctx.command, ExtensibleCommand)
+    live: PreviewExtension | None = ctx.command.make_extension(extension_values)
     file_watcher = FileWatcher(path, options.confined)
     nodes_for = load_libraries(options.plugins, options.models, options.confined).nodes_for
     file = TreeFile(path, nodes_for, options.tree, options.format, options.confined)

@@ -15,7 +15,7 @@ from btcore_navigation.smoother import SmootherServer
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import Phase, Pose2D
 from btcore_robot.transforms import TransformTree
-from tests.conformance.recorded_cases import Journal, RecordedAct
+from tests.conformance.recorded_cases import CallLog, RecordedAct
 from tests.robot_nodes.navigation.conftest import NavigationRig, rig_on_floor
 
 HALF = 5.0  # m from the middle of the hall to its walls
@@ -57,7 +57,7 @@ class NodeRig:
     def __init__(self, navigation: NavigationRig) -> None:
         self.navigation = navigation
         self.robot = navigation.robot
-        self.journal = Journal()
+        self.calls = CallLog()
         self.localiser = TransformLocaliser(navigation.tree)
         self.costmap = GlobalCostmap(hall())
         self.compute_path = PlannerServer(Planner(self.costmap), self.localiser.pose)
@@ -86,7 +86,7 @@ class NodeRig:
         nav2_nodes.register(nodes)
         nodes.add(RecordedAct, ID="Act")
         text = f'<root BTCPP_format="4"><BehaviorTree ID="T">{content}</BehaviorTree></root>'
-        tree = btcore.loads(text, nodes=nodes, resources=[self.servers, self.journal], clock=self.robot.clock)
+        tree = btcore.loads(text, nodes=nodes, resources=[self.servers, self.calls], clock=self.robot.clock)
         for key, value in entries.items():
             tree.blackboard[key] = value
         return tree

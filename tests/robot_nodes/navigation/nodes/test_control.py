@@ -11,13 +11,13 @@ def test_pipeline_ticks_earlier_children_again_while_a_later_child_runs(rig: Nod
         f"<PipelineSequence>{restarting_leaf('a', 'S')}{act('b', 'R')}{act('c', 'S')}</PipelineSequence>"
     )
     assert rig.letters(tree, 3) == "RRR"
-    assert rig.journal.take() == ["a:start", "b:start", "a:start", "b:running", "a:start", "b:running"]
+    assert rig.calls.take() == ["a:start", "b:start", "a:start", "b:running", "a:start", "b:running"]
 
 
 def test_pipeline_continues_past_an_earlier_child_that_runs_again(rig: NodeRig) -> None:
     tree = rig.tree(f"<PipelineSequence>{restarting_leaf('a', 'S|RRS')}{act('b', 'RRRS')}</PipelineSequence>")
     assert rig.letters(tree, 4) == "RRRS"
-    assert [call for call in rig.journal.take() if call.startswith("b")] == [
+    assert [call for call in rig.calls.take() if call.startswith("b")] == [
         "b:start",
         "b:running",
         "b:running",
@@ -28,28 +28,28 @@ def test_pipeline_continues_past_an_earlier_child_that_runs_again(rig: NodeRig) 
 def test_pipeline_waits_for_a_running_child_before_it_starts_the_next_child(rig: NodeRig) -> None:
     tree = rig.tree(f"<PipelineSequence>{act('a', 'RRS')}{act('b', 'S')}</PipelineSequence>")
     assert rig.letters(tree, 3) == "RRS"
-    assert rig.journal.take() == ["a:start", "a:running", "a:running", "b:start"]
+    assert rig.calls.take() == ["a:start", "a:running", "a:running", "b:start"]
 
 
 def test_pipeline_fails_and_halts_all_when_any_child_fails(rig: NodeRig) -> None:
     tree = rig.tree(f"<PipelineSequence>{restarting_leaf('a', 'S|F')}{act('b', 'R')}</PipelineSequence>")
     assert rig.letters(tree, 2) == "RF"
-    assert rig.journal.take() == ["a:start", "b:start", "a:start", "b:halted"]
+    assert rig.calls.take() == ["a:start", "b:start", "a:start", "b:halted"]
 
 
 def test_pipeline_halts_a_running_earlier_child_when_the_last_child_succeeds(rig: NodeRig) -> None:
     tree = rig.tree(f"<PipelineSequence>{restarting_leaf('a', 'S|R')}{act('b', 'RS')}</PipelineSequence>")
     assert rig.letters(tree, 2) == "RS"
-    assert rig.journal.take()[-2:] == ["b:running", "a:halted"]
+    assert rig.calls.take()[-2:] == ["b:running", "a:halted"]
 
 
 def test_pipeline_starts_at_the_first_child_after_a_halt(rig: NodeRig) -> None:
     tree = rig.tree(f"<PipelineSequence>{restarting_leaf('a', 'S|R')}{act('b', 'R')}</PipelineSequence>")
     rig.letters(tree, 1)
     tree.halt()
-    rig.journal.take()
+    rig.calls.take()
     assert rig.letters(tree, 1) == "R"
-    assert rig.journal.take() == ["a:start"]
+    assert rig.calls.take() == ["a:start"]
 
 
 def test_pipeline_is_skipped_only_with_all_children(rig: NodeRig) -> None:
@@ -65,33 +65,33 @@ def recovery(main: str, recovery: str, retries: str = "") -> str:
 def test_recovery_retries_in_the_tick_of_the_recovery(rig: NodeRig) -> None:
     tree = rig.tree(recovery(act("main", "F|S"), act("help", "S")))
     assert rig.letters(tree, 1) == "S"
-    assert rig.journal.take() == ["main:start", "help:start", "main:start"]
+    assert rig.calls.take() == ["main:start", "help:start", "main:start"]
 
 
 def test_recovery_fails_after_single_retry_by_default(rig: NodeRig) -> None:
     assert rig.letters(rig.tree(recovery(act("main", "F"), act("help", "S"))), 1) == "F"
-    assert rig.journal.take().count("main:start") == 2
+    assert rig.calls.take().count("main:start") == 2
     tree = rig.tree(recovery(act("main", "F"), act("help", "S"), 'number_of_retries="4"'))
     assert rig.letters(tree, 1) == "F"
-    assert rig.journal.take().count("main:start") == 5
+    assert rig.calls.take().count("main:start") == 5
 
 
 def test_recovery_with_no_retries_never_recovers(rig: NodeRig) -> None:
     tree = rig.tree(recovery(act("main", "F"), act("help", "S"), 'number_of_retries="0"'))
     assert rig.letters(tree, 1) == "F"
-    assert rig.journal.take() == ["main:start"]
+    assert rig.calls.take() == ["main:start"]
 
 
 def test_recovery_fails_when_the_second_child_fails(rig: NodeRig) -> None:
     tree = rig.tree(recovery(act("main", "F"), act("help", "F"), 'number_of_retries="4"'))
     assert rig.letters(tree, 1) == "F"
-    assert rig.journal.take() == ["main:start", "help:start"]
+    assert rig.calls.take() == ["main:start", "help:start"]
 
 
 def test_recovery_skips_first_child_while_second_runs(rig: NodeRig) -> None:
     tree = rig.tree(recovery(act("main", "RF|S"), act("help", "RRS")))
     assert rig.letters(tree, 4) == "RRRS"
-    assert rig.journal.take() == [
+    assert rig.calls.take() == [
         "main:start",
         "main:running",
         "help:start",
@@ -113,7 +113,7 @@ def test_recovery_resets_count_after_success_and_halt(rig: NodeRig) -> None:
 def test_recovery_is_skipped_with_its_first_child(rig: NodeRig) -> None:
     tree = rig.tree(f"<Fallback>{recovery(act('main', 'K'), act('help', 'S'))}{act('next', 'F')}</Fallback>")
     assert tree.tick_exactly_once() is Status.FAILURE
-    assert "help:start" not in rig.journal.take()
+    assert "help:start" not in rig.calls.take()
 
 
 def test_skipped_second_child_is_failure_and_not_retry(rig: NodeRig) -> None:
@@ -134,37 +134,37 @@ def robin(*children: str, wrap: bool = True) -> str:
 def test_round_robin_ticks_next_child_after_success(rig: NodeRig) -> None:
     tree = rig.tree(robin(act("a", "S"), act("b", "S"), act("c", "S")))
     assert rig.letters(tree, 4) == "SSSS"
-    assert rig.journal.take() == ["a:start", "b:start", "c:start", "a:start"]
+    assert rig.calls.take() == ["a:start", "b:start", "c:start", "a:start"]
 
 
 def test_round_robin_stays_with_a_child_that_runs(rig: NodeRig) -> None:
     tree = rig.tree(robin(act("a", "RS"), act("b", "S")))
     assert rig.letters(tree, 3) == "RSS"
-    assert rig.journal.take() == ["a:start", "a:running", "b:start"]
+    assert rig.calls.take() == ["a:start", "a:running", "b:start"]
 
 
 def test_round_robin_ticks_the_next_child_in_the_same_tick_after_a_failure(rig: NodeRig) -> None:
     tree = rig.tree(robin(act("a", "F"), act("b", "S"), act("c", "S")))
     assert rig.letters(tree, 1) == "S"
-    assert rig.journal.take() == ["a:start", "b:start"]
+    assert rig.calls.take() == ["a:start", "b:start"]
 
 
 def test_round_robin_fails_when_all_have_failed(rig: NodeRig) -> None:
     tree = rig.tree(robin(act("a", "F"), act("b", "F")))
     assert rig.letters(tree, 1) == "F"
-    assert rig.journal.take() == ["a:start", "b:start"]
+    assert rig.calls.take() == ["a:start", "b:start"]
 
 
 def test_round_robin_forgets_failures_after_success(rig: NodeRig) -> None:
     tree = rig.tree(robin(act("a", "F"), act("b", "S|F"), act("c", "F")))
     assert rig.letters(tree, 2) == "SF"
-    assert rig.journal.take() == ["a:start", "b:start", "c:start", "a:start", "b:start"]
+    assert rig.calls.take() == ["a:start", "b:start", "c:start", "a:start", "b:start"]
 
 
 def test_round_robin_without_wrapping_fails_at_end(rig: NodeRig) -> None:
     tree = rig.tree(robin(act("a", "S"), act("b", "S"), wrap=False))
     assert rig.letters(tree, 3) == "SFS"
-    assert rig.journal.take() == ["a:start", "b:start", "a:start"]
+    assert rig.calls.take() == ["a:start", "b:start", "a:start"]
 
 
 def test_round_robin_does_not_wrap_by_default(rig: NodeRig) -> None:
@@ -176,15 +176,15 @@ def test_round_robin_begins_with_the_first_child_after_a_halt(rig: NodeRig) -> N
     tree = rig.tree(robin(act("a", "S"), act("b", "R")))
     rig.letters(tree, 2)
     tree.halt()
-    rig.journal.take()
+    rig.calls.take()
     rig.letters(tree, 1)
-    assert rig.journal.take() == ["a:start"]
+    assert rig.calls.take() == ["a:start"]
 
 
 def test_nonblocking_sequence_ticks_all_in_each_tick(rig: NodeRig) -> None:
     tree = rig.tree(f"<NonblockingSequence>{act('a', 'R')}{act('b', 'R')}</NonblockingSequence>")
     assert rig.letters(tree, 2) == "RR"
-    assert rig.journal.take() == ["a:start", "b:start", "a:running", "b:running"]
+    assert rig.calls.take() == ["a:start", "b:start", "a:running", "b:running"]
 
 
 def test_nonblocking_sequence_succeeds_only_when_all_succeed_in_one_tick(rig: NodeRig) -> None:
@@ -195,7 +195,7 @@ def test_nonblocking_sequence_succeeds_only_when_all_succeed_in_one_tick(rig: No
 def test_nonblocking_sequence_halts_all_when_one_fails(rig: NodeRig) -> None:
     tree = rig.tree(f"<NonblockingSequence>{act('a', 'R')}{act('b', 'RF')}</NonblockingSequence>")
     assert rig.letters(tree, 2) == "RF"
-    assert rig.journal.take()[-1] == "a:halted"
+    assert rig.calls.take()[-1] == "a:halted"
 
 
 PERSISTENT = '<PersistentSequence current_child_idx="{at}">{a}{b}</PersistentSequence>'
@@ -206,10 +206,10 @@ def test_persistent_sequence_continues_at_its_child_after_a_halt(rig: NodeRig) -
     tree = rig.tree(text, at=0)
     assert rig.letters(tree, 1) == "R"
     tree.halt()
-    rig.journal.take()
+    rig.calls.take()
     assert tree.blackboard["at"] == 1
     assert rig.letters(tree, 1) == "S"
-    assert rig.journal.take() == ["b:start"]
+    assert rig.calls.take() == ["b:start"]
     assert tree.blackboard["at"] == 0
 
 

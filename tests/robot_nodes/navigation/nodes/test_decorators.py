@@ -22,7 +22,7 @@ HERE, THERE = Pose2D(1.0, 0.0, 0.0), Pose2D(2.0, 0.0, 0.0)
 
 
 def starts(rig: NodeRig) -> int:
-    return rig.journal.take().count("a:start")
+    return rig.calls.take().count("a:start")
 
 
 def test_rate_controller_ticks_child_first_and_at_rate(rig: NodeRig) -> None:
@@ -39,7 +39,7 @@ def test_rate_controller_ticks_its_child_ten_times_a_second_by_default(rig: Node
 def test_rate_controller_ticks_running_child_each_tick(rig: NodeRig) -> None:
     tree = rig.tree(f'<RateController hz="1">{act("a", "RRS")}</RateController>')
     assert rig.letters(tree, 4, every=0.1) == "RRSR"
-    assert rig.journal.take() == ["a:start", "a:running", "a:running"]
+    assert rig.calls.take() == ["a:start", "a:running", "a:running"]
 
 
 def test_rate_controller_counts_from_last_success(rig: NodeRig) -> None:
@@ -211,7 +211,7 @@ def test_goal_updater_ticks_its_child_in_every_tick(rig: NodeRig) -> None:
 def test_single_trigger_fails_after_child_ended_once(rig: NodeRig) -> None:
     tree = rig.tree(f"<SingleTrigger>{act('a', 'RS')}</SingleTrigger>")
     assert rig.letters(tree, 4) == "RSFF"
-    assert rig.journal.take() == ["a:start", "a:running"]
+    assert rig.calls.take() == ["a:start", "a:running"]
 
 
 def test_single_trigger_fails_after_failure_of_child(rig: NodeRig) -> None:
@@ -238,7 +238,7 @@ def test_path_longer_on_approach_ticks_its_child_for_a_much_longer_path(rig: Nod
     assert rig.letters(tree, 2) == "SS"
     tree.blackboard["path"] = detour(3.0)
     assert rig.letters(tree, 3) == "RSS"
-    assert rig.journal.take() == ["a:start", "a:running"]
+    assert rig.calls.take() == ["a:start", "a:running"]
 
 
 def test_path_longer_on_approach_succeeds_for_less_than_twice_the_length(rig: NodeRig) -> None:
@@ -274,7 +274,7 @@ def test_path_longer_on_approach_halts_its_child_when_the_path_is_short_again(ri
     rig.letters(tree, 2)
     tree.blackboard["path"] = polyline_path((0, 0), (1, 0))
     assert rig.letters(tree, 1) == "S"
-    assert rig.journal.take()[-1] == "a:halted"
+    assert rig.calls.take()[-1] == "a:halted"
 
 
 @pytest.mark.parametrize(("tree", "ends"), [("{}", True), (UPDATER, False)], ids=["fixed", "updated"])

@@ -23,7 +23,7 @@ def test_settings_of_agents_are_bounded_and_neither_files_nor_of_one_run() -> No
     arguments = RunArguments.model_json_schema()["properties"]
     assert set(arguments) == {*SETTINGS, *OTHERS}
     [simulator] = AvailableProviders().of_type("btcore_sim.simulated_robot.SimulatedRobot")
-    options = [option for kind in simulator.settings for option in create_options(kind)]
+    options = [option for cls in simulator.settings_classes for option in create_options(cls)]
     for option in options:
         if option.name in SETTINGS:
             assert not option.one_run_only

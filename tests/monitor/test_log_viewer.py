@@ -1,4 +1,4 @@
-"""`btcore replay`: a log as text, and as a recording for the viewer."""
+"""`btcore replay` with the viewer: a log as a recording of rerun."""
 
 import importlib.util
 import subprocess
@@ -12,12 +12,12 @@ from rerun.chunk import RrdReader
 
 from btcore.cli.main import main
 from btcore.logs import read_log
-from btcore_monitor.commands.replay import events, observed_tree
 from btcore_monitor.events import MissingDataEvent, TransitionEvent, TreeEvent
+from btcore_monitor.log_viewer import events, observed_tree
 from btcore_monitor.logs import read_fbl
 from btcore_monitor.wire.fulltree import read_fulltree
 
-CAPTURES = Path(__file__).parents[2] / "btcore" / "logs" / "captures"
+CAPTURES = Path(__file__).parents[1] / "btcore" / "logs" / "captures"
 LOGS = [CAPTURES / name for name in ("v4_sample.btlog", "v4_sample.db3", "v3_sample.fbl")]
 EACH_LOG = pytest.mark.parametrize("log", LOGS, ids=lambda path: path.suffix[1:])
 
@@ -32,89 +32,11 @@ def replay(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Replay:
     return lambda *arguments: CliRunner().invoke(main, ["replay", *map(str, arguments)], prog_name="btcore")
 
 
-def parts(text: str) -> list[tuple[str, str, str]]:
-    """(path, old, new) of every line."""
-    words = [line.split() for line in text.splitlines()]
-    return [(path, old, new) for _, path, old, _, new in words]
-
-
-@EACH_LOG
-def test_text_has_a_line_for_each_transition(replay: Replay, log: Path) -> None:
-    recording = read_log(log)
-    result = replay(log, "--text")
-    assert result.exit_code == 0, result.output
-    paths = recording.keys()
-    assert parts(result.stdout) == [
-        (paths[uid], previous.name, status.name) for _, uid, previous, status in recording.transitions
-    ]
-
-
-def test_both_formats_of_one_run_give_the_same_lines(replay: Replay) -> None:
-    first, second = (parts(replay(log, "--text").stdout) for log in LOGS[:2])
-    assert first == second
-
-
-def test_times_count_from_the_start_of_the_log(replay: Replay) -> None:
-    lines = replay(LOGS[2], "--text").stdout.splitlines()
-    assert lines[5].split() == ["0.305341", "cnt", "RUNNING", "→", "SUCCESS"]
-
-
-def test_options_select_a_time_span_and_nodes(replay: Replay) -> None:
-    result = replay(LOGS[2], "--text", "--from", "0.3", "--to", "0.31", "--node", "Sub*", "--node", "cnt")
-    assert [path for path, _, _ in parts(result.stdout)] == [
-        "cnt",
-        "cnt",
-        "Sub::6",
-        "Sub::6/Sequence::7",
-        "Sub::6/Count::8",
-    ]
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--text", "--save", "x.rrd"], "--text and --save exclude each other"),
-        (["--node", "cnt", "--save", "x.rrd"], "--node selects lines, so it needs --text"),
-        (["--text", "--node", "Sub::7"], "no node's path matches 'Sub::7'; did you mean 'Sub::6'?"),
-        (["--text", "--from", "3", "--to", "2"], "--from 3 is after --to 2"),
-        (
-            ["--text", "--from", "99"],
-            "there are no transitions in this time range; the transitions are at 0.017 s to",
-        ),
-        (["--save", "x.txt"], "a recording is an .rrd file"),
-        (["--save", "nowhere/x.rrd"], "there is no folder"),
-        (["--screenshot", "nowhere/x.png"], "there is no folder"),
-    ],
-)
-def test_a_usage_error_is_reported_with_exit_code_2(replay: Replay, options: list[str], message: str) -> None:
-    result = replay(LOGS[0], *options)
-    assert result.exit_code == 2
-    assert message in result.stderr
-    assert "Traceback" not in result.stderr
-
-
 @pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is always a display")
 def test_the_error_without_a_display_lists_the_alternatives(replay: Replay) -> None:
     result = replay(LOGS[0])
     assert result.exit_code == 2
     assert all(text in result.stderr for text in ("no display", "--serve-web", "--save", "--text"))
-
-
-def test_a_truncated_log_is_shown_up_to_the_truncation(replay: Replay, tmp_path: Path) -> None:
-    (tmp_path / "cut.btlog").write_bytes(LOGS[0].read_bytes()[:-5])
-    result = replay("cut.btlog", "--text")
-    assert result.exit_code == 0
-    *lines, last = result.stdout.splitlines()
-    assert len(lines) == 56
-    assert "the file is truncated within a transition" in last
-    assert "56 transitions are read" in result.stderr
-
-
-def test_a_gap_is_shown_at_its_position(replay: Replay, tmp_path: Path) -> None:
-    (tmp_path / "run.btlog").write_bytes(LOGS[0].read_bytes())
-    (tmp_path / "run.btlog.gaps").write_text("2 the transitions 3 to 9 are lost\n")
-    lines = replay("run.btlog", "--text").stdout.splitlines()
-    assert lines[2].strip() == "—  gap: the transitions 3 to 9 are lost"
 
 
 def recorded(path: Path) -> list[tuple[int, int, int, int]]:

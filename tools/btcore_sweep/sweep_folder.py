@@ -1,4 +1,4 @@
-"""The journal of a sweep: its finished episodes, saved in the sweep's folder.
+"""The folder of a sweep, in which its definition and its finished episodes are saved.
 
 `sweep.json` contains the definition of the sweep, `journal.jsonl` a line of JSON for each episode, which
 is written as soon as the episode is finished. If the process is killed while it writes, the incomplete last
@@ -33,29 +33,29 @@ Record = dict[str, Any]
 """The saved result of an episode: the result of `episode.run_episode`, and `episode`, its number."""
 
 
-class Journal:
-    """The journal of a sweep; as a context manager it locks the folder against other sweeps.
+class SweepFolder:
+    """The folder of a sweep; as a context manager it is locked against other sweeps.
 
     Entering the context raises click.UsageError if the folder belongs to another sweep, is in use, or cannot
     be written. The attribute `done` contains the records of the finished episodes, by number.
 
     Args:
-        folder: The folder, which is created if it does not exist.
+        path: The path of the folder, which is created if it does not exist.
         definition: The definition of the sweep.
     """
 
-    def __init__(self, folder: Path, definition: SweepDefinition) -> None:
-        self.folder = folder
+    def __init__(self, path: Path, definition: SweepDefinition) -> None:
+        self.path = path
         self.definition = definition
         self.done: dict[int, Record] = {}
         self._file: IO[bytes] | None = None
 
-    def __enter__(self) -> "Journal":
+    def __enter__(self) -> "SweepFolder":
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            self._file = (self.folder / JOURNAL).open("a+b")  # closed by __exit__
+            self.path.mkdir(parents=True, exist_ok=True)
+            self._file = (self.path / JOURNAL).open("a+b")  # closed by __exit__
         except OSError as error:
-            raise click.UsageError(f"--output {self.folder}: {error.strerror}.") from error
+            raise click.UsageError(f"--output {self.path}: {error.strerror}.") from error
         try:
             self._lock(self._file)
             self._check_definition()
@@ -90,13 +90,13 @@ class Journal:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
             raise click.UsageError(
-                f"another 'btcore sweep' is writing to '{self.folder}'; wait until it ends, or choose "
+                f"another 'btcore sweep' is writing to '{self.path}'; wait until it ends, or choose "
                 "another folder with --output."
             ) from error
 
     def _check_definition(self) -> None:
         """Write the definition to a new folder, or check that the folder belongs to this sweep."""
-        path = self.folder / DEFINITION
+        path = self.path / DEFINITION
         now = self.definition.described
         if not path.exists():
             write_file(path, json.dumps(now, ensure_ascii=False, indent=1).encode() + b"\n")
@@ -104,7 +104,7 @@ class Journal:
         changed = difference(_read_definition(path), now)
         if changed is not None:
             raise click.UsageError(
-                f"'{self.folder}' contains another sweep, which differs in {changed}. Choose another folder "
+                f"'{self.path}' contains another sweep, which differs in {changed}. Choose another folder "
                 "with --output, or remove this folder."
             )
 
@@ -119,7 +119,7 @@ class Journal:
             if record is None:
                 break
             complete += len(line)
-            if "blamed" in record:  # the name of the key in older journals
+            if "blamed" in record:  # the name of the key in older folders
                 record["failed_at"] = record.pop("blamed")
             self.done.setdefault(record["episode"], record)
         file.truncate(complete)

@@ -1,0 +1,57 @@
+"""A recording as a log: its transitions, as the replay repeats them."""
+
+from pathlib import Path
+from typing import Final
+
+from btcore.engine.observers import Observer
+from btcore.loading.tree_xml import tree_to_xml
+from btcore.logs import Recording
+from btcore.logs.formats import LogFormat
+from btcore.logs.recording import LoggedTransition, parse_nodes
+from btcore.status import IDLE, Status, Transition
+from btcore_recorder.replay import Replay
+
+
+class _Collector(Observer):
+    """Collects transitions, with their times by the wall clock of the recorded run."""
+
+    def __init__(self, wall_time: int) -> None:
+        self.transitions_of_run: list[LoggedTransition] = []
+        self.wall_time = wall_time
+
+    def transition(self, change: Transition) -> None:
+        self.add(change.uid, change.previous, change.status)
+
+    def add(self, uid: int, previous: Status, status: Status) -> None:
+        self.transitions_of_run.append(LoggedTransition(self.wall_time, uid, previous, status))
+
+
+def read_as_log(path: Path) -> Recording:
+    """Return what a log of the recorded run would contain. A transition has the time at which its tick began.
+
+    Raises:
+        LogError: The file cannot be read, or the recording is invalid.
+        TreeError: The recorded tree cannot be loaded.
+    """
+    replay = Replay(path)
+    head = replay.recording.head
+    collector = _Collector(head.wall_time)
+    for node in head.state.nodes:  # of a recording that begins within the run
+        if node.status is not IDLE:
+            collector.add(node.uid, IDLE, node.status)
+    replay.tree.subscribe(collector)
+    for step in replay.steps:
+        if step.tick:
+            collector.wall_time = head.wall_time + step.time - head.time
+        if not replay.step():
+            break
+    xml = tree_to_xml(replay.tree)
+    damage = replay.recording.damage
+    if replay.difference is not None:
+        damage = f"the replay differs from the recording at {replay.difference}"
+    return Recording(
+        path, xml, head.wall_time, parse_nodes(xml, str(path)), collector.transitions_of_run, damage
+    )
+
+
+FORMAT: Final = LogFormat(None, read_as_log)

@@ -1,0 +1,113 @@
+"""Verification of a recording: whether the engine does again what was recorded."""
+
+from pathlib import Path
+from typing import Literal, NamedTuple
+
+import btcore
+from btcore.clock import NS_PER_S
+from btcore.engine.observers import Observer
+from btcore.engine.transition_records import Transitions
+from btcore_recorder.replay import Difference, Replay
+
+Cause = Literal[
+    "a value is not replayable",
+    "a rule of the engine changed",
+    "something was not recorded",
+]
+"""Why a replay differs from its recording, probably."""
+
+
+class Verification(NamedTuple):
+    """The result of `verify`.
+
+    Attributes:
+        ticks: The number of ticks that were run again.
+        transitions: The number of their transitions.
+        damage: Where the file is truncated or damaged, as a sentence; "" if it is complete.
+        difference: The first difference, or None.
+        time: The time at which its tick began (s since the recording began).
+        cause: Its probable cause.
+    """
+
+    ticks: int
+    transitions: int
+    damage: str
+    difference: Difference | None
+    time: float
+    cause: Cause | None
+
+    @property
+    def is_equal(self) -> bool:
+        """Whether everything that could be read was repeated."""
+        return self.difference is None
+
+    def as_data(self) -> dict[str, object]:
+        """Return the result as data of JSON."""
+        data: dict[str, object] = {
+            "ticks": self.ticks,
+            "transitions": self.transitions,
+            "equal": self.is_equal,
+        }
+        if self.damage:
+            data["damage"] = self.damage
+        if self.difference is not None:
+            data |= {
+                "tick": self.difference.tick,
+                "time_s": self.time,
+                "node": self.difference.node or None,
+                "place": self.difference.place or None,
+                "recorded": self.difference.recorded,
+                "now": self.difference.now,
+                "cause": self.cause,
+            }
+        return data
+
+    def __str__(self) -> str:
+        count = f"{self.ticks:,} ticks with {self.transitions:,} transitions"
+        damage = f"\nthe file is incomplete: {self.damage}" if self.damage else ""
+        if self.difference is None:
+            return f"equal: {count}{damage}"
+        return (
+            f"equal: {count}; then, at {self.time:.3f} s, {self.difference}\n"
+            f"probable cause: {self.cause}{damage}"
+        )
+
+
+class _Counter(Observer):
+    def __init__(self) -> None:
+        self.count = 0
+
+    def transitions(self, changes: Transitions) -> None:
+        self.count += sum(1 for _ in changes)
+
+
+def verify(path: Path) -> Verification:
+    """Run a recording again, and compare each tick with what was recorded.
+
+    Raises:
+        LogError: The file cannot be read, or the recording is invalid.
+        TreeError: The recorded tree cannot be loaded.
+    """
+    replay = Replay(path)
+    counter = _Counter()
+    replay.tree.subscribe(counter)
+    ticks = transitions = 0
+    while replay.step():
+        ticks += bool(replay.steps[replay.position - 1].tick)
+        replay.tree.flush_observers()
+        transitions = counter.count
+    recording, difference = replay.recording, replay.difference
+    time, cause = 0.0, None
+    if difference is not None:
+        began = max((step.time for step in replay.steps[: difference.step]), default=0)
+        time = (began - recording.head.time) / NS_PER_S
+        cause = _find_cause(replay)
+    return Verification(ticks, transitions, recording.damage, difference, time, cause)
+
+
+def _find_cause(replay: Replay) -> Cause:
+    if replay.has_unreplayable_values:
+        return "a value is not replayable"
+    if replay.recording.head.versions.get("btcore") != btcore.__version__:
+        return "a rule of the engine changed"
+    return "something was not recorded"
