@@ -208,7 +208,7 @@ class Input(Binding):
     If a literal does not convert, reading it raises, as in BehaviorTree.CPP.
 
     In a plan, an input has the UNBOUND_BLACKBOARD; `bind` returns the input of a node. It is a `Binding`, and
-    does not have one as an `Output` has: `read` needs most of its attributes, in each tick.
+    does not have one as an `Output` has, because `read` would look up an attribute more in each tick.
     """
 
     __slots__ = ()

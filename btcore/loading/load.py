@@ -62,6 +62,16 @@ class MakeArguments(TypedDict, total=False):
             attribute `clock` of what a provider of a clock provides.
         tick_limit: The longest time (s, real time) for which a tick may repeat nodes; default no limit. See
             `Tree`.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore.loading.load import MakeArguments
+        >>> nodes = btcore.Registry.standard()
+        >>> xml = '<root BTCPP_format="4"><BehaviorTree ID="A"><AlwaysSuccess/></BehaviorTree></root>'
+        >>> nodes.add_trees(xml)
+        >>> arguments: MakeArguments = {"nodes": nodes, "clock": btcore.SimClock()}
+        >>> btcore.make("A", **arguments).tick_once()
+        <Status.SUCCESS: 2>
     """
 
     nodes: Registry | None
