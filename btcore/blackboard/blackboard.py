@@ -117,6 +117,14 @@ class WriteRecorder:
         """Record all entries of a scope, which were replaced."""
         raise NotImplementedError
 
+    def begin_script(self, board: "Blackboard", text: str, enums: Mapping[str, int]) -> bool:
+        """Record that a script is run, up to `end_script`. Return False if this is not to be recorded."""
+        raise NotImplementedError
+
+    def end_script(self) -> None:
+        """End the effect of `begin_script`, which has returned True."""
+        raise NotImplementedError
+
 
 class Blackboard:
     """One scope of entries. User code reads and writes it like a dict, and it is a Mapping.

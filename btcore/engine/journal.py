@@ -7,7 +7,7 @@ Around each call of external code, the lock is released.
 """
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple, TypeVar
 
 from btcore.blackboard.blackboard import Blackboard, Entry, WriteRecorder
@@ -122,6 +122,14 @@ class Removed(NamedTuple):
     key: str
 
 
+class ScriptRun(NamedTuple):
+    """External code runs a script with the given enum names."""
+
+    board: Blackboard
+    text: str
+    enums: dict[str, int]
+
+
 class Replaced(NamedTuple):
     """All entries of a scope are replaced, by entries whose values are encoded."""
 
@@ -145,6 +153,7 @@ Event = (
     | Written
     | Removed
     | Replaced
+    | ScriptRun
 )
 
 
@@ -345,3 +354,18 @@ class Journal(WriteRecorder):
         entries = {key: entry.copy(self._encode(entry.value)) for key, entry in board.local_entries().items()}
         with self._lock:
             self._add(Replaced(board, entries))
+
+    def begin_script(self, board: Blackboard, text: str, enums: Mapping[str, int]) -> bool:
+        """Go inside for a script that external code runs. Return False, without effect, if called inside."""
+        thread = threading.get_ident()
+        if self._inside == thread:
+            return False
+        self._lock.acquire()
+        self._inside = thread
+        self._add(ScriptRun(board, text, {name: number for name, number in enums.items() if name in text}))
+        return True
+
+    def end_script(self) -> None:
+        """Go outside after a script."""
+        self._inside = NO_THREAD
+        self._lock.release()

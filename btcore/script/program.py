@@ -161,10 +161,11 @@ def _integer(digits: str) -> int:
 
 
 class Program:
-    """A compiled script; *text* is its source."""
+    """A compiled script; *text* is its source, and *enums* are the enum names that it may use."""
 
-    def __init__(self, text: str, statements: list[Expression]) -> None:
+    def __init__(self, text: str, statements: list[Expression], enums: Mapping[str, int]) -> None:
         self.text = text
+        self.enums = enums
         self._statements: list[Expression] = statements
 
     def run(self, blackboard: Blackboard) -> object:
@@ -175,6 +176,15 @@ class Program:
         Raises:
             ScriptError: A statement cannot be evaluated. The assignments before it remain.
         """
+        recorder = blackboard.recorder
+        if recorder is None or not recorder.begin_script(blackboard, self.text, self.enums):
+            return self._evaluate(blackboard)
+        try:
+            return self._evaluate(blackboard)
+        finally:
+            recorder.end_script()
+
+    def _evaluate(self, blackboard: Blackboard) -> object:
         value: object = None
         for statement in self._statements:
             value = statement.evaluate(blackboard)
@@ -201,7 +211,8 @@ def compile_script(text: str, enums: Mapping[str, int] | None = None) -> Program
         >>> btcore.compile_script("n * 2 + 1").run(board)
         7.0
     """
-    return Program(text, Parser(text, {} if enums is None else enums).parse())
+    names = {} if enums is None else enums
+    return Program(text, Parser(text, names).parse(), names)
 
 
 def condition_result(value: object) -> bool:

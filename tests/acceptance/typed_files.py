@@ -24,7 +24,7 @@ from pathlib import Path
 
 from click.testing import CliRunner
 from editor import Editor, position, session
-from fuzz import RECORDED, corpus, mutated
+from fuzz import corpus, mutated
 from lsprotocol import types
 from pygls.exceptions import JsonRpcException
 
@@ -40,8 +40,8 @@ GREETINGS = ("<!-- Grüße 🤖 -->", "<!-- 你好\n𝄞 -->", "<!-- \u2028 é -
 LIBRARY = f"""
 import sys
 
-sys.path.append({str(RECORDED)!r})
-from recorded_cases import conformance_registry
+sys.path.append({str(ROOT)!r})
+from tests.conformance.recorded_cases import conformance_registry
 
 def register(nodes):
     for manifest in conformance_registry():

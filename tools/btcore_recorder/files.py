@@ -8,7 +8,7 @@ from btcore.extras import describe_missing
 from btcore.logs.files import LogError, read_bytes
 from btcore.suggestions import suggestion
 from btcore_recorder.inputs import RunRecording
-from btcore_recorder.lines import DamageError, Line, read_lines
+from btcore_recorder.lines import Line, read_lines
 from btcore_recorder.text_form import MAGIC, TextForm, TextLines
 
 TEXT: Final = ".btrec.txt"
@@ -49,22 +49,6 @@ def form_for(path: Path) -> Form:
         return McapForm()
     hint = suggestion(f"{path.name.split('.')[0] or 'run'}{TEXT}")
     raise LogError(f"{path}: the name of a recording must end in {TEXT} or {MCAP}; {hint}")
-
-
-def has_recording(path: Path) -> bool:
-    """Return whether an MCAP file contains a recording, if the package mcap can tell it.
-
-    Raises:
-        LogError: The file cannot be read.
-    """
-    try:
-        from btcore_recorder.mcap_form import McapLines
-    except ModuleNotFoundError:
-        return False
-    try:
-        return McapLines(read_bytes(path)).next() is not None
-    except DamageError:
-        return False
 
 
 def read_recording(path: Path) -> RunRecording:

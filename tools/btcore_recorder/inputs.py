@@ -90,6 +90,14 @@ class Replaced(NamedTuple):
     entries: Mapping[str, RecordedEntry]
 
 
+class ScriptRun(NamedTuple):
+    """External code ran a script on a scope, with the given enum names."""
+
+    scope: int
+    text: str
+    enums: Mapping[str, int]
+
+
 Input = (
     Result
     | Raised
@@ -104,6 +112,7 @@ Input = (
     | Written
     | Removed
     | Replaced
+    | ScriptRun
 )
 
 

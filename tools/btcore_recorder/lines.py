@@ -32,6 +32,7 @@ from btcore_recorder.inputs import (
     Replaced,
     Result,
     RunRecording,
+    ScriptRun,
     Segment,
     Step,
     TreeState,
@@ -59,6 +60,7 @@ _INPUTS: Final[dict[str, type[Input]]] = {
     "written": Written,
     "removed": Removed,
     "replaced": Replaced,
+    "script": ScriptRun,
 }
 _WORDS: Final = {cls: word for word, cls in _INPUTS.items()}
 
@@ -387,6 +389,10 @@ def _input(word: str, values: list[Any]) -> Input:
             return TimeRead(time, repeats)
         case "written", [int(scope), str(key), value, None | str() as declared]:
             return Written(scope, key, value, declared)
+        case "script", [int(scope), str(text), dict(enums)] if all(
+            isinstance(number, int) for number in enums.values()
+        ):
+            return ScriptRun(scope, text, enums)
         case "removed", [int(scope), str(key)]:
             return Removed(scope, key)
         case "replaced", [int(scope), dict(entries)]:

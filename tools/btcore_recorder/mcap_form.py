@@ -7,23 +7,23 @@ one reads what is there of a file whose process was killed.
 
 import io
 import json
-import struct
 import zlib
 from collections.abc import Iterable
 from dataclasses import replace
 from typing import Any, Final
 
 from lz4.frame import LZ4FrameDecompressor
-from mcap.exceptions import McapError
-from mcap.records import Channel, Chunk, McapRecord, Message
+from mcap.records import Channel, Chunk, Footer, Header, McapRecord, Message, Statistics
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
-from zstandard import ZstdError, decompress, frame_content_size
+from zstandard import decompress, frame_content_size
 
 from btcore.json_text import load_json
 from btcore_recorder.lines import DamageError, Line
 
+MAGIC: Final = b"\x89MCAP0\r\n"
 TOPIC: Final = "/btcore/recording"
+_LIBRARY: Final = "btcore_recorder"
 _SCHEMA: Final = {
     "type": "object",
     "properties": {
@@ -43,7 +43,7 @@ class McapForm:
     def __init__(self) -> None:
         self._file = _Buffer()
         self._writer = Writer(self._file)
-        self._writer.start(library="btcore")
+        self._writer.start(library=_LIBRARY)
         schema = self._writer.register_schema("btcore.recording", "jsonschema", json.dumps(_SCHEMA).encode())
         self._channel = self._writer.register_channel(TOPIC, "json", schema)
         self._count = 0
@@ -95,17 +95,31 @@ class _Buffer(io.BytesIO):
         return data
 
 
+def has_recording(data: bytes) -> bool:
+    """Return whether an MCAP file contains a recording, without decompressing its chunks."""
+    try:
+        records = StreamReader(io.BytesIO(data), emit_chunks=True, record_size_limit=len(data)).records
+        return any(
+            record.library == _LIBRARY if isinstance(record, Header) else record.topic == TOPIC
+            for record in records
+            if isinstance(record, Header | Channel)
+        )
+    except Exception:  # the package raises any exception for damaged data
+        return False
+
+
 class McapLines:
     """The lines of an MCAP file; a `LineSource`."""
 
     def __init__(self, data: bytes) -> None:
-        self._size = len(data)
+        self._data = data
         self._stream = io.BytesIO(data)
         self._records = StreamReader(self._stream, emit_chunks=True, record_size_limit=MAX_CHUNK).records
         self._channels: set[int] = set()
         self._messages: list[bytes] = []  # of the present chunk, the last first
         self._rows: list[list[Any]] = []  # of the present message, the last first
         self._count = 0
+        self._is_complete = False  # whether there are as many messages as the end of the file says
         self._has_ended = False
 
     @property
@@ -130,17 +144,27 @@ class McapLines:
     def _read_record(self) -> bool:
         """Read a record; return False at the end of the file."""
         start = self._stream.tell()
+        if start == len(self._data) and not self._data.endswith(MAGIC):
+            return False  # its process was killed between two records
         try:
-            record = next(self._records, None)
-            if record is not None:
-                self._add_records(_break_up(record) if isinstance(record, Chunk) else [record])
-                return True
-        except (McapError, struct.error, ValueError, RuntimeError, MemoryError, ZstdError) as error:
-            if start < self._size:  # else its process was killed between two records
-                reason = str(error) or type(error).__name__
-                raise DamageError(f"the file is truncated or damaged after byte {start}: {reason}") from None
-        self._has_ended = True
-        return False
+            if start >= len(MAGIC):
+                self._check_length(start)
+            record = next(self._records)
+            self._add_records(_break_up(record) if isinstance(record, Chunk) else [record])
+        except DamageError:
+            raise
+        except Exception as error:  # the package raises any exception for damaged data
+            raise DamageError(f"the file is damaged: {str(error) or type(error).__name__}") from None
+        if isinstance(record, Footer):
+            self._has_ended = True
+            if not self._is_complete:
+                raise DamageError("messages are missing")
+        return not self._has_ended
+
+    def _check_length(self, start: int) -> None:
+        head = self._data[start : start + 9]
+        if len(head) < 9 or start + 9 + int.from_bytes(head[1:], "little") > len(self._data):
+            raise DamageError("the file is truncated within a record")
 
     def _add_records(self, records: Iterable[object]) -> None:
         messages = []
@@ -152,6 +176,9 @@ class McapLines:
                     raise DamageError(f"message {self._count} is missing")
                 self._count += 1
                 messages.append(record.data)
+            elif isinstance(record, Statistics):  # at the end of a complete file
+                counts = record.channel_message_counts
+                self._is_complete = sum(counts.get(id, 0) for id in self._channels) == self._count
         self._messages = messages[::-1]
 
 

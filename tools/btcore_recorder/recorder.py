@@ -27,6 +27,7 @@ from btcore_recorder.inputs import (
     Removed,
     Replaced,
     Result,
+    ScriptRun,
     Step,
     TreeState,
     Written,
@@ -215,6 +216,8 @@ class Recorder(Observer):
             case journal.Replaced(board, entries):
                 recorded = {key: recorded_entry(entry, entry.value) for key, entry in entries.items()}
                 return Replaced(self._scopes[id(board)], recorded)
+            case journal.ScriptRun(board, text, enums):
+                return ScriptRun(self._scopes[id(board)], text, enums)
         return cast(Input, event)
 
 

@@ -28,11 +28,12 @@ from btcore.engine.node_config import NodeConfig
 from btcore.engine.node_spec import NodeSpec
 from btcore.engine.observers import Observer
 from btcore.engine.transition_records import Transitions
-from btcore.errors import BtcoreError, NodeExecutionError, TickInterrupt
+from btcore.errors import BtcoreError, NodeExecutionError, ScriptError, TickInterrupt
 from btcore.loading.instantiate import instantiate
 from btcore.logs.files import LogError
 from btcore.registry.manifest import Manifest, create_manifest
 from btcore.registry.registry import Registry, SubstitutionRule
+from btcore.script.program import compile_script
 from btcore.status import IDLE, SKIPPED, NodeType, Status
 from btcore.tree.tree import Tree
 from btcore.values import TypeRegistry, UserType, ValueType, VectorType
@@ -53,6 +54,7 @@ from btcore_recorder.inputs import (
     Replaced,
     Result,
     RunRecording,
+    ScriptRun,
     Segment,
     Step,
     TreeState,
@@ -215,9 +217,8 @@ class _ExternalCode:
         return self._forced(node, False)
 
     def _forced(self, node: TreeNode, is_pre_tick: bool) -> Status:
-        first = next(
-            (event for event in self._inputs if not isinstance(event, (Written, Removed, Replaced))), None
-        )
+        writes = (Written, Removed, Replaced, ScriptRun)
+        first = next((event for event in self._inputs if not isinstance(event, writes)), None)
         uid = node.config.uid
         if not (isinstance(first, StatusForced) and first[:2] == (uid, is_pre_tick)):
             return SKIPPED
@@ -234,6 +235,9 @@ class _ExternalCode:
                     self.boards[scope].set(key, self.decode(value), value_type)
                 except (BtcoreError, ValueError) as error:
                     self.differ(self.words(event), str(error))
+            case ScriptRun(scope, text, enums):
+                with suppress(ScriptError):  # the leaf has got it, too
+                    compile_script(text, enums).run(self.boards[scope])
             case Removed(scope, key):
                 self.boards[scope].unset(key)
             case Replaced(scope, entries):

@@ -1,16 +1,17 @@
 """A recording as a log: its transitions, as the replay repeats them."""
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Final
 
 from btcore.engine.observers import Observer
 from btcore.loading.tree_xml import tree_to_xml
 from btcore.logs import Recording
+from btcore.logs.files import read_bytes
 from btcore.logs.formats import LogFormat
 from btcore.logs.recording import LoggedTransition, parse_nodes
 from btcore.status import IDLE, Status, Transition
 from btcore_bags.log import BagLog, read_bag
-from btcore_recorder.files import has_recording
 from btcore_recorder.replay import Replay
 
 
@@ -58,7 +59,12 @@ def read_as_log(path: Path) -> Recording:
 
 def read_mcap(path: Path) -> Recording:
     """Return the log in an MCAP file: of a recording if it contains one, otherwise of a bag."""
-    return read_as_log(path) if has_recording(path) else read_bag(path)
+    with suppress(ModuleNotFoundError):  # without the package mcap there is no recording
+        from btcore_recorder.mcap_form import has_recording
+
+        if has_recording(read_bytes(path)):
+            return read_as_log(path)
+    return read_bag(path)
 
 
 FORMAT: Final = LogFormat(None, read_as_log)

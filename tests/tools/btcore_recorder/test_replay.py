@@ -20,11 +20,13 @@ from btcore import (
     BtcoreError,
     NodeExecutionError,
     Observer,
+    ScriptError,
     SimClock,
     Status,
     SystemClock,
     Transition,
     Tree,
+    compile_script,
 )
 from btcore.blackboard.format3 import Format3Blackboard
 from btcore.testing import xml_documents
@@ -41,6 +43,7 @@ from tests.tools.btcore_recorder.random_leaves import NODE_IDS, Spot, random_reg
 
 NODES = random_registry()
 TAGS = (*BUILTIN_MANIFESTS[4], *NODE_IDS)
+SCRIPTS = ("a := N; b += 1", "x := 'text'", "y = 1; c := 2", "z := missing")
 CASES = Path(__file__).parents[2] / "conformance/data"
 RUNS = os.environ.get("BTCORE_RUNS")
 
@@ -125,6 +128,9 @@ def act(tree: Tree, action: str, source: Random) -> None:
             case "write":
                 tree.blackboard[source.choice("abcw")] = source.randrange(9)
                 tree.blackboard["spot"] = Spot(1.0, 2.0)
+            case "script":
+                with suppress(ScriptError):
+                    compile_script(source.choice(SCRIPTS), {"N": 2}).run(tree.blackboard)
             case "unset":
                 tree.blackboard.unset("z")
             case "restore":
@@ -139,7 +145,7 @@ def act(tree: Tree, action: str, source: Random) -> None:
 
 
 ACTIONS = st.lists(
-    st.sampled_from(["tick"] * 6 + ["tick once", "halt", "write", "unset", "restore", "inject"]),
+    st.sampled_from(["tick"] * 6 + ["tick once", "halt", "write", "unset", "restore", "inject", "script"]),
     min_size=1,
     max_size=12,
 )
