@@ -7,6 +7,7 @@ sources invalidates the results.
 import json
 import subprocess
 import sys
+import tempfile
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor, as_completed
 from dataclasses import dataclass
@@ -16,6 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from checkout import ROOT, environment
+
+from btcore_recorder.verification import verify
 
 RESULTS = ROOT / ".accept"
 
@@ -40,16 +43,16 @@ class Case:
 def sources() -> str:
     """Return a digest of all files that a run depends on."""
     digest = sha256()
-    for folder in ("btcore", "robot_nodes", "ros2", "sim", "trees"):
+    for folder in ("btcore", "robot_nodes", "ros2", "sim", "tools/btcore_recorder", "trees"):
         for path in sorted((ROOT / folder).rglob("*")):
             if path.suffix in {".py", ".json", ".urdf", ".xml", ".yaml"}:
                 digest.update(str(path.relative_to(ROOT)).encode() + b"\0" + path.read_bytes() + b"\0")
     return digest.hexdigest()[:12]
 
 
-def run_process(case: Case, seed: int) -> subprocess.CompletedProcess[str]:
-    """Run *case* with *seed* by the command line, in a separate process."""
-    command = [sys.executable, "-m", "btcore", "run", *case.arguments]
+def run_process(case: Case, seed: int, *options: str) -> subprocess.CompletedProcess[str]:
+    """Run *case* with *seed* and further *options* by the command line, in a separate process."""
+    command = [sys.executable, "-m", "btcore", "run", *case.arguments, *options]
     command += ["--fast", "--json", "--seed", str(seed)]
     # Several runs share the cores already: more threads in a run would only wait for each other.
     single_threaded = environment(OMP_NUM_THREADS="1", OPENBLAS_NUM_THREADS="1")
@@ -57,11 +60,18 @@ def run_process(case: Case, seed: int) -> subprocess.CompletedProcess[str]:
 
 
 def run(case: Case, seed: int) -> Result:
-    """Run *case* with *seed*, and return its result."""
-    done = run_process(case, seed)
-    if done.returncode != 0:
-        return {"seed": seed, "error": f"exit code {done.returncode}: {done.stderr.strip()[-500:]}"}
-    return {"seed": seed, **json.loads(done.stdout.splitlines()[-1])}
+    """Run *case* with *seed*, and return its result. The run is recorded and run again; see `replay`."""
+    with tempfile.TemporaryDirectory() as folder:
+        recording = Path(folder) / "run.btrec.txt"
+        done = run_process(case, seed, "--record", str(recording))
+        if done.returncode != 0:
+            return {"seed": seed, "error": f"exit code {done.returncode}: {done.stderr.strip()[-500:]}"}
+        return {"seed": seed, **json.loads(done.stdout.splitlines()[-1]), "replay": replay(recording)}
+
+
+def replay(recording: Path) -> Result:
+    """Run a recording again, without simulator and ROS, and return whether it does the same."""
+    return verify(recording).as_data()
 
 
 Execution = Callable[[Case, int], Result]
@@ -113,10 +123,17 @@ def safety_misses(result: Result) -> list[str]:
     return [f"{robot[kind]} {kind}" for kind in ("collisions", "grazes") if robot[kind]]
 
 
+def replay_misses(result: Result) -> list[str]:
+    """Return a message if the recording of a run was not run again in the same way."""
+    replayed = result["replay"]
+    is_same = replayed["equal"] and replayed["ticks"] == result["ticks"]
+    return [] if is_same else [f"the recording was not run again: {replayed}"]
+
+
 def failure_messages(case: Case, found: Sequence[Result]) -> list[str]:
     """Return a message for each miss."""
     return [
         f"{case.name}, seed {run['seed']}: {miss}"
         for run in found
-        for miss in ([run["error"]] if "error" in run else case.misses(run))
+        for miss in ([run["error"]] if "error" in run else [*case.misses(run), *replay_misses(run)])
     ]

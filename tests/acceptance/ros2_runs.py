@@ -26,7 +26,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from subprocess import PIPE, Popen
 
-from cached_runs import Case, Result, failure_messages, results, safety_misses
+from cached_runs import Case, Result, failure_messages, replay, results, safety_misses
 from checkout import environment
 
 from btcore_ros2.testing import isolate_ros
@@ -146,15 +146,18 @@ def drive(case: Case, seed: int) -> Result:
     lockstep = ("--lockstep", "--seed", seed)
     duration = float(options[options.index("--duration") + 1])
     try:
-        with ros_domain() as start:
+        with ros_domain() as start, tempfile.TemporaryDirectory() as folder:
             simulation = start_simulation(start, *lockstep)
-            client = start(btcore("run", tree, "--ros2", "tiago", *options, *lockstep, "--json"))
+            recording = Path(folder) / "run.btrec.txt"
+            record = ("--record", str(recording), "--json")
+            client = start(btcore("run", tree, "--ros2", "tiago", *options, *lockstep, *record))
             driven = last_object(client, 0, START_LIMIT + 10.0 * duration)
             simulation.send_signal(signal.SIGINT)
             measured = last_object(simulation, 130, START_LIMIT)
+            again = {"replay": replay(recording)}
     except RunError as error:
         return {"seed": seed, "error": str(error)}
-    return {"seed": seed, **driven, **measured}
+    return {"seed": seed, **driven, **measured, **again}
 
 
 def waypoints(result: Result) -> int:
