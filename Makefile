@@ -50,7 +50,7 @@ PYTHON_FOLDERS := btcore monitor robot_nodes ros2 sim tools tests/typing
 # Continuous integration also checks the types on Windows, and runs the blocks of all pages.
 WITHOUT_PAGES := --deselect tests/docs/test_docs.py::test_the_examples_of_a_page_run
 BENCHMARKS := $(filter-out ros2,$(basename $(notdir $(wildcard benchmarks/*.py))))
-ENGINE_BENCHMARKS := startup ticking features observers load editing growth publishing batch
+ENGINE_BENCHMARKS := startup ticking features observers recording load editing growth publishing batch
 # PyPI has wheels of ROS 2 for this platform only.
 ROS2 := $(filter Linux-x86_64,$(shell uname -sm | tr ' ' -))
 MESSAGES := $(shell find ros2/btcore_ros2/message_packages -type f -not -name '*.pyc')
