@@ -26,7 +26,7 @@ from btcore import In, Put, Registry, SimClock, action, condition
 from btcore.clock import NS_PER_US
 from btcore_batch import BatchTree, Bools, Floats
 from measure.paired_timing import Work, measure_rounds
-from measure.report import Report, arguments, at_least
+from measure.report import Report, at_least, create_parser
 
 MAX_TREES = 1_000
 CACHED_TREES = 10
@@ -134,7 +134,7 @@ def initial_values(agents: int) -> list[dict[str, float]]:
     ]
 
 
-def ordinary(agents: list[dict[str, float]]) -> list[btcore.Tree]:
+def create_trees(agents: list[dict[str, float]]) -> list[btcore.Tree]:
     """Return a tree for each agent, with its initial values."""
     nodes = Registry.standard()
     nodes.add(battery_ok, near, drive, load)
@@ -147,7 +147,7 @@ def ordinary(agents: list[dict[str, float]]) -> list[btcore.Tree]:
     return trees
 
 
-def batched(agents: list[dict[str, float]]) -> BatchTree:
+def create_batch(agents: list[dict[str, float]]) -> BatchTree:
     """Return a batch for all agents, with their initial values."""
     columns = {key: np.array([values[key] for values in agents]) for key in agents[0]}
     return BatchTree.loads(DOCUMENT, len(agents), LEAVES, blackboard=columns, clock=SimClock())
@@ -156,7 +156,7 @@ def batched(agents: list[dict[str, float]]) -> BatchTree:
 def check_same_results(agents: int) -> None:
     """Assert that both engines return the same statuses and write the same battery levels."""
     values = initial_values(agents)
-    trees, swarm = ordinary(values), batched(values)
+    trees, swarm = create_trees(values), create_batch(values)
     for _ in range(100):
         expected = [int(tree.tick_exactly_once()) for tree in trees]
         assert swarm.tick().tolist() == expected
@@ -186,7 +186,7 @@ def rounds(trees: Sequence[btcore.Tree], swarm: BatchTree, count: int) -> Iterat
 def compare(report: Report, agents: int) -> None:
     """Measure both engines with *agents* agents, and add a row to *report*."""
     values = initial_values(agents)
-    trees, swarm = ordinary(values[:MAX_TREES]), batched(values)
+    trees, swarm = create_trees(values[:MAX_TREES]), create_batch(values)
     measured = measure_rounds(rounds(trees, swarm, report.pairs))
     cached = measured.ratio("cached", "batch").times(agents / CACHED_TREES)
     figures = {
@@ -200,11 +200,11 @@ def compare(report: Report, agents: int) -> None:
 
 def main() -> None:
     """Run the benchmark."""
-    parser = arguments(__doc__ or "")
+    parser = create_parser(__doc__ or "")
     parser.add_argument("--agents", type=int, nargs="+", default=[100, 1_000, 10_000, 100_000])
     options = parser.parse_args()
     check_same_results(50)
-    nodes = len(ordinary(initial_values(1))[0].nodes)
+    nodes = len(create_trees(initial_values(1))[0].nodes)
     question = f"How much faster a batch is than a tree of {nodes} nodes for each agent"
     report = Report("batch", question, options.pairs)
     for agents in [100] if options.quick else options.agents:

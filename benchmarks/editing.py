@@ -27,7 +27,7 @@ from btcore.lint.validate import validate_document
 from btcore.xml.read.read import parse_text
 from btcore_studio.schema import write_schema
 from measure.paired_timing import Spread, Work, measure_rounds
-from measure.report import Report, arguments, at_most
+from measure.report import Report, at_most, create_parser
 
 editor = import_module("measure.editor_requests") if find_spec("pygls") else None
 
@@ -135,7 +135,7 @@ def compare(report: Report, sizes: Sequence[int]) -> None:
 
 def main() -> None:
     """Run the benchmark."""
-    parser = arguments(__doc__ or "")
+    parser = create_parser(__doc__ or "")
     parser.add_argument("--lines", type=int, nargs="+", default=LINES)
     options = parser.parse_args()
     report = Report("editing", "The requests of an editor, compared with lxml's validation", options.pairs)

@@ -18,7 +18,7 @@ from btcore import In, Out, Registry, Status, SyncAction, action
 from btcore.tree.tree import Tree
 from measure.benchmark_trees import SUCCESS, Succeed
 from measure.paired_timing import SLICE, Work, measure
-from measure.report import NO_PY_TREES, Report, arguments, in_short
+from measure.report import NO_PY_TREES, Report, create_parser, in_short
 
 peers = import_module("measure.py_trees_peers") if find_spec("py_trees") else None
 
@@ -128,7 +128,7 @@ def grow(child: str) -> Tree:
     return tree
 
 
-def evaluating() -> Work:
+def evaluation() -> Work:
     """Return a function that does the same as WIDTH scripts ``n := n + 1``, with Python's ``eval``."""
     code = compile("n + 1", "script", "eval")
     names: dict[str, object] = {"__builtins__": {}, "n": 1}
@@ -143,10 +143,10 @@ def evaluating() -> Work:
 
 def main() -> None:
     """Run the benchmark."""
-    options = arguments(__doc__ or "").parse_args()
+    options = create_parser(__doc__ or "").parse_args()
     report = Report("features", "The cost of a node's ports, scripts, conditions and subtrees", options.pairs)
     works: dict[str, Work] = {name: grow(child).tick_once for name, child in TREES.items()}
-    works["eval"] = evaluating()
+    works["eval"] = evaluation()
     if peers is None:
         report.remarks.append(NO_PY_TREES)
     else:

@@ -26,7 +26,7 @@ from btcore.engine.node_config import MAX_NODES
 from measure.benchmark_trees import Succeed
 from measure.loading_cost import allocated_bytes, loading_time
 from measure.paired_timing import SLICE, Measured, Spread, Work, measure, measure_rounds
-from measure.report import Report, arguments, in_short
+from measure.report import Report, create_parser, in_short
 
 NODES = (10, 100, 1_000, 10_000, 100_000)
 DEPTHS = (10, 100, 1_000, 2_000)
@@ -36,7 +36,7 @@ LOADED_AT_LEAST = 1_000
 """The smallest number of nodes whose loading is measured: for fewer nodes, fixed costs dominate."""
 
 
-def bushy(size: int) -> str:
+def bushy_document(size: int) -> str:
     """Return an XML document whose tree has *size* nodes: Sequences of up to 10 children, and leaves."""
 
     def grow(nodes: int) -> str:
@@ -50,7 +50,7 @@ def bushy(size: int) -> str:
     return f'<root BTCPP_format="4"><BehaviorTree ID="Main">{grow(size)}</BehaviorTree></root>'
 
 
-def nested(depth: int) -> Tree:
+def nested_subtrees(depth: int) -> Tree:
     """Return a chain of *depth* nested subtrees."""
     trees = [
         f'<BehaviorTree ID="T{level}"><SubTree ID="T{level + 1}"/></BehaviorTree>' for level in range(depth)
@@ -61,7 +61,7 @@ def nested(depth: int) -> Tree:
     )
 
 
-def built(depth: int) -> Tree:
+def nested_inverters(depth: int) -> Tree:
     """Return a chain of *depth* Inverters that is built in code."""
     builder = Builder(registry())
     node = builder.AlwaysSuccess()
@@ -119,7 +119,7 @@ class TreeGroup:
         trees = -(-size // MAX_NODES)
         share, more = divmod(size, trees)
         self.size = size
-        self.texts = [bushy(share + (number < more)) for number in range(trees)]
+        self.texts = [bushy_document(share + (number < more)) for number in range(trees)]
 
     @property
     def name(self) -> str:
@@ -144,7 +144,7 @@ class TreeGroup:
         return tick
 
 
-def with_nodes(report: Report, sizes: Sequence[int], slice_ns: int) -> None:
+def add_node_rows(report: Report, sizes: Sequence[int], slice_ns: int) -> None:
     """Add rows about the time for ticking and for loading a node, and about its memory."""
     nodes = registry()
     groups = [TreeGroup(size) for size in sizes]
@@ -152,24 +152,24 @@ def with_nodes(report: Report, sizes: Sequence[int], slice_ns: int) -> None:
     large = [group for group in groups if group.size >= LOADED_AT_LEAST] or groups[-1:]
     loads = {str(group.size): partial(group.load, nodes) for group in large}
     loading = measure_rounds([loads] * report.pairs, loading_time, warm_up=0)
-    add(report, "node ticked, {}", {group.name: group.size for group in groups}, ticking, "ns")
-    add(report, "node loaded, {}", {group.name: group.size for group in large}, loading, "µs")
+    add_rows(report, "node ticked, {}", {group.name: group.size for group in groups}, ticking, "ns")
+    add_rows(report, "node loaded, {}", {group.name: group.size for group in large}, loading, "µs")
     memory = [allocated_bytes(loads[str(group.size)]) / group.size for group in large]
     for group, size in zip(large, memory, strict=True):
         figures = {"one": f"{size:,.0f} B"}
         report.add(f"memory of a node, {group.name}", Spread.of([size / memory[0]]), None, figures)
 
 
-def with_depth(
+def add_depth_rows(
     report: Report, label: str, depths: Sequence[int], grow: Callable[[int], Tree], slice_ns: int
 ) -> None:
     """Add rows about the time for ticking a level of a deep tree."""
     works: dict[str, Work] = {str(depth): grow(depth).tick_once for depth in depths}
     measured = measure(works, report.pairs, 4, slice_ns)
-    add(report, "level ticked, {}", {f"{depth:,} {label}": depth for depth in depths}, measured, "ns")
+    add_rows(report, "level ticked, {}", {f"{depth:,} {label}": depth for depth in depths}, measured, "ns")
 
 
-def add(report: Report, label: str, sizes: Mapping[str, int], measured: Measured, unit: str) -> None:
+def add_rows(report: Report, label: str, sizes: Mapping[str, int], measured: Measured, unit: str) -> None:
     """Add a row for each of *sizes*: the time per node or level.
 
     Args:
@@ -187,7 +187,7 @@ def add(report: Report, label: str, sizes: Mapping[str, int], measured: Measured
         report.add(label.format(name), ratio, None, {"one": f"{in_short(each)} {unit}"})
 
 
-def with_entries(report: Report, sizes: Sequence[int], slice_ns: int) -> None:
+def add_entry_rows(report: Report, sizes: Sequence[int], slice_ns: int) -> None:
     """Add rows about the time for reading and writing an entry of a blackboard, and of a dict."""
     works = {
         f"{board_class.__name__} {size}": board_class(size)
@@ -206,7 +206,7 @@ def with_entries(report: Report, sizes: Sequence[int], slice_ns: int) -> None:
 
 def main() -> None:
     """Run the benchmark."""
-    parser = arguments(__doc__ or "")
+    parser = create_parser(__doc__ or "")
     parser.add_argument("--nodes", type=int, nargs="+", default=NODES)
     parser.add_argument("--depths", type=int, nargs="+", default=DEPTHS)
     parser.add_argument("--entries", type=int, nargs="+", default=ENTRIES)
@@ -215,10 +215,10 @@ def main() -> None:
     slice_ns = SLICE
     if options.quick:
         options.nodes, options.depths, options.entries, slice_ns = (10, 100), (10, 100), (10, 100), 1
-    with_nodes(report, options.nodes, slice_ns)
-    with_depth(report, "nested subtrees", options.depths, nested, slice_ns)
-    with_depth(report, "Inverters built in code", options.depths, built, slice_ns)
-    with_entries(report, options.entries, slice_ns)
+    add_node_rows(report, options.nodes, slice_ns)
+    add_depth_rows(report, "nested subtrees", options.depths, nested_subtrees, slice_ns)
+    add_depth_rows(report, "Inverters built in code", options.depths, nested_inverters, slice_ns)
+    add_entry_rows(report, options.entries, slice_ns)
     report.output(options.json)
 
 

@@ -23,7 +23,7 @@ from btcore_sim.robot_description import load_robot_description
 from btcore_sim.world import World
 from btcore_sim.worlds import load_world_description
 from measure.paired_timing import Work, measure_rounds
-from measure.report import Report, arguments
+from measure.report import Report, create_parser
 
 HEIGHT = 0.095  # m, of Tiago's laser above the floor
 TOLERANCE = 0.005  # m
@@ -70,7 +70,7 @@ def scans(world: World, count: int) -> Iterator[Mapping[str, Work]]:
 
 def main() -> None:
     """Run the benchmark."""
-    parser = arguments(__doc__ or "", pairs=15)
+    parser = create_parser(__doc__ or "", pairs=15)
     parser.add_argument("--worlds", nargs="+", default=["house", "aws_house"])
     options = parser.parse_args()
     info = load_robot_description().laser.info

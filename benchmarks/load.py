@@ -19,7 +19,7 @@ from btcore import In, Out, Registry, condition
 from btcore.clock import NS_PER_MS, NS_PER_US
 from measure.loading_cost import allocated_bytes, loading_time
 from measure.paired_timing import measure_rounds
-from measure.report import Report, arguments, at_most, in_short
+from measure.report import Report, at_most, create_parser, in_short
 
 LEAVES_A_CONTROL = 4
 CONTROLS_A_GROUP = 10
@@ -106,7 +106,7 @@ def registry() -> Registry:
 
 def main() -> None:
     """Run the benchmark."""
-    parser = arguments(__doc__ or "")
+    parser = create_parser(__doc__ or "")
     parser.add_argument("--nodes", type=int, nargs="+", default=SIZES)
     options = parser.parse_args()
     nodes = registry()

@@ -28,7 +28,7 @@ from btcore_robot.robot import Pose2D
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.worlds import load_world_description
 from measure.paired_timing import measure_rounds
-from measure.report import Report, arguments
+from measure.report import Report, create_parser
 
 Floats = NDArray[np.float64]
 
@@ -95,7 +95,7 @@ def update(field: LikelihoodField | NaiveField, particles: Floats, points: Float
 
 def main() -> None:
     """Run the benchmark."""
-    parser = arguments(__doc__ or "", pairs=15)
+    parser = create_parser(__doc__ or "", pairs=15)
     parser.add_argument("--particles", type=int, nargs="+", default=[500, 1000, 2000])
     parser.add_argument("--beams", type=int, default=60)
     options = parser.parse_args()

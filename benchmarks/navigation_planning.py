@@ -30,7 +30,7 @@ from btcore_robot.robot import LaserScan, Pose2D
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.worlds import load_world_description
 from measure.paired_timing import Work, measure_rounds
-from measure.report import Report, arguments
+from measure.report import Report, create_parser
 
 RAYS, HALF_VIEW, NOISE = 666, math.radians(110), 0.06  # Tiago's laser: number of rays, rad, m
 
@@ -52,7 +52,7 @@ def scan(map: OccupancyMap, pose: Pose2D, random: np.random.Generator) -> LaserS
 
 
 def peer_route(costmap: Costmap, start: Pose2D, goal: Pose2D) -> object:
-    """Plan the same path with scikit-image alone."""
+    """Return the same path, planned by scikit-image alone."""
     costs = grid_costs(costmap.costs)
     first, last = costmap.cell(start.x, start.y), costmap.cell(goal.x, goal.y)
     route: object = route_through_array(costs, first, last)  # type: ignore[no-untyped-call]
@@ -116,7 +116,7 @@ def observe_and_update(
     costmap.update(stamp, at)
 
 
-def add(report: Report, name: str, pairs: Iterable[Pair], hertz: float) -> None:
+def add_row(report: Report, name: str, pairs: Iterable[Pair], hertz: float) -> None:
     """Measure *pairs*, and add a row with the share of a core at *hertz* calls per second (Hz)."""
     measured = measure_rounds(pairs, warm_up=0)
     peer, own = measured.time("peer").median, measured.time("own").median  # ns
@@ -131,7 +131,7 @@ def add(report: Report, name: str, pairs: Iterable[Pair], hertz: float) -> None:
 
 def main() -> None:
     """Run the benchmark."""
-    parser = arguments(__doc__ or "", pairs=15)
+    parser = create_parser(__doc__ or "", pairs=15)
     parser.add_argument("--world", default="house")
     options = parser.parse_args()
     cv2.setNumThreads(1)  # processor time is the sum of all threads
@@ -143,11 +143,11 @@ def main() -> None:
     still = GlobalCostmap(map)
     question = f"The time for planning in {options.world}, {map.height} × {map.width} cells"
     report = Report("navigation_planning", question, options.pairs)
-    add(report, "plan, first", first_plans(still, legs * options.pairs), 1.0)
-    add(report, "plan, again", plans_again(map, legs, random), 1.0)
-    add(report, "global costmap", updates(map, GlobalCostmap(map), options.pairs, random), 1.0)
+    add_row(report, "plan, first", first_plans(still, legs * options.pairs), 1.0)
+    add_row(report, "plan, again", plans_again(map, legs, random), 1.0)
+    add_row(report, "global costmap", updates(map, GlobalCostmap(map), options.pairs, random), 1.0)
     local = LocalCostmap(keepout=map.keepout)
-    add(report, "local costmap", updates(map, local, options.pairs, random), 5.0)
+    add_row(report, "local costmap", updates(map, local, options.pairs, random), 5.0)
     report.output(options.json)
 
 

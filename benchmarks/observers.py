@@ -15,7 +15,7 @@ import btcore
 from btcore import Observer, Registry, Transitions, Tree
 from measure.benchmark_trees import Forward, Succeed, succeed
 from measure.paired_timing import SLICE, Work, measure
-from measure.report import Report, Target, arguments, at_most, in_short
+from measure.report import Report, Target, at_most, create_parser, in_short
 
 WIDTH = 100
 KEPT = 10
@@ -56,7 +56,7 @@ CASES: list[tuple[str, str, str, bool, int, Target | None]] = [
 
 def main() -> None:
     """Run the benchmark."""
-    options = arguments(__doc__ or "").parse_args()
+    options = create_parser(__doc__ or "").parse_args()
     report = Report("observers", "The cost of an observer that records every transition", options.pairs)
     for label, control, child, function, changes, target in CASES:
         plain, observed = (grow(control, child, function) for _ in range(2))

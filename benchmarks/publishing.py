@@ -27,7 +27,7 @@ import btcore
 from btcore.tree.tree import Tree
 from btcore_monitor.serve import Publisher, serve
 from measure.paired_timing import Spread
-from measure.report import Report, arguments, at_most
+from measure.report import Report, at_most, create_parser
 
 NODES = 1_000
 CHANGING = 100
@@ -110,8 +110,8 @@ def run_client(port: int, requests_status: bool, stop: Event) -> None:
 
 
 @contextlib.contextmanager
-def clients(count: int, port: int) -> Iterator[None]:
-    """Return a context in which *count* clients connect to the publisher at *port*."""
+def start_clients(count: int, port: int) -> Iterator[None]:
+    """Start *count* clients of the publisher at *port*, and end them at the end of the context."""
     spawn = multiprocessing.get_context("spawn")
     stop = spawn.Event()
     processes = [spawn.Process(target=run_client, args=(port, index == 0, stop)) for index in range(count)]
@@ -134,13 +134,13 @@ def free_port() -> int:
         return publisher.port
 
 
-def published(tree: Tree, port: int, count: int) -> Publisher:
+def publish_and_wait(tree: Tree, port: int, count: int) -> Publisher:
     """Publish *tree* at *port*, wait until *count* clients are connected, and return the publisher."""
     publisher = serve(tree, groot2_port=port, grace=0.0)
     if not publisher.wait_for_clients(count, CLIENTS_TIMEOUT):
         publisher.close()
-        clients = f"{publisher.client_count} of {count} clients"
-        raise SystemExit(f"only {clients} connected within {CLIENTS_TIMEOUT:g} s")
+        connected = f"{publisher.client_count} of {count} clients"
+        raise SystemExit(f"only {connected} connected within {CLIENTS_TIMEOUT:g} s")
     return publisher
 
 
@@ -149,36 +149,36 @@ def percentile(values: list[float], share: float) -> float:
     return sorted(values)[min(len(values) - 1, int(share * len(values)))]
 
 
-def cost(report: Report, port: int, seconds: float) -> None:
+def add_cost_row(report: Report, port: int, seconds: float) -> None:
     """Add a row about the time that publishing adds to a tick."""
     alone, together = [], []
-    with clients(1, port):
+    with start_clients(1, port):
         for pair in range(report.pairs):
             for publishes in (True, False) if pair % 2 else (False, True):
                 tree = btcore.loads(document())
                 if publishes:
-                    with published(tree, port, 1):
+                    with publish_and_wait(tree, port, 1):
                         together.append(statistics.median(run(tree, seconds).durations))
                 else:
                     alone.append(statistics.median(run(tree, seconds).durations))
-    add(report, f"a tick: published / alone + {BUDGET:g} ms", together, alone, BUDGET)
+    add_row(report, f"a tick: published / alone + {BUDGET:g} ms", together, alone, BUDGET)
 
 
-def lateness(report: Report, port: int, seconds: float, count: int) -> None:
+def add_lateness_row(report: Report, port: int, seconds: float, count: int) -> None:
     """Add a row about the lateness of ticks with *count* clients, and without clients."""
     alone: list[float] = []
     together: list[float] = []
     for pair in range(report.pairs):
         for connected in (count, 0) if pair % 2 else (0, count):
             tree = btcore.loads(document())
-            with clients(connected, port), published(tree, port, connected):
+            with start_clients(connected, port), publish_and_wait(tree, port, connected):
                 late = percentile(run(tree, seconds).lateness, 0.99)
                 (together if connected else alone).append(late)
     label = f"lateness, 99th percentile: {count} client{'s' * (count > 1)} / none + a period"
-    add(report, label, together, alone, 1e3 * PERIOD)
+    add_row(report, label, together, alone, 1e3 * PERIOD)
 
 
-def add(report: Report, label: str, published: list[float], alone: list[float], budget: float) -> None:
+def add_row(report: Report, label: str, published: list[float], alone: list[float], budget: float) -> None:
     """Add a row: the times *published* divided by *alone* of the same pair plus *budget* (all in ms)."""
     pairs = list(zip(published, alone, strict=True))
     figures = {
@@ -192,7 +192,7 @@ def add(report: Report, label: str, published: list[float], alone: list[float], 
 
 def main() -> None:
     """Run the benchmark."""
-    parser = arguments(__doc__ or "", pairs=5)
+    parser = create_parser(__doc__ or "", pairs=5)
     parser.add_argument("--seconds", type=float, default=2.0, help="duration of a run")
     parser.add_argument("--clients", type=int, default=5, help="number of clients for the lateness")
     options = parser.parse_args()
@@ -205,8 +205,8 @@ def main() -> None:
     )
     report = Report("publishing", question, options.pairs)
     port = free_port()  # the same for all runs, since clients may outlive a publisher
-    cost(report, port, options.seconds)
-    lateness(report, port, options.seconds, options.clients)
+    add_cost_row(report, port, options.seconds)
+    add_lateness_row(report, port, options.seconds, options.clients)
     report.output(options.json)
 
 

@@ -21,7 +21,7 @@ from btcore import Put, Registry, SimClock, Status, Tree
 from btcore.clock import NS_PER_S, NS_PER_US
 from btcore_recorder import Replay, record
 from measure.paired_timing import SLICE, Measured, Spread, Work, measure
-from measure.report import Report, arguments, at_least, at_most
+from measure.report import Report, at_least, at_most, create_parser
 
 LEAF_US = 2.0
 RATE = 100
@@ -54,7 +54,7 @@ def large_tree(leaf: Callable[[], Status]) -> Tree:
     return b.build(b.Sequence(*groups))
 
 
-def paced_times(tree: Tree, seconds: float) -> list[float]:
+def tick_at_rate(tree: Tree, seconds: float) -> list[float]:
     """Tick *tree* at `RATE` for *seconds*, and return the duration of each tick (ns, wall clock)."""
     taken = []
     due = time.perf_counter_ns()
@@ -82,9 +82,9 @@ def add_cost(report: Report, folder: Path, seconds: float, slice_ns: int) -> Non
         for name, tree in (("alone", alone), ("recorded", recorded)):
             if name == "recorded":
                 with record(tree, folder / "paced.mcap"):
-                    taken = paced_times(tree, seconds)
+                    taken = tick_at_rate(tree, seconds)
             else:
-                taken = paced_times(tree, seconds)
+                taken = tick_at_rate(tree, seconds)
             times[name] += taken
             means[name].append(sum(taken) / len(taken))
     figures = {name: f"{Spread.of(values).median / NS_PER_US:.0f} µs" for name, values in means.items()}
@@ -131,7 +131,7 @@ def add_outputs(report: Report, folder: Path, slice_ns: int) -> None:
     )
 
 
-def hour(folder: Path, ticks: int) -> tuple[Path, float]:
+def record_hour(folder: Path, ticks: int) -> tuple[Path, float]:
     """Record *ticks* of the tree of 100 nodes; return the file, and the seconds of the clock."""
 
     @btcore.action
@@ -158,7 +158,7 @@ def hour(folder: Path, ticks: int) -> tuple[Path, float]:
 
 def add_replay(report: Report, folder: Path, ticks: int) -> None:
     """Add the size of a recording, and the speed of its replay."""
-    path, seconds = hour(folder, ticks)
+    path, seconds = record_hour(folder, ticks)
     size = path.stat().st_size * HOUR_TICKS / ticks / 1e6
     within = at_most(compiled=1, pure=1)
     report.add(
@@ -194,7 +194,7 @@ def add_replay(report: Report, folder: Path, ticks: int) -> None:
 
 def main() -> None:
     """Run the benchmark."""
-    options = arguments(__doc__ or "").parse_args()
+    options = create_parser(__doc__ or "").parse_args()
     report = Report("recording", "The cost of a recording, and the speed of its replay", options.pairs)
     with tempfile.TemporaryDirectory() as name:
         folder, slice_ns = Path(name), 1 if options.quick else SLICE

@@ -17,7 +17,7 @@ import subprocess
 import sys
 
 from measure.paired_timing import Spread
-from measure.report import Report, arguments
+from measure.report import Report, create_parser
 
 RUNS = {"house": "patrolling", "arena": "bumpgo_wide"}
 """The tree that runs in each world."""
@@ -37,7 +37,7 @@ START = 1.0
 ENVIRONMENT = {name: text for name, text in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
 
 
-def processor_time(command: list[str]) -> float:
+def measure_process(command: list[str]) -> float:
     """Return the processor time (s) of a new Python with the arguments *command*."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run([sys.executable, *command], env=ENVIRONMENT, check=True, capture_output=True)
@@ -45,13 +45,13 @@ def processor_time(command: list[str]) -> float:
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
 
-def run_time(world: str, seconds: float) -> float:
+def measure_run(world: str, seconds: float) -> float:
     """Return the processor time (s) of a run of *seconds* (s) in *world*."""
     options = ["--world", world, "--camera", "off", "--fast", "--seed", "1", "--duration", str(seconds)]
-    return processor_time(["-m", "btcore", "run", RUNS[world], *options])
+    return measure_process(["-m", "btcore", "run", RUNS[world], *options])
 
 
-def physics_time(world: str, seconds: float) -> float:
+def measure_physics(world: str, seconds: float) -> float:
     """Return the processor time (s) of *seconds* (s) of physics in *world*."""
     command = [sys.executable, "-c", PHYSICS, world, str(seconds)]
     done = subprocess.run(command, env=ENVIRONMENT, check=True, capture_output=True, text=True)
@@ -60,7 +60,7 @@ def physics_time(world: str, seconds: float) -> float:
 
 def main() -> None:
     """Run the benchmark."""
-    parser = arguments(__doc__ or "", pairs=3)
+    parser = create_parser(__doc__ or "", pairs=3)
     parser.add_argument("--seconds", type=float, default=60.0, help="simulated time of a run (s)")
     given = parser.parse_args()
     seconds = 20.0 if given.quick else given.seconds
@@ -68,9 +68,9 @@ def main() -> None:
     for world in list(RUNS)[: 1 if given.quick else None]:
         starts, speeds, ratios = [], [], []
         for _ in range(given.pairs):
-            starts.append(run_time(world, START))
-            run = run_time(world, START + seconds) - starts[-1]
-            physics = physics_time(world, seconds)
+            starts.append(measure_run(world, START))
+            run = measure_run(world, START + seconds) - starts[-1]
+            physics = measure_physics(world, seconds)
             speeds.append(seconds / run)
             ratios.append(run / physics)
         start = {"start": f"{Spread.of(starts).median:.1f} s"}

@@ -27,7 +27,7 @@ from btcore.clock import NS_PER_MS
 from btcore_ros2.session import RosSession
 from btcore_ros2.testing import isolate_ros
 from measure.paired_timing import Measured, Work, measure, measure_rounds
-from measure.report import Report, arguments, at_most
+from measure.report import Report, at_most, create_parser
 
 SMALL_TOPICS = 9
 RAYS = 666
@@ -90,7 +90,7 @@ def rounds(
         yield {"direct": direct.take_all, "executor": executor.take_all}
 
 
-def add(report: Report, label: str, measured: Measured, limit: float) -> None:
+def add_rows(report: Report, label: str, measured: Measured, limit: float) -> None:
     """Add the rows for *measured* to *report*; the session may take *limit* (ms)."""
     session, executor = (
         measured.time("direct").times(1 / NS_PER_MS),
@@ -103,7 +103,7 @@ def add(report: Report, label: str, measured: Measured, limit: float) -> None:
 
 def main() -> None:
     """Run the benchmark."""
-    options = arguments(__doc__ or "", pairs=15).parse_args()
+    options = create_parser(__doc__ or "", pairs=15).parse_args()
     isolate_ros()
     report = Report("ros2", "The time to take what has arrived for ten subscriptions", options.pairs)
     with RosSession("direct") as first, RosSession("executor") as second, RosSession("publisher") as third:
@@ -113,10 +113,10 @@ def main() -> None:
         direct, executor = Subscriber(first, first.drain), Subscriber(second, spin_once)
         slices = 2 if options.quick else 12
         idle = measure({"direct": first.drain, "executor": spin_once}, options.pairs, slices)
-        add(report, "no message", idle, IDLE)
+        add_rows(report, "no message", idle, IDLE)
         count = options.pairs * (1 if options.quick else ROUNDS_PER_PAIR)
         busy = measure_rounds(rounds(third, direct, executor, count + 1), thread_time)
-        add(report, "10 messages", busy, TEN_MESSAGES)
+        add_rows(report, "10 messages", busy, TEN_MESSAGES)
         spinning.shutdown()
     report.output(options.json)
 

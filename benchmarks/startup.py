@@ -14,7 +14,7 @@ import subprocess
 import sys
 
 from measure.paired_timing import Spread
-from measure.report import Report, arguments, at_most
+from measure.report import Report, at_most, create_parser
 
 MODULES = "import lxml.etree, typing, dataclasses, re, enum, pathlib"
 TREE = (
@@ -36,7 +36,7 @@ RUNS = 5
 """The number of runs of each program. The shortest run counts, because it was disturbed least."""
 
 
-def processor_time(program: str) -> float:
+def measure_process(program: str) -> float:
     """Return the processor time (s) of a new Python that runs *program*."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     subprocess.run([sys.executable, "-c", program], env=ENVIRONMENT, check=True, stdout=subprocess.DEVNULL)
@@ -46,16 +46,16 @@ def processor_time(program: str) -> float:
 
 def main() -> None:
     """Run the benchmark."""
-    options = arguments(__doc__ or "").parse_args()
+    options = create_parser(__doc__ or "").parse_args()
     report = Report("startup", "The cost of a start, in excess of a Python that does nothing", options.pairs)
     rounds: list[dict[str, float]] = []
     for program in PROGRAMS.values():
-        processor_time(program)  # compiles the sources
+        measure_process(program)  # compiles the sources
     for _ in range(options.pairs):
         times = dict.fromkeys(PROGRAMS, float("inf"))
         for _ in range(1 if options.quick else RUNS):
             for name, program in PROGRAMS.items():
-                times[name] = min(times[name], processor_time(program))
+                times[name] = min(times[name], measure_process(program))
         rounds.append({name: time - times["bare"] for name, time in times.items()})
     for name, peer, target in (
         ("import btcore", "modules", BESIDE_MODULES),

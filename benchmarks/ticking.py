@@ -23,7 +23,7 @@ from btcore import Tree
 from measure import benchmark_trees
 from measure.benchmark_trees import RUNNING, SUCCESS, Shape
 from measure.paired_timing import SLICE, Spread, Work, measure
-from measure.report import NO_PY_TREES, Report, Target, arguments, at_least, at_most, in_short
+from measure.report import NO_PY_TREES, Report, Target, at_least, at_most, create_parser, in_short
 
 peers = import_module("measure.py_trees_peers") if find_spec("py_trees") else None
 
@@ -86,7 +86,7 @@ def bare_loop(tree: Tree, kind: str) -> Work:
 
 def main() -> None:
     """Run the benchmark."""
-    parser = arguments(__doc__ or "")
+    parser = create_parser(__doc__ or "")
     parser.add_argument(
         "--tree", choices=list(benchmark_trees.TREES), action="append", help="default: all trees"
     )

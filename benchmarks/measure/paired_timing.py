@@ -70,7 +70,7 @@ def measure(works: Mapping[str, Work], rounds: int, slices: int = SLICES, slice_
         slices: The number of slices of each contender in a round. A slice is a series of calls.
         slice_ns: The approximate duration of a slice (ns).
     """
-    calls = {name: _calls_within(work, slice_ns) for name, work in works.items()}
+    calls = {name: _count_calls_within(work, slice_ns) for name, work in works.items()}
     taken: dict[str, list[float]] = {name: [] for name in works}
     names = list(works)
     # A garbage collection within a slice would add to the time of the contender that happens to run.
@@ -82,7 +82,7 @@ def measure(works: Mapping[str, Work], rounds: int, slices: int = SLICES, slice_
             best = dict.fromkeys(names, float("inf"))
             for _ in range(slices):
                 for name in names:
-                    best[name] = min(best[name], _timed(works[name], calls[name]) / calls[name])
+                    best[name] = min(best[name], _measure_calls(works[name], calls[name]) / calls[name])
                 names.append(names.pop(0))
             for name in names:
                 taken[name].append(best[name])
@@ -119,7 +119,7 @@ def measure_rounds(
     return Measured(taken)
 
 
-def _timed(work: Work, calls: int) -> int:
+def _measure_calls(work: Work, calls: int) -> int:
     """Return the time (ns) of *calls* calls of *work*."""
     start = time.thread_time_ns()
     for _ in repeat(None, calls):
@@ -127,11 +127,11 @@ def _timed(work: Work, calls: int) -> int:
     return time.thread_time_ns() - start
 
 
-def _calls_within(work: Work, slice_ns: int) -> int:
+def _count_calls_within(work: Work, slice_ns: int) -> int:
     """Return how often *work* can be called in a slice. The calls for this are also its warm-up."""
     calls = 1
     while True:
-        taken = _timed(work, calls)
+        taken = _measure_calls(work, calls)
         if taken >= slice_ns / 4:
             return max(1, round(calls * slice_ns / taken))
         calls *= 2

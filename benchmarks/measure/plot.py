@@ -64,7 +64,7 @@ def draw(axis: Axes, title: str, lines: Mapping[str, Mapping[str, Row]]) -> None
         for number, build in enumerate(builds):
             if build in rows:
                 height = place + (number - (len(builds) - 1) / 2) * bar
-                _bar(axis, height, bar, build, rows[build])
+                _draw_bar(axis, height, bar, build, rows[build])
     names = [label.removesuffix(": py_trees / btcore") for label in lines]
     axis.set_yticks(range(len(lines)), names, fontsize=8)
     axis.invert_yaxis()
@@ -80,7 +80,7 @@ def draw(axis: Axes, title: str, lines: Mapping[str, Mapping[str, Row]]) -> None
     axis.tick_params(left=False, labelsize=8)
 
 
-def _bar(axis: Axes, height: float, bar: float, build: str, row: Row) -> None:
+def _draw_bar(axis: Axes, height: float, bar: float, build: str, row: Row) -> None:
     """Draw the bar of a build, with its spread, its value and its target."""
     ratio = row["median"]
     spread = [[max(0.0, ratio - row["low"])], [max(0.0, row["high"] - ratio)]]

@@ -159,7 +159,7 @@ def in_short(value: float) -> str:
     return f"{value:.1f}" if value >= 10 else f"{value:.2f}"
 
 
-def arguments(about: str, pairs: int = PAIRS) -> argparse.ArgumentParser:
+def create_parser(about: str, pairs: int = PAIRS) -> argparse.ArgumentParser:
     """Return a parser with the options of all benchmarks.
 
     Args:

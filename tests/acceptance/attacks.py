@@ -332,8 +332,8 @@ class Robot:
 
 
 @contextlib.contextmanager
-def attacks_on(ports: Sequence[int], names: Sequence[str]) -> Iterator[None]:
-    """Return a context in which *names* attack the *ports* of a robot."""
+def start_attacks(ports: Sequence[int], names: Sequence[str]) -> Iterator[None]:
+    """Attack the *ports* of a robot by *names* until the end of the context."""
     kinds = ("REQ", "SUB", "SUB", "SUB", "REQ")
     attackers = [
         subprocess.Popen([sys.executable, __file__, "--attack", name, str(port), kind])
@@ -354,15 +354,15 @@ def run_pair(names: Sequence[str], seconds: float) -> tuple[Outcome, Outcome]:
     attacked, alone = Robot(seconds), Robot(seconds)
     attacked.connect()
     alone.connect()
-    with attacks_on(attacked.ports, names):
+    with start_attacks(attacked.ports, names):
         attacked.start()
         alone.start()
         return attacked.end(), alone.end()
 
 
 @contextlib.contextmanager
-def starved_machine(priority: int) -> Iterator[None]:
-    """Return a context in which this process and its children get little of one processor.
+def starve_machine(priority: int) -> Iterator[None]:
+    """Give this process and its children little of one processor until the end of the context.
 
     *priority* is the number of "nice" steps between them and the programs that never wait.
     """
@@ -380,12 +380,12 @@ def starved_machine(priority: int) -> Iterator[None]:
 def run_starved(names: Sequence[str], runs: int, seconds: float, priority: int) -> Iterator[str]:
     """Attack *runs* robots on a starved machine, with one of *names* each, and yield violations."""
     print(f"{'attack':24}{'ticks':>8}{'lost ticks':>12}{'transitions':>13}{'missing':>9}{'duration':>11}")
-    with starved_machine(priority):
+    with starve_machine(priority):
         for name in itertools.islice(itertools.cycle(names), runs):
             begin = time.monotonic()
             robot = Robot(seconds)
             robot.connect()
-            with attacks_on(robot.ports, [name]):
+            with start_attacks(robot.ports, [name]):
                 robot.start()
                 found = robot.end()
             missing = found.transitions - found.received
@@ -401,7 +401,7 @@ def run_starved(names: Sequence[str], runs: int, seconds: float, priority: int) 
 # --- the report
 
 
-def violations(name: str, pairs: Sequence[tuple[Outcome, Outcome]]) -> Iterator[str]:
+def judge_attack(name: str, pairs: Sequence[tuple[Outcome, Outcome]]) -> Iterator[str]:
     """Print a row about the *pairs* of the attack *name*, and yield the values that are not permitted."""
     attacked = [pair[0] for pair in pairs]
     late = statistics.median(robot.late for robot in attacked)
@@ -464,7 +464,7 @@ def main() -> int:
     found: list[str] = []
     for name in names:
         pairs = [run_pair([name], options.seconds) for _ in range(options.pairs)]
-        found += violations(name, pairs)
+        found += judge_attack(name, pairs)
     return print_violations(found)
 
 

@@ -7,7 +7,7 @@ import argparse
 import os
 import statistics
 
-from cached_runs import Case, Result, failure_messages, results
+from cached_runs import Case, Result, failure_messages, run_seeds
 
 DURATION = 120
 LEAST_DISTANCE = 10.0
@@ -58,7 +58,7 @@ def main() -> int:
     print(f"{'tree and world':24} {'seeds':>5} {'coll.':>5} {'grazes':>6} {'least m':>8} {'real time ×':>10}")
     missed: list[str] = []
     for case in CASES:
-        line, more = row(case, results(case, range(options.seeds), options.jobs))
+        line, more = row(case, run_seeds(case, range(options.seeds), options.jobs))
         print(line, flush=True)
         missed += more
     for miss in missed:

@@ -92,7 +92,7 @@ def saved_results(case: Case) -> dict[int, Result]:
     return found
 
 
-def results(case: Case, seeds: Sequence[int], workers: int, execute: Execution = run) -> list[Result]:
+def run_seeds(case: Case, seeds: Sequence[int], workers: int, execute: Execution = run) -> list[Result]:
     """Return the results of *seeds*, in their order; missing results are computed, *workers* at a time.
 
     Args:
@@ -101,10 +101,10 @@ def results(case: Case, seeds: Sequence[int], workers: int, execute: Execution =
         workers: The number of runs at a time.
         execute: Runs the case with a seed.
     """
-    return sorted(_results(case, seeds, workers, execute), key=lambda result: int(result["seed"]))
+    return sorted(_run_seeds(case, seeds, workers, execute), key=lambda result: int(result["seed"]))
 
 
-def _results(case: Case, seeds: Sequence[int], workers: int, execute: Execution) -> Iterator[Result]:
+def _run_seeds(case: Case, seeds: Sequence[int], workers: int, execute: Execution) -> Iterator[Result]:
     before = saved_results(case)
     yield from (before[seed] for seed in seeds if seed in before)
     case.file.parent.mkdir(exist_ok=True)

@@ -97,7 +97,7 @@ def position(text: str, offset: int) -> types.Position:
 
 
 @asynccontextmanager
-async def session(
+async def start_session(
     folders: Sequence[Path] = (), settings: Any = None, cwd: Path | None = None
 ) -> AsyncIterator[Editor]:
     """Start the server, initialize it, and shut it down in the end.

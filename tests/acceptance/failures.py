@@ -16,7 +16,7 @@ from functools import partial
 from importlib.resources import files
 from pathlib import Path
 
-from cached_runs import Case, Execution, Result, failure_messages, results, run, safety_misses
+from cached_runs import Case, Execution, Result, failure_messages, run, run_seeds, safety_misses
 from patrolling import relocalisation_misses
 
 PATROL = ("patrolling", "--camera", "off", "--until", "success")
@@ -45,7 +45,7 @@ class Scenario:
     short: bool = True
 
 
-def outage(case: Case, seed: int) -> Result:
+def run_outage(case: Case, seed: int) -> Result:
     """Run *case* until its end, and until the outage; `driven_m` is the distance (m) between both."""
     late = run(case, seed)
     arguments = list(case.arguments)
@@ -132,7 +132,7 @@ def error_of_pose(result: Result) -> str:
     return f"pose within {result['robot']['localization_error_m']['max']} m"
 
 
-def scenarios(folder: Path, seeds: Sequence[int]) -> list[Scenario]:
+def create_scenarios(folder: Path, seeds: Sequence[int]) -> list[Scenario]:
     """Return all scenarios; their worlds are written to *folder*."""
     house = ("--world", "house")
 
@@ -145,7 +145,7 @@ def scenarios(folder: Path, seeds: Sequence[int]) -> list[Scenario]:
             Case(f"{name} fails", fault, partial(outage_misses, sensor=name)),
             lambda result: f"{result['driven_m']:.3f} m driven in 30 s",
             seeds,
-            outage,
+            run_outage,
         )
 
     def moved(name: str, *options: str) -> Scenario:
@@ -215,11 +215,11 @@ def main() -> int:
     missed: list[str] = []
     print(f"{'scenario':20} {'good':>5} {'coll.':>5} {'grazes':>6}  figure with the first seed")
     with tempfile.TemporaryDirectory() as folder:
-        for scenario in scenarios(Path(folder), seeds):
+        for scenario in create_scenarios(Path(folder), seeds):
             case = scenario.case
             if options.only not in case.name or (options.sample and not scenario.short):
                 continue
-            found = results(case, scenario.seeds, options.jobs, scenario.execute)
+            found = run_seeds(case, scenario.seeds, options.jobs, scenario.execute)
             misses = failure_messages(case, found)
             whole = [run for run in found if "error" not in run]
             bad = {text.split(":")[0] for text in misses}

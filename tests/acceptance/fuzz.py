@@ -48,7 +48,7 @@ def corpus(*names: str) -> list[dict[str, object]]:
     return cases
 
 
-def mutated(text: str, rng: random.Random) -> str:
+def mutate(text: str, rng: random.Random) -> str:
     """*text* with one to six changes: pieces put in, cut out, doubled, moved, characters replaced."""
     for _ in range(rng.randint(1, 6)):
         at = rng.randint(0, len(text))
@@ -69,10 +69,10 @@ def mutated(text: str, rng: random.Random) -> str:
     return text
 
 
-def tree(rng: random.Random) -> None:
+def check_tree(rng: random.Random) -> None:
     """Check a mutated tree, load it, and tick it three times in format 4."""
     case = rng.choice(corpus("v4_full", "v4_scopes", "v3_full"))
-    text = mutated(str(case["xml"]), rng)
+    text = mutate(str(case["xml"]), rng)
     format = rng.choice((None, 3, 4))
     nodes = conformance_registry()
     try:
@@ -85,23 +85,23 @@ def tree(rng: random.Random) -> None:
         str(fault)
 
 
-def script(rng: random.Random) -> None:
+def check_script(rng: random.Random) -> None:
     """Compile a mutated script, and run it three times."""
     case = rng.choice(corpus("scripts"))
     board = Blackboard()
     for key, value in dict(case["bb"]).items():  # type: ignore[call-overload]
         board.set(key, value)
     try:
-        program = compile_script(mutated(str(case["script"]), rng), {"RED": 1})
+        program = compile_script(mutate(str(case["script"]), rng), {"RED": 1})
         for _ in range(3):
             program.run(board)
     except BtcoreError as fault:
         str(fault)
 
 
-def port(rng: random.Random) -> None:
+def check_port(rng: random.Random) -> None:
     """Convert a mutated text to every type of port."""
-    text = mutated(str(rng.choice(corpus("convert"))["text"]), rng)
+    text = mutate(str(rng.choice(corpus("convert"))["text"]), rng)
     for kind in (INT, INT64, UINT, UINT64, DOUBLE, NODE_STATUS, VECTOR_INT, VECTOR_DOUBLE):
         for format in (3, 4):
             try:
@@ -111,9 +111,9 @@ def port(rng: random.Random) -> None:
 
 
 KINDS: dict[str, tuple[Callable[[random.Random], None], float]] = {
-    "trees": (tree, 0.4),
-    "scripts": (script, 0.3),
-    "ports": (port, 0.3),
+    "trees": (check_tree, 0.4),
+    "scripts": (check_script, 0.3),
+    "ports": (check_port, 0.3),
 }
 
 

@@ -37,7 +37,7 @@ sys.exit(subprocess.call(["cc", *arguments]))
 """
 
 
-def wheel(name: str, folder: Path, environment: dict[str, str]) -> Path:
+def build_wheel(name: str, folder: Path, environment: dict[str, str]) -> Path:
     """Return the wheel that pip builds from a copy of the checkout, in *environment*."""
     checkout, dist = folder / name, folder / f"{name}-dist"
     for package in PACKAGES:
@@ -117,7 +117,7 @@ def main() -> int:
             "a compiler that fails halfway": {"CC": f"{sys.executable} {compiler}"},
         }
         for number, (case, environment) in enumerate(cases.items()):
-            pure = wheel(str(number), folder, environment)
+            pure = build_wheel(str(number), folder, environment)
             found = wheel_misses(pure)
             print(f"installing: {case:32} {'; '.join(found[:3]) or 'the pure build, whole'}", flush=True)
             missed += len(found)

@@ -29,12 +29,12 @@ from typing import IO
 
 import psutil
 from checkout import environment
-from recording import logged, recorded
 from sweep import workers
 
 from btcore.errors import BtcoreError
 from btcore.logs import read_btlog
 from btcore_robot.occupancy_map import load_map
+from recording import read_log, read_recording
 
 AGE = 1.0
 """How old a transition must be at the time of the kill (s) to be expected in a recording."""
@@ -123,17 +123,17 @@ def recording_trial(*, run: bool, recorder: bool) -> Trial:
         before = (killed_at - AGE - 3.0 * delay.greatest) * 1e9
         expected = sum(change.stamp < before for change in read_btlog(log).transitions)
         try:
-            kept = recorded(recording) if recording.exists() else []
+            kept = read_recording(recording) if recording.exists() else []
         except ValueError:  # the recorder was killed before it wrote the first transition
             kept = []
-        if kept != logged(log)[: len(kept)]:
+        if kept != read_log(log)[: len(kept)]:
             return f"the {len(kept)} recorded transitions differ from the log"
         return "" if len(kept) >= expected else f"{len(kept)} transitions recorded, {expected} expected"
 
     return trial
 
 
-def map_trial(folder: Path, rng: random.Random) -> str:
+def kill_mapping(folder: Path, rng: random.Random) -> str:
     """Kill a mapping run, most likely while it writes the map over an earlier map."""
 
     def content() -> list[bytes]:
@@ -187,7 +187,7 @@ def sweep_trial(*, scheduler: bool, worker: bool) -> Trial:
     return trial
 
 
-def json_trial(folder: Path, rng: random.Random) -> str:
+def kill_json_run(folder: Path, rng: random.Random) -> str:
     """Kill a run with ``--json``."""
     output = folder / "out.json"
     (folder / "steps.xml").write_text(STEPS)
@@ -204,11 +204,11 @@ TRIALS: dict[str, Trial] = {
     "--save, run killed": recording_trial(run=True, recorder=False),
     "--save, recorder killed": recording_trial(run=False, recorder=True),
     "--save, both killed": recording_trial(run=True, recorder=True),
-    "--save-map": map_trial,
+    "--save-map": kill_mapping,
     "sweep, scheduler killed": sweep_trial(scheduler=True, worker=False),
     "sweep, worker killed": sweep_trial(scheduler=False, worker=True),
     "sweep, both killed": sweep_trial(scheduler=True, worker=True),
-    "--json": json_trial,
+    "--json": kill_json_run,
 }
 
 

@@ -46,7 +46,7 @@ def visible_walls(map: OccupancyMap) -> NDArray[np.bool_]:
     return map.occupied & beside
 
 
-def explored(house: str, file: Path) -> Case:
+def exploration_case(house: str, file: Path) -> Case:
     """Return the case of exploring *house* and saving the map as *file*."""
     true = rasterise(load_world_description(house))
 
@@ -79,7 +79,7 @@ def explored(house: str, file: Path) -> Case:
     return Case(f"mapping {house}", arguments, misses)
 
 
-def patrolled(house: str, file: Path) -> Case:
+def patrol_case(house: str, file: Path) -> Case:
     """Return the case of patrolling *house* on the map in *file*."""
 
     def misses(result: Result) -> list[str]:
@@ -112,7 +112,7 @@ def main() -> int:
     for house in HOUSES:
         for seed in range(1, options.seeds + 1) if options.only in house else ():
             file = folder / f"{house}-{seed}.yaml"
-            exploring, patrolling = explored(house, file), patrolled(house, file)
+            exploring, patrolling = exploration_case(house, file), patrol_case(house, file)
             row = run(exploring, seed)
             missed += failure_messages(exploring, [row])
             if "error" in row:

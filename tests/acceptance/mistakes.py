@@ -221,7 +221,7 @@ def shows(file: Path, answer: Answer) -> bool:
     if kind == "leads to":
         too_late = limit is not None and pending >= limit
         return pending >= 0 and (too_late or result is not Status.RUNNING or run.cycle is not None)
-    return standard_fault(replay, answer.question, run, result)
+    return violates_question(replay, answer.question, run, result)
 
 
 def question_parts(question: str) -> tuple[str, str, str, str, int | None]:
@@ -237,7 +237,7 @@ def question_parts(question: str) -> tuple[str, str, str, str, int | None]:
     return question, "", "", "", None
 
 
-def standard_fault(replay: Replay, question: str, run: Counterexample, result: Status | None) -> bool:
+def violates_question(replay: Replay, question: str, run: Counterexample, result: Status | None) -> bool:
     """Return whether the last tick violates a standard question."""
     tree = replay.tree
     if question == "the tree ends":

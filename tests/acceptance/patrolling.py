@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
 
-from cached_runs import Case, Result, failure_messages, results, safety_misses
+from cached_runs import Case, Result, failure_messages, run_seeds, safety_misses
 
 HOUSES = ("house", "aws_house")
 ROUND = ("wp1", "wp2", "wp3")
@@ -180,7 +180,7 @@ def main() -> int:
     missed: list[str] = []
     for group in sample() if options.sample else all_groups(options.seeds):
         if options.only in group.case.name:
-            line, more = row(group, results(group.case, group.seeds, options.jobs))
+            line, more = row(group, run_seeds(group.case, group.seeds, options.jobs))
             print(line, flush=True)
             missed += more
     for miss in missed:

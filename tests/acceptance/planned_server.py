@@ -226,8 +226,8 @@ class ServerProcess:
 
 
 @contextmanager
-def planned_server(namespace: str = "") -> Iterator[ServerProcess]:
-    """Run the server in *namespace*, such as `/robot`."""
+def start_planned_server(namespace: str = "") -> Iterator[ServerProcess]:
+    """Start the server in *namespace*, such as `/robot`, and end it at the end of the context."""
     server = ServerProcess(namespace)
     try:
         yield server

@@ -67,8 +67,8 @@ addEventListener('DOMContentLoaded', () => {
 
 
 @contextmanager
-def preview(*arguments: str) -> Iterator[str]:
-    """Start `btcore preview`, and return the address of its page."""
+def start_preview(*arguments: str) -> Iterator[str]:
+    """Start `btcore preview`, and yield the address of its page."""
     command = [sys.executable, "-m", "btcore", "preview", "--json", *arguments]
     with Popen(command, stdout=PIPE, text=True, env=environment()) as process:
         try:
@@ -102,7 +102,7 @@ def check_file(browser: Any, folder: Path, pictures: Path | None) -> list[str]:
         if not condition:
             wrong.append(name)
 
-    with preview(str(file)) as url:
+    with start_preview(str(file)) as url:
         page = browser.new_page(viewport={"width": 1280, "height": 760}, accept_downloads=True)
         page.on("console", lambda message: wrong.append(message.text) if message.type == "error" else None)
         page.on("pageerror", lambda error: wrong.append(str(error)))
@@ -149,7 +149,7 @@ def check_run(browser: Any, folder: Path, pictures: Path | None) -> None:
     command = [sys.executable, "-m", "btcore", "run", str(file), "--publish", "groot2", "--port", "17667"]
     published = Popen([*command, "--allow-control"], stdout=DEVNULL, stderr=DEVNULL, env=environment())
     try:
-        with preview(str(file), "--live", "17667") as url:
+        with start_preview(str(file), "--live", "17667") as url:
             page = browser.new_page(viewport={"width": 1280, "height": 760})
             page.goto(url)
             page.wait_for_selector("#canvas.live g.s1[data-uid='1']")
@@ -189,7 +189,7 @@ def check_speed(browser: Any, folder: Path, trials: int) -> list[str]:
     file, svg = folder / "large.xml", folder / "large.svg"
     file.write_text(large_tree(), encoding="utf-8")
     run([sys.executable, "-m", "btcore", "show", file, "--svg", svg], check=True, env=environment())
-    with preview(str(file)) as url:
+    with start_preview(str(file)) as url:
         # In turn, and the least of each, since other programs use the machine as well.
         pairs = [(measure(browser, svg.as_uri()), measure(browser, url)) for _ in range(trials)]
     static, drawn = (min(times) for times in zip(*pairs, strict=True))

@@ -20,12 +20,12 @@ COLUMNS = ("number", "uid", "previous", "status")
 Change = tuple[int, ...]
 
 
-def recorded(path: Path) -> list[Change]:
+def read_recording(path: Path) -> list[Change]:
     """Return (number, uid, previous, status) of every transition in a recording, by number."""
-    return sorted(rows(path))
+    return sorted(read_rows(path))
 
 
-def rows(path: Path) -> Iterator[Change]:
+def read_rows(path: Path) -> Iterator[Change]:
     """Yield the transitions of a recording in the order of the file."""
     for chunk in RrdReader(path).stream():
         if str(chunk.entity_path) == "/log/numbers":
@@ -34,8 +34,8 @@ def rows(path: Path) -> Iterator[Change]:
             yield from zip(*columns, strict=True)
 
 
-def logged(path: Path) -> list[Change]:
-    """Return the transitions in a log of the in-process logger, in the same form as recorded()."""
+def read_log(path: Path) -> list[Change]:
+    """Return the transitions in a log of the in-process logger, in the same form as `read_recording`."""
     return [
         (number, change.uid, int(change.previous), int(change.status))
         for number, change in enumerate(read_btlog(path).transitions, start=1)
@@ -58,7 +58,7 @@ def main() -> int:
             stdout=subprocess.DEVNULL,
             env=environment(),
         )
-        by_wire, by_log = recorded(recording), logged(log)
+        by_wire, by_log = read_recording(recording), read_log(log)
     differences = sum(first != second for first, second in zip(by_wire, by_log, strict=False))
     print(f"{len(by_log)} transitions logged, {len(by_wire)} recorded, {differences} differences")
     return 1 if not by_log or by_wire != by_log else 0

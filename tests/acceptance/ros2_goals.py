@@ -19,7 +19,7 @@ from subprocess import DEVNULL, Popen
 from typing import Any
 
 from checkout import environment
-from planned_server import Plan, planned_server
+from planned_server import Plan, start_planned_server
 
 from btcore_ros2.session import RosSession
 from btcore_ros2.testing import isolate_ros
@@ -131,7 +131,7 @@ class GoalRun:
         self._goal_type = ExecuteTree.Goal
         self._folder = folder
         self._trees = folder / "trees.xml"
-        self._peer = planned_server()
+        self._peer = start_planned_server()
         self._peer.__enter__()
         self.write_trees("String")
         (folder / "plugin.py").write_text(PLUGIN)

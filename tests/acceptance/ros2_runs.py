@@ -26,7 +26,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from subprocess import PIPE, Popen
 
-from cached_runs import Case, Result, failure_messages, replay, results, safety_misses
+from cached_runs import Case, Result, failure_messages, replay, run_seeds, safety_misses
 from checkout import environment
 
 from btcore_ros2.testing import isolate_ros
@@ -83,8 +83,8 @@ def btcore(*arguments: object) -> Command:
 
 
 @contextlib.contextmanager
-def ros_domain() -> "Iterator[Callable[[Command], Popen[str]]]":
-    """Reserve a ROS domain, and return a function that starts a process in it; they are killed at the end."""
+def reserve_ros_domain() -> "Iterator[Callable[[Command], Popen[str]]]":
+    """Reserve a ROS domain, and yield a function that starts a process in it; they are killed at the end."""
     domain = domains.get()
     single_threaded = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     variables = environment(ROS_DOMAIN_ID=str(domain), **single_threaded)
@@ -119,7 +119,7 @@ def start_simulation(start: "Callable[[Command], Popen[str]]", *options: object)
     raise RunError(f"the simulation has ended: {''.join(lines)[-500:]}")
 
 
-def last_object(process: "Popen[str]", code: int, limit: float) -> Result:
+def wait_for_object(process: "Popen[str]", code: int, limit: float) -> Result:
     """Wait for the end of *process*, and return the JSON object in its last line.
 
     Args:
@@ -146,14 +146,14 @@ def drive(case: Case, seed: int) -> Result:
     lockstep = ("--lockstep", "--seed", seed)
     duration = float(options[options.index("--duration") + 1])
     try:
-        with ros_domain() as start, tempfile.TemporaryDirectory() as folder:
+        with reserve_ros_domain() as start, tempfile.TemporaryDirectory() as folder:
             simulation = start_simulation(start, *lockstep)
             recording = Path(folder) / "run.btrec.txt"
             record = ("--record", str(recording), "--json")
             client = start(btcore("run", tree, "--ros2", "tiago", *options, *lockstep, *record))
-            driven = last_object(client, 0, START_LIMIT + 10.0 * duration)
+            driven = wait_for_object(client, 0, START_LIMIT + 10.0 * duration)
             simulation.send_signal(signal.SIGINT)
-            measured = last_object(simulation, 130, START_LIMIT)
+            measured = wait_for_object(simulation, 130, START_LIMIT)
             again = {"replay": replay(recording)}
     except RunError as error:
         return {"seed": seed, "error": str(error)}
@@ -177,7 +177,7 @@ def run_misses(result: Result, tree: str, duration: int) -> list[str]:
     return found
 
 
-def lockstep_runs(plan: Plan, tree: str, map_file: Path, jobs: int) -> list[str]:
+def run_in_lockstep(plan: Plan, tree: str, map_file: Path, jobs: int) -> list[str]:
     """Make the runs of *tree* and print their figures. Return a message for each miss."""
     duration = ("--duration", str(plan.lockstep))
     options = (*duration, "--map", str(map_file)) if tree == "patrolling" else duration
@@ -185,13 +185,13 @@ def lockstep_runs(plan: Plan, tree: str, map_file: Path, jobs: int) -> list[str]
     inside = Case(f"{tree} one process {plan.lockstep}", (tree, *WORLD, *duration), misses)
     outside = Case(f"{tree} ros2 {plan.lockstep}", (tree, *options), misses)
     again = Case(f"{tree} ros2 again {plan.lockstep}", (tree, *options), misses)
-    alone = results(inside, plan.seeds, jobs)
+    alone = run_seeds(inside, plan.seeds, jobs)
     missed = print_row(inside, alone)
-    driven = results(outside, plan.seeds, jobs, drive)
+    driven = run_seeds(outside, plan.seeds, jobs, drive)
     missed += print_row(outside, driven)
     equal = sum(way(first) == way(second) for first, second in zip(alone, driven, strict=True))
     print(f"  {equal} of {len(driven)} runs have the same ticks and the same way as in one process")
-    repeated = results(again, plan.repeated, jobs, drive)
+    repeated = run_seeds(again, plan.repeated, jobs, drive)
     missed += failure_messages(again, repeated)
     summaries = {run["seed"]: summary(run) for run in driven}
     different = [run["seed"] for run in repeated if summary(run) != summaries[run["seed"]]]
@@ -224,7 +224,7 @@ def print_row(case: Case, found: Sequence[Result]) -> list[str]:
     return failure_messages(case, found)
 
 
-def real_time_run(seconds: int, least_ticks: float) -> list[str]:
+def run_in_real_time(seconds: int, least_ticks: float) -> list[str]:
     """Make a run in real time beside a timer of rclpy, and print the lateness of both.
 
     The robot has no simulated time, like a real robot.
@@ -242,14 +242,14 @@ def real_time_run(seconds: int, least_ticks: float) -> list[str]:
         robot.write_text(f"{tiago}\nuse_sim_time: false\n", encoding="utf-8", newline="\n")
         run_options = ("--ros2", robot, "--duration", seconds, "--log", log, "--json")
         try:
-            with ros_domain() as start:
+            with reserve_ros_domain() as start:
                 simulation = start_simulation(start)
                 client = start(btcore("run", "bumpgo_wide", *run_options))
                 timer = start([sys.executable, __file__, "--timer", str(seconds)])
-                driven = last_object(client, 0, START_LIMIT + 2.0 * seconds)
-                timed = last_object(timer, 0, START_LIMIT)
+                driven = wait_for_object(client, 0, START_LIMIT + 2.0 * seconds)
+                timed = wait_for_object(timer, 0, START_LIMIT)
                 simulation.send_signal(signal.SIGINT)
-                measured = last_object(simulation, 130, START_LIMIT)
+                measured = wait_for_object(simulation, 130, START_LIMIT)
         except RunError as error:
             return [f"real time: {error}"]
         events = json.loads(log.read_text(encoding="utf-8"))["traceEvents"]
@@ -325,8 +325,8 @@ def main() -> int:
         subprocess.run(map_command, check=True, capture_output=True, env=environment())
         for tree in TREES:
             if options.only in tree:
-                missed += lockstep_runs(plan, tree, Path(folder, "house.yaml"), options.jobs)
-    missed += real_time_run(plan.real_time, plan.least_ticks)
+                missed += run_in_lockstep(plan, tree, Path(folder, "house.yaml"), options.jobs)
+    missed += run_in_real_time(plan.real_time, plan.least_ticks)
     for miss in missed:
         print(f"miss: {miss}")
     print(f"{time.monotonic() - began:.0f} s")

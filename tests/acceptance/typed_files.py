@@ -23,8 +23,8 @@ from functools import cache
 from pathlib import Path
 
 from click.testing import CliRunner
-from editor import Editor, position, session
-from fuzz import corpus, mutated
+from editor import Editor, position, start_session
+from fuzz import corpus, mutate
 from lsprotocol import types
 from pygls.exceptions import JsonRpcException
 
@@ -71,11 +71,11 @@ def file_text(seed: int, number: int) -> str:
     text = text[:at] + rng.choice(GREETINGS) + text[at:]
     text = text.replace('name="', 'name="Größe 🤖 ', 2)
     if rng.random() < 0.5:
-        text = mutated(text, rng)
+        text = mutate(text, rng)
     return text.encode()[:LIMIT].decode(errors="ignore")
 
 
-def expected(path: Path, library: Path) -> list[Mistake]:
+def validate_file(path: Path, library: Path) -> list[Mistake]:
     """Return what `btcore validate` reports about a file."""
     result = CliRunner().invoke(
         validate, [str(path), "--json", "--plugin", str(library)], standalone_mode=False
@@ -96,7 +96,7 @@ def expected(path: Path, library: Path) -> list[Mistake]:
     return sorted(found)
 
 
-def seen(diagnostics: Sequence[types.Diagnostic]) -> list[Mistake]:
+def shown_mistakes(diagnostics: Sequence[types.Diagnostic]) -> list[Mistake]:
     """Return what the editor shows, in the form of `expected`."""
     names = {types.DiagnosticSeverity.Error: "error", types.DiagnosticSeverity.Warning: "warning"}
     return sorted(
@@ -186,11 +186,11 @@ async def type_file(editor: Editor, folder: Path, library: Path, seed: int, numb
             await request_everything(editor, uri, offset + 1, rng)
             due += rng.randrange(1, 2 * REQUEST_EVERY)
     assert editor.texts[uri] == text
-    shown = seen(await editor.find_mistakes(uri))
+    shown = shown_mistakes(await editor.find_mistakes(uri))
     await request_everything(editor, uri, rng.randint(0, len(text)), rng)
     editor.close(uri)
     path.write_bytes(text.encode())
-    wanted = expected(path, library)
+    wanted = validate_file(path, library)
     return "" if shown == wanted else f"the editor shows {shown}, btcore validate reports {wanted}"
 
 
@@ -204,7 +204,7 @@ def run(seed: int, numbers: Sequence[int]) -> tuple[list[str], int]:
         library = folder / "leaves.py"
         library.write_text(LIBRARY, encoding="utf-8")
         settings = {"trusted": True, "plugins": [str(library)]}
-        async with session([folder], settings) as editor:
+        async with start_session([folder], settings) as editor:
             for number in numbers:
                 try:
                     problem = await type_file(editor, folder, library, seed, number)

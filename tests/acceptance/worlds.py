@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
-from cached_runs import RESULTS, Case, Result, results, run_process, sources
+from cached_runs import RESULTS, Case, Result, run_process, run_seeds, sources
 
 from btcore_sim.random_world_kinds import KINDS
 
@@ -28,13 +28,13 @@ def names(count: int) -> list[str]:
     return [f"{KINDS[number % 2]}:{number // 2 + 1}" for number in range(count)]
 
 
-def mapped(world: str, file: Path) -> Case:
+def exploration_case(world: str, file: Path) -> Case:
     """Return the case of exploring *world*, and saving the map as *file*."""
     arguments = ("mapping", "--world", world, "--camera", "off", "--duration", str(EXPLORATION))
     return Case(f"mapping {safe_name(world)}", (*arguments, "--save-map", str(file)), no_misses)
 
 
-def patrolled(world: str, file: Path, duration: float) -> Case:
+def patrol_case(world: str, file: Path, duration: float) -> Case:
     """Return the case of patrolling *world* for *duration* (s) on the map in *file*."""
     arguments = ("patrolling", "--world", world, "--camera", "off", "--duration", f"{duration:g}")
     name = f"patrol {safe_name(world)} {duration:g}"
@@ -77,7 +77,7 @@ def attempt(world: str, duration: float) -> dict[str, Any]:
     misses: list[str] = []
     causes: list[str] = []
     found |= {"misses": misses, "causes": causes}
-    (made,) = results(mapped(world, file), (1,), 1, run)
+    (made,) = run_seeds(exploration_case(world, file), (1,), 1, run)
     count(found, made)
     if "error" in made:
         return found
@@ -87,7 +87,7 @@ def attempt(world: str, duration: float) -> dict[str, Any]:
         causes += explanations(made)
     if not file.exists():
         return found
-    (patrol,) = results(patrolled(world, file, duration), (1,), 1, run)
+    (patrol,) = run_seeds(patrol_case(world, file, duration), (1,), 1, run)
     count(found, patrol)
     if "error" in patrol:
         return found

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 @pytest.fixture(scope="module")
 def server() -> "Iterator[ServerProcess]":
     """A server in another process; each goal determines what the server does."""
-    from planned_server import planned_server
+    from planned_server import start_planned_server
 
-    with planned_server() as process:
+    with start_planned_server() as process:
         yield process

@@ -12,7 +12,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from planned_server import Answer, Cancel, End, Plan, ServerProcess, planned_server
+from planned_server import Answer, Cancel, End, Plan, ServerProcess, start_planned_server
 from test_msgs.action import Fibonacci
 
 import btcore
@@ -97,7 +97,7 @@ NODES = (Planned, ShortTimeout, Unknown, Stops, Unnamed, Unfinished, WrongGoal, 
 
 @pytest.fixture(scope="module")
 def server() -> Iterator[ServerProcess]:
-    with planned_server() as process:
+    with start_planned_server() as process:
         yield process
 
 
@@ -371,7 +371,7 @@ def test_refused_cancellation_is_reported(
 
 
 def test_server_that_is_started_again_has_lost_the_goal(session: RosSession) -> None:
-    with planned_server("/own") as own:
+    with start_planned_server("/own") as own:
         tag = next(TAGS)
         tree = load(session, OWN.format("own", Plan(end=End.NEVER, tag=tag).order))
         wait_until_known(session, "/own/planned")
@@ -411,7 +411,7 @@ def test_server_of_another_type(server: ServerProcess) -> None:
 
 
 def test_clean_shutdown_of_the_server_is_seen_at_once(session: RosSession) -> None:
-    with planned_server("/clean") as own:
+    with start_planned_server("/clean") as own:
         tag = next(TAGS)
         tree = load(session, OWN.format("clean", Plan(end=End.NEVER, tag=tag).order))
         wait_until_known(session, "/clean/planned")

@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("rclpy")
 
-from planned_server import ServerProcess, planned_server
+from planned_server import ServerProcess, start_planned_server
 from std_msgs.msg import String
 from test_msgs.srv import BasicTypes
 
@@ -153,7 +153,7 @@ def test_absent_service(server: ServerProcess, session: RosSession) -> None:
 
 
 def test_service_that_dies(session: RosSession) -> None:
-    with planned_server("/own") as own:
+    with start_planned_server("/own") as own:
         tree = load(session, '<Increment service_name="/own/planned_service" number="60" delay_ms="30000"/>')
         wait_until_known(session, "/own/planned")
         leaf = leaf_of(tree)

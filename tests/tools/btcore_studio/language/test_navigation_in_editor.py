@@ -10,7 +10,7 @@ pytest.importorskip("pytest_lsp")
 from lsprotocol import types
 from pygls.exceptions import JsonRpcException
 
-from tests.acceptance.editor import position, session
+from tests.acceptance.editor import position, start_session
 
 MAIN = """<root BTCPP_format="4" main_tree_to_execute="Zustellen">
     <include path="türen.xml"/>
@@ -40,7 +40,7 @@ def test_editor_navigates_and_renames(tmp_path: Path) -> None:
 
 
 async def navigate(folder: Path, main: Path, doors: Path) -> None:
-    async with session([folder], {"trusted": True, "plugins": ["leaves.py"]}) as editor:
+    async with start_session([folder], {"trusted": True, "plugins": ["leaves.py"]}) as editor:
         uri = editor.open(main)
         # A change that is not saved: each place below it moves.
         editor.replace(uri, MAIN.index("    <BehaviorTree"), MAIN.index("    <BehaviorTree"), "<!-- 🤖 -->\n")

@@ -57,7 +57,7 @@ def test_a_session_with_several_files(editor: ModuleType, tmp_path: Path) -> Non
     (tmp_path / "broken.xml").write_text('<root BTCPP_format="4"><BehaviorTree ID="A">', encoding="utf-8")
 
     async def use() -> None:
-        async with editor.session([tmp_path]) as client:
+        async with editor.start_session([tmp_path]) as client:
             uri = client.open(main)
             # The open file is answered first, then the rest of the project.
             found = await client.find_mistakes(uri)

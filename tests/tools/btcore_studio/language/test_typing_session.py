@@ -9,7 +9,7 @@ pytest.importorskip("pytest_lsp")
 from lsprotocol import types
 
 from btcore_studio.language.semantic_tokens import LEGEND
-from tests.acceptance.editor import Editor, position, session
+from tests.acceptance.editor import Editor, position, start_session
 
 TEXT = """<root BTCPP_format="4">
 <BehaviorTree ID="Größe🤖"><Sequence>
@@ -29,7 +29,7 @@ async def labels(editor: Editor, uri: str, offset: int) -> list[str]:
 
 
 async def type_and_ask() -> None:
-    async with session() as editor:
+    async with start_session() as editor:
         uri = editor.open("untitled:baum.xml", TEXT)
         end = TEXT.index("\n</Sequence>")
         editor.replace(uri, end, end, '\n<Delay delay_msec="{')
