@@ -19,7 +19,7 @@ from btcore_recorder.inputs import TreeState
 from btcore_recorder.lines import Line, head_lines, segment_lines, step_lines
 from btcore_recorder.recorder import RawStep, Recorder
 
-WRITE_INTERVAL_S: Final = 1.0
+WRITE_INTERVAL_S: Final = 0.5
 """The time (s, wall clock) between two writes: what a process that is killed may lose."""
 SEGMENT_DURATION_S: Final = 60.0
 """The time (s of the tree's clock) after which a new segment begins, with the state of the tree."""

@@ -17,7 +17,7 @@ from btcore.engine.journal import (
     ChildHalted,
     ChildTicked,
     ExternalHaltBegan,
-    RepetitionEnded,
+    Paused,
     StatusForced,
     StatusSet,
     TimeRead,
@@ -199,14 +199,14 @@ class _ExternalCode:
                 return
             self.apply(event, f"'{node.path}' is halted")
 
-    def repetition_ended(self, uid: int, count: int) -> bool:
+    def paused(self, uid: int, count: int) -> bool:
         """Return whether the node with *uid* pauses after *count* repetitions."""
         head = self._inputs.next
         # Named tuples of two types are equal if their values are.
-        has_ended = isinstance(head, RepetitionEnded) and head == (uid, count)
-        if has_ended:
+        is_paused = isinstance(head, Paused) and head == (uid, count)
+        if is_paused:
             self._inputs.take()
-        return has_ended
+        return is_paused
 
     def pre_tick(self, node: TreeNode) -> Status:
         """Return the status that a callback forced before the tick of *node*."""
@@ -400,7 +400,7 @@ class Replay:
         self._times = _RecordedTimes(self._inputs)
         self.tree.context.clock = self._times
         self.tree.context.uses_time = True
-        self.tree.context.recorded_end = external.repetition_ended
+        self.tree.context.recorded_pause = external.paused
         self.tree.context.must_check_end = True
         self._add_callbacks(steps)
 

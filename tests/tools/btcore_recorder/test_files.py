@@ -73,6 +73,18 @@ def test_a_recorded_file_is_replayed_without_the_nodes(file: Path) -> None:
     assert replay.tree.ticks == 6
 
 
+@pytest.mark.parametrize("extension", EXTENSIONS)
+def test_a_recording_of_the_first_version_is_read(extension: str) -> None:
+    replay = Replay(Path(__file__).parent / f"golden/format_1{extension}")
+    assert replay.verify() is None
+    assert [step.tick for step in replay.steps] == [1, 2, 3, 4, 5, 6, 0]
+    assert [segment.position for segment in replay.recording.segments] == [4]
+    assert {type(event).__name__ for step in replay.steps for event in (*step.before, *step.inputs)} >= {
+        *("Result", "ExternalHaltBegan", "ExternalHaltEnded", "ChildTicked", "StatusSet", "TimeRead"),
+        *("Written", "ScriptRun", "Removed", "Replaced", "StatusForced", "Raised"),
+    }
+
+
 def test_the_tree_is_not_changed_by_a_recording_that_has_ended(tmp_path: Path) -> None:
     tree = record_run(tmp_path / "run.btrec.txt")
     assert tree.context.journal is None
