@@ -37,7 +37,7 @@ from btcore.errors import BtcoreError
 from btcore.logs import LogError, read_btlog, read_log
 from btcore_recorder.files import EXTENSIONS
 from btcore_robot.occupancy_map import load_map
-from recording import read_log, read_recording
+from recording import read_log_changes, read_recording_changes
 
 AGE = 1.0
 """How old a transition must be at the time of the kill (s) to be expected in a recording."""
@@ -128,10 +128,10 @@ def recording_trial(*, run: bool, recorder: bool) -> Trial:
         before = (killed_at - AGE - 3.0 * delay.greatest) * 1e9
         expected = sum(change.stamp < before for change in read_btlog(log).transitions)
         try:
-            kept = read_recording(recording) if recording.exists() else []
+            kept = read_recording_changes(recording) if recording.exists() else []
         except ValueError:  # the recorder was killed before it wrote the first transition
             kept = []
-        if kept != read_log(log)[: len(kept)]:
+        if kept != read_log_changes(log)[: len(kept)]:
             return f"the {len(kept)} recorded transitions differ from the log"
         return "" if len(kept) >= expected else f"{len(kept)} transitions recorded, {expected} expected"
 

@@ -20,7 +20,7 @@ COLUMNS = ("number", "uid", "previous", "status")
 Change = tuple[int, ...]
 
 
-def read_recording(path: Path) -> list[Change]:
+def read_recording_changes(path: Path) -> list[Change]:
     """Return (number, uid, previous, status) of every transition in a recording, by number."""
     return sorted(read_rows(path))
 
@@ -34,8 +34,8 @@ def read_rows(path: Path) -> Iterator[Change]:
             yield from zip(*columns, strict=True)
 
 
-def read_log(path: Path) -> list[Change]:
-    """Return the transitions in a log of the in-process logger, in the same form as `read_recording`."""
+def read_log_changes(path: Path) -> list[Change]:
+    """Return the transitions in a log of the in-process logger, in the same form as `read_recording_changes`."""
     return [
         (number, change.uid, int(change.previous), int(change.status))
         for number, change in enumerate(read_btlog(path).transitions, start=1)
@@ -58,7 +58,7 @@ def main() -> int:
             stdout=subprocess.DEVNULL,
             env=environment(),
         )
-        by_wire, by_log = read_recording(recording), read_log(log)
+        by_wire, by_log = read_recording_changes(recording), read_log_changes(log)
     differences = sum(first != second for first, second in zip(by_wire, by_log, strict=False))
     print(f"{len(by_log)} transitions logged, {len(by_wire)} recorded, {differences} differences")
     return 1 if not by_log or by_wire != by_log else 0
