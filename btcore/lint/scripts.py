@@ -46,7 +46,7 @@ def check_script_results(node: NodePlan, enums: Mapping[str, int], reporter: Nod
         try:
             statements = parse_statements(text, enums)
         except ScriptError:
-            continue  # check_scripts has reported it
+            continue  # `report_invalid_scripts` has reported it
         error = find_certain_error(statements, enums)
         if error is not None:
             message = f"the script in '{attribute}' of {node.label} always raises: {error.message}"

@@ -59,8 +59,8 @@ class RobotKeys:
     def secure(self, socket: _Socket) -> None:
         """Require keys at the endpoints to which *socket* is bound after this call.
 
-        The public keys of the clients are checked by a `btcore_monitor.serve.publisher.Authenticator` in
-        the same context. Without it, every client is refused.
+        The public keys of the clients are checked by a `btcore_monitor.serve.publisher_sockets.Authenticator`
+        in the same context. Without it, every client is refused.
         """
         socket.setsockopt(zmq.CURVE_SERVER, 1)
         socket.setsockopt(zmq.CURVE_SECRETKEY, self._secret)

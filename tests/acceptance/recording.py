@@ -35,7 +35,7 @@ def read_rows(path: Path) -> Iterator[Change]:
 
 
 def read_log_changes(path: Path) -> list[Change]:
-    """Return the transitions in a log of the in-process logger, in the same form as `read_recording_changes`."""
+    """Return the transitions in a log of the in-process logger, as `read_recording_changes` does."""
     return [
         (number, change.uid, int(change.previous), int(change.status))
         for number, change in enumerate(read_btlog(path).transitions, start=1)

@@ -81,7 +81,7 @@ def find_name_uses(text: str, enums: Mapping[str, int]) -> list[NameUse]:
     try:
         statements = parse_statements(text, enums)
     except ScriptError:
-        return []  # check_scripts has reported it
+        return []  # `report_invalid_scripts` has reported it
     uses: list[NameUse] = []
     for statement in statements:
         for part in iter_subexpressions(statement):

@@ -1,4 +1,4 @@
-"""The command's process: Ctrl-C while it is still importing, and terminals with little encoding."""
+"""The process of a command: its imports, installed packages, Ctrl-C, and terminals with little encoding."""
 
 import json
 import os

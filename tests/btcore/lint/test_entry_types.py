@@ -1,4 +1,4 @@
-"""Values that do not fit the types of entries."""
+"""Values of entries without a warning; `messages.txt` has those that do not fit the type of their entry."""
 
 import pytest
 

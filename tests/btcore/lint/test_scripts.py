@@ -1,4 +1,4 @@
-"""Scripts that always raise, and assignments in conditions."""
+"""Scripts without a warning; `messages.txt` has those that always raise, and assignments in conditions."""
 
 import pytest
 

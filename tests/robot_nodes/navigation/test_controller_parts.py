@@ -1,4 +1,4 @@
-"""The parts of the controller: smoothed scan, clearance, pursuit, detours, checkers, velocity smoother."""
+"""The parts of the controller: smoothed scan, clearance, pursuit, detours, checkers of progress and goal."""
 
 import math
 from collections.abc import Callable

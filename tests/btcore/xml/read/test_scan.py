@@ -1,3 +1,5 @@
+"""The scanner finds elements in any text: as the parser in correct files, and in spite of mistakes."""
+
 import gzip
 import json
 from itertools import islice
