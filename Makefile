@@ -62,28 +62,31 @@ DEMO := bumpgo_wide --world arena_boxes --seed 7 --duration 60
 # Targets that `make test` makes beside the tests of ROS 2, which often wait.
 BESIDE ?=
 
-# How many seeds each acceptance run is made with.
-SEEDS ?= 200
-PATROLS ?= --seeds 10
+# The options of each acceptance run, whose script `--help` describes; `none` leaves the run out. Durations are in s.
+BUMPGO ?= --seeds 200
+PATROLLING ?= --seeds 10
 FAILURES ?= --seeds 3
 WORLDS ?= --worlds 30
-INPUTS ?= 100000
-EPISODES ?= 1000
-RECORDED ?= 600
+SWEEP ?= --episodes 1000
+LOWER_BOUNDS ?=
+FUZZ ?= --inputs 100000
+RECORDING ?= --duration 600
 ATTACKS ?= --pairs 3 --seconds 10
-STARVED ?= 20
-LOWER_BOUNDS ?= yes
+STARVED ?= --starved 20 --seconds 3
 MCP_ATTACKS ?=
-KILLS ?= 100
-PROOFS ?= 1000
-SCHEDULES ?= 500
-PREVIEWS ?= 9
-RECORDED_RUNS ?= 2000
-TYPED ?= 200
-ROS2_RUNS ?=
-GOALS ?= 2000
 MISTAKES ?=
+PREVIEW ?= --trials 9
+PROOFS ?= --trees 1000
+TYPED_FILES ?= --files 200
+KILLS ?= --trials 100
+ROS2_SCHEDULES ?= --schedules 500
+ROS2_RUNS ?=
+ROS2_GOALS ?= --goals 2000
+# The acceptance runs that pytest makes: the number of random editing operations, and of recorded runs; or `none`.
 EDITS ?= 10000
+RECORDED_RUNS ?= 2000
+# $(call acceptance,SCRIPT,OPTIONS[,FURTHER ARGUMENTS[,ENVIRONMENT]]) runs a script unless its options are `none`.
+acceptance = @$(if $(filter none,$(2)),,$(or $(4),.venv)/bin/python tests/acceptance/$(1).py $(3) $(2))
 
 .PHONY: help setup setup-core demo test $(LANES) test-ros2 check environments lint lint-and-pure other-tests pure compiled vulkan accept \
 	accept-robot accept-engine accept-tools accept-ros2 docs vscode npm-checks dist bench clean
@@ -257,36 +260,36 @@ endif
 accept: accept-engine accept-tools accept-robot $(if $(ROS2),accept-ros2,test-ros2)
 
 accept-robot: .venv/ready
-	@.venv/bin/python tests/acceptance/bumpgo.py --seeds $(SEEDS) --jobs $(CORES)
-	@.venv/bin/python tests/acceptance/patrolling.py $(PATROLS) --jobs $(CORES)
-	@.venv/bin/python tests/acceptance/failures.py $(FAILURES) --jobs $(CORES)
-	@$(if $(WORLDS),.venv/bin/python tests/acceptance/worlds.py $(WORLDS) --jobs $(CORES))
-	@.venv/bin/python tests/acceptance/sweep.py --episodes $(EPISODES) --jobs $(CORES)
+	$(call acceptance,bumpgo,$(BUMPGO),--jobs $(CORES))
+	$(call acceptance,patrolling,$(PATROLLING),--jobs $(CORES))
+	$(call acceptance,failures,$(FAILURES),--jobs $(CORES))
+	$(call acceptance,worlds,$(WORLDS),--jobs $(CORES))
+	$(call acceptance,sweep,$(SWEEP),--jobs $(CORES))
 
 accept-engine: .venv/ready .venv-compiled/ready
 	@.venv/bin/python tests/acceptance/installs.py out/wheel/btcore-*.whl
-	@$(if $(LOWER_BOUNDS),.venv/bin/python tests/acceptance/lower_bounds.py out/wheel/btcore-*.whl)
-	@.venv/bin/python tests/acceptance/fuzz.py --inputs $(INPUTS) --jobs $(CORES)
-	@.venv/bin/python tests/acceptance/recording.py --duration $(RECORDED)
-	@.venv/bin/python tests/acceptance/attacks.py $(ATTACKS)
-	@$(if $(STARVED),.venv/bin/python tests/acceptance/attacks.py --starved $(STARVED) --seconds 3)
+	$(call acceptance,lower_bounds,$(LOWER_BOUNDS),out/wheel/btcore-*.whl)
+	$(call acceptance,fuzz,$(FUZZ),--jobs $(CORES))
+	$(call acceptance,recording,$(RECORDING))
+	$(call acceptance,attacks,$(ATTACKS))
+	$(call acceptance,attacks,$(STARVED))
 
 accept-tools: .venv/ready
-	@$(if $(EDITS),BTCORE_EXPECT=pure BTCORE_EDITS=$(EDITS) .venv/bin/pytest -n $(CORES) --dist worksteal \
-		tests/tools/btcore_studio/edit)
-	@$(if $(RECORDED_RUNS),BTCORE_EXPECT=pure BTCORE_RUNS=$(RECORDED_RUNS) .venv/bin/pytest -n $(CORES) \
+	@$(if $(filter none,$(EDITS)),,BTCORE_EXPECT=pure BTCORE_EDITS=$(EDITS) .venv/bin/pytest -n $(CORES) \
+		--dist worksteal tests/tools/btcore_studio/edit)
+	@$(if $(filter none,$(RECORDED_RUNS)),,BTCORE_EXPECT=pure BTCORE_RUNS=$(RECORDED_RUNS) .venv/bin/pytest -n $(CORES) \
 		tests/tools/btcore_recorder/test_replay.py)
-	@.venv/bin/python tests/acceptance/mcp_attacks.py $(MCP_ATTACKS)
-	@.venv/bin/python tests/acceptance/mistakes.py $(MISTAKES)
-	@.venv/bin/python tests/acceptance/preview.py --trials $(PREVIEWS)
-	@.venv/bin/python tests/acceptance/proofs.py --trees $(PROOFS) --jobs $(CORES)
-	@.venv/bin/python tests/acceptance/typed_files.py --files $(TYPED) --jobs $(CORES)
-	@.venv/bin/python tests/acceptance/kills.py --trials $(KILLS)
+	$(call acceptance,mcp_attacks,$(MCP_ATTACKS))
+	$(call acceptance,mistakes,$(MISTAKES))
+	$(call acceptance,preview,$(PREVIEW))
+	$(call acceptance,proofs,$(PROOFS),--jobs $(CORES))
+	$(call acceptance,typed_files,$(TYPED_FILES),--jobs $(CORES))
+	$(call acceptance,kills,$(KILLS))
 
 accept-ros2: .venv-ros/ready
-	@.venv-ros/bin/python tests/acceptance/ros2_schedules.py --schedules $(SCHEDULES)
-	@.venv-ros/bin/python tests/acceptance/ros2_runs.py $(ROS2_RUNS)
-	@$(if $(GOALS),.venv-ros/bin/python tests/acceptance/ros2_goals.py --goals $(GOALS))
+	$(call acceptance,ros2_schedules,$(ROS2_SCHEDULES),,.venv-ros)
+	$(call acceptance,ros2_runs,$(ROS2_RUNS),,.venv-ros)
+	$(call acceptance,ros2_goals,$(ROS2_GOALS),,.venv-ros)
 
 # Nothing of this is committed: npm brings the tools, in the versions of package.json.
 vscode:
