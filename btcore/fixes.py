@@ -21,10 +21,10 @@ class Fix:
         return f"{type(self).__name__}({values})"
 
     def __eq__(self, other: object) -> bool:
-        return repr(self) == repr(other)
+        return type(self) is type(other) and vars(self) == vars(other)
 
     def __hash__(self) -> int:
-        return hash(repr(self))
+        return hash((type(self), *vars(self).values()))
 
 
 class _FixWithText(Fix):

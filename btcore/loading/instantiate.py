@@ -53,10 +53,10 @@ def instantiate(
 
     Args:
         plans: The plans.
-        resources: As in `LoadArguments`.
-        blackboard: As in `LoadArguments`.
-        clock: As in `LoadArguments`.
-        tick_limit: As in `LoadArguments`.
+        resources: As in `btcore.loading.load.MakeArguments`.
+        blackboard: As in `MakeArguments`.
+        clock: As in `MakeArguments`.
+        tick_limit: As in `MakeArguments`.
 
     Raises:
         TreeError: The plans have errors, or nodes could not be created. It holds all errors.

@@ -20,7 +20,7 @@ from btcore.xml.plan.plan import Plans, plan_document
 from btcore.xml.read.document import Diagnostics, Document
 from btcore.xml.read.read import PackageResolver, parse_file, parse_text
 
-# For the API reference, which has the functions on the page of `btcore`.
+# What the API reference shows on the page of this module; it shows the functions on the page of `btcore`.
 __all__ = ["LoadArguments", "MakeArguments"]
 
 

@@ -38,7 +38,7 @@ def publisher(
         yield None
         return
     with (
-        _read_keys(settings) as (robot_keys, client_keys),
+        _prepare_keys(settings) as (robot_keys, client_keys),
         _publish(tree, resources, settings, robot_keys) as published,
         start_monitors(published.address, settings.list_viewer_options(), client_keys) as monitors,
     ):
@@ -59,10 +59,10 @@ def publisher(
 
 
 @contextmanager
-def _read_keys(settings: MonitorSettings) -> Iterator[tuple[RobotKeys | None, KeyOptions]]:
-    """Return a context with the keys of the robot, and the keys with which its own monitors connect.
+def _prepare_keys(settings: MonitorSettings) -> Iterator[tuple[RobotKeys | None, KeyOptions]]:
+    """Read the keys of the robot, create a key pair for its own monitors, and yield both.
 
-    The monitors get a key pair of their own, in a temporary folder that exists as long as the context.
+    The key pair of the monitors is in a temporary folder that exists as long as the context.
     """
     if settings.key_file is None:
         yield None, KeyOptions()

@@ -41,6 +41,7 @@ STATISTICS: Final = "statistics"
 TICK_MS: Final = "tick/duration"
 BUDGET_MS: Final = "tick/budget"
 RATE: Final = "rate/ticks"
+"""Paths of rerun entities below the path of their robot: the log, the tables, and the curves over time."""
 
 LEVELS: Final = ("TRACE", "DEBUG", "INFO", "WARN", "ERROR")
 """Levels of the log's lines, from the most to the least detailed, with rerun's names."""
@@ -167,7 +168,7 @@ class NowPanel:
         self._last_document = ""
         self._source_lines: list[str] = []
         self._exception_text = ""
-        self._root = STATUS_NAMES[IDLE]
+        self._root_text = STATUS_NAMES[IDLE]
         self._lost_transitions = self._gap_count = 0
 
     def show_source(self, source: DataSource) -> None:
@@ -183,7 +184,7 @@ class NowPanel:
         """
         path, message = escape_markdown(event.path), escape_markdown(shorten_message(event.message))
         self._exception_text = f"**{path}** raised at {self._rows.to_seconds(event.stamp):.2f} s: {message}"
-        self._show(event.stamp, event.wall, states, self._root)
+        self._show(event.stamp, event.wall, states, self._root_text)
 
     def count_missing(self, event: LostTransitionsEvent | MissingDataEvent) -> None:
         """Count missing transitions."""
@@ -206,8 +207,8 @@ class NowPanel:
         """Show *states*, for a robot that does not report its ticks."""
         self._show(states.stamp, states.wall, states, SHOWN_NAMES[int(states.shown[0])])
 
-    def _show(self, stamp: int, wall: int, states: TickStates, root: str) -> None:
-        self._root = root
+    def _show(self, stamp: int, wall: int, states: TickStates, root_text: str) -> None:
+        self._root_text = root_text
         is_running = states.shown == RUNNING
         failed = (states.shown == FAILURE) | (states.shown == RESET_OFFSET + FAILURE)
         short = {name: note for name, note in self._notes.items() if len(note) <= _MAX_CELL_CHARS}
@@ -219,7 +220,7 @@ class NowPanel:
         lines += [f"| {name} | {note} |" for name, note in short.items()]
         if self._collisions_text:
             lines.append(f"| robot | {self._collisions_text} |")
-        lines.append(f"| root | {root} |")
+        lines.append(f"| root | {root_text} |")
         lines += self._source_lines
         if self._lost_transitions:
             lines.append(f"| lost | {self._lost_transitions} transitions |")
