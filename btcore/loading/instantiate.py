@@ -49,14 +49,9 @@ def instantiate(
     clock: Clock | None = None,
     tick_limit: float | None = None,
 ) -> Tree:
-    """Create the nodes of the main tree, and return the tree.
+    """Create the nodes of the main tree of *plans*, and return the tree.
 
-    Args:
-        plans: The plans.
-        resources: As in `btcore.loading.load.MakeArguments`.
-        blackboard: As in `MakeArguments`.
-        clock: As in `MakeArguments`.
-        tick_limit: As in `MakeArguments`.
+    `btcore.loading.load.MakeArguments` describes the other parameters.
 
     Raises:
         TreeError: The plans have errors, or nodes could not be created. It holds all errors.

@@ -1,9 +1,7 @@
 """The registry of what a tree may use: built-in nodes, the user's nodes and node libraries, and trees."""
 
-import importlib
 import inspect
 import re
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from enum import Enum
 from functools import cache
@@ -22,7 +20,7 @@ from btcore.names import PLUGIN_FILE_PREFIX
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.registry.manifest import Manifest, create_manifest
 from btcore.status import NodeType
-from btcore.suggestions import did_you_mean, similar_file, suggestion
+from btcore.suggestions import did_you_mean
 from btcore.values import TypeRegistry
 from btcore.xml.read.document import Document
 from btcore.xml.read.read import parse_file, parse_text
@@ -428,7 +426,9 @@ class Registry:
         except RegistrationError as error:
             raise RegistrationError(f"plugin '{name}': {error}") from error
         except Exception as error:
-            raise _plugin_error(name, error, f"its {function}() was called") from error
+            from btcore.registry.plugin_modules import plugin_error
+
+            raise plugin_error(name, error, f"its {function}() was called") from error
         if name not in self._libraries:
             self._libraries.append(name)
 
@@ -453,7 +453,9 @@ def import_plugin(library: str | Path, name: str | None = None) -> Plugin:
         raise RegistrationError("a plugin has no name: give the name of a module, or the path of a file")
     if isinstance(library, str) and not library.endswith(".py") and ":" in library:
         library, function = library.split(":", 1)
-    return Plugin(_import(str(library), name), function)
+    from btcore.registry.plugin_modules import import_module_or_file  # not for runs without plugins
+
+    return Plugin(import_module_or_file(str(library), name), function)
 
 
 def _id_of(implementation: Any, id: str | None = None) -> str:
@@ -493,69 +495,6 @@ def _leaves_in(module: ModuleType) -> Iterable[Any]:
                 yield implementation
         elif hasattr(implementation, MARK):
             yield implementation
-
-
-def _import(library: str, name: str | None) -> ModuleType:
-    title = library if name in (None, library) else f"{library}' of '{name}"
-    try:
-        if library.endswith(".py") or Path(library).name != library:
-            return _import_file(Path(library))
-        return importlib.import_module(library)
-    except RegistrationError:
-        raise
-    except ModuleNotFoundError as error:
-        # The plugin itself may be missing, or a module that it imports.
-        if error.name is not None and (library == error.name or library.startswith(error.name + ".")):
-            raise RegistrationError(
-                f"plugin '{title}' is not found: give the name of a module that can be imported, "
-                f"or a file ending in .py{_file_hint(Path(library))}"
-            ) from error
-        raise _plugin_error(title, error) from error
-    except (Exception, SystemExit) as error:
-        raise _plugin_error(title, error) from error
-
-
-def _import_file(path: Path) -> ModuleType:
-    if not path.is_file():
-        raise RegistrationError(f"plugin '{path}' is not found: there is no such file{_file_hint(path)}")
-    from importlib.util import module_from_spec, spec_from_file_location
-
-    name = f"{PLUGIN_FILE_PREFIX}{path.stem}"
-    spec = spec_from_file_location(name, path)
-    if spec is None or spec.loader is None:
-        raise RegistrationError(f"plugin '{path}' is not a Python file")
-    module = module_from_spec(spec)
-    # Before the module runs: dataclasses look up their module in sys.modules.
-    sys.modules[name] = module
-    try:
-        spec.loader.exec_module(module)
-    except BaseException:
-        del sys.modules[name]
-        raise
-    return module
-
-
-def _file_hint(path: Path) -> str:
-    near = similar_file(path, ".py")
-    return "" if near is None else "; " + suggestion(f"'{near}'")
-
-
-def _plugin_error(library: str, error: BaseException, doing: str = "it was imported") -> RegistrationError:
-    if isinstance(error, SyntaxError):
-        where = f"{error.filename}:{error.lineno}"
-    else:
-        import traceback
-
-        last = traceback.extract_tb(error.__traceback__)[-1]
-        where = f"{last.filename}:{last.lineno}"
-    message = f"plugin '{library}' raised while {doing}: {where}: {type(error).__name__}: {error}"
-    if isinstance(error, ModuleNotFoundError):
-        from btcore.moved_modules import MOVED_MODULES
-
-        # Python names the missing package, not the module in it that a plugin imports.
-        moved = [new for old, new in MOVED_MODULES.items() if f"{old}.".startswith(f"{error.name}.")]
-        message += f": it has moved to {' or '.join(moved)}" if moved else ""
-    return RegistrationError(message)
 
 
 def library_of(implementation: Any) -> str:
