@@ -143,7 +143,7 @@ class ExtensibleCommand(click.Command):
         extension = self.extension_class
         return own if extension is None else [*own[:-1], *create_options(extension), own[-1]]
 
-    def make_extension(self, values: Mapping[str, Any]) -> Any:
+    def create_extension(self, values: Mapping[str, Any]) -> Any:
         """Return the extension with *values*, those of its options; None if there is no extension."""
         return None if self.extension_class is None else from_values(self.extension_class, values)
 

@@ -322,7 +322,7 @@ class TreeNode:
 
 
 def attach_to_tree(node: TreeNode, config: NodeConfig, context: TreeContext, blackboard: Blackboard) -> None:
-    """Put *node* into a tree. Called by `Manifest.make`, before `__init__`.
+    """Put *node* into a tree. Called by `Manifest.create_node`, before `__init__`.
 
     Args:
         config: The configuration of the node: its name, path, ports and conditions.

@@ -79,7 +79,7 @@ def _texts(sources: Sources) -> list[tuple[str, str, bool]]:
     return [(document.file, document.text, document in shared) for document in sources.documents]
 
 
-def make_leaf_tree(leaf: type[TreeNode], id: str, clock: Clock) -> Tree:
+def create_leaf_tree(leaf: type[TreeNode], id: str, clock: Clock) -> Tree:
     """Return a tree of a single leaf, which no document describes.
 
     Args:
@@ -93,7 +93,7 @@ def make_leaf_tree(leaf: type[TreeNode], id: str, clock: Clock) -> Tree:
     config = NodeConfig(id, id, uid=1)
     config.path = f"{id}::1"
     context, board = TreeContext(clock), Blackboard(clock=clock)
-    nodes = [manifest.make(config, context, board, Resources(), [])]
+    nodes = [manifest.create_node(config, context, board, Resources(), [])]
     main = f"{id}Alone"
     return Tree(main, 4, [Subtree(main, "", board, nodes)], nodes, context, registry)
 
@@ -300,7 +300,8 @@ class NodeCreator:
         if manifest is None:
             return None
         try:
-            return manifest.make(config, self.context, draft.subtree.blackboard, self._resources, created)
+            board = draft.subtree.blackboard
+            return manifest.create_node(config, self.context, board, self._resources, created)
         except ScriptError as error:
             if not report_invalid_scripts(node_plan, draft.document, self.enums, self.collector):
                 # The code of a leaf has compiled a script of its own.

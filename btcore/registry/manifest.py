@@ -126,7 +126,7 @@ class Manifest:
         except (OSError, TypeError):
             return f"{implementation.__qualname__} of {self.library}"
 
-    def make(
+    def create_node(
         self,
         config: NodeConfig,
         context: TreeContext,

@@ -359,7 +359,7 @@ def is_mock(cls: type[TreeNode]) -> bool:
     return issubclass(cls, tuple(_MOCK_CLASSES.values()))
 
 
-def make_mock_class(
+def create_mock_class(
     id: str,
     node_type: NodeType,
     ports: Sequence[Port],

@@ -13,7 +13,7 @@ from btcore.clock import NS_PER_S, Clock
 from btcore.engine.leaf import StatefulAction
 from btcore.errors import BtcoreError, NodeExecutionError, OutputError, ProviderError, TreeError
 from btcore.exit_codes import ExitCode, code_of_signal
-from btcore.loading.instantiate import instantiate, make_leaf_tree
+from btcore.loading.instantiate import create_leaf_tree, instantiate
 from btcore.loading.load import (
     LoadArguments,
     check_argument_names,
@@ -60,7 +60,7 @@ class TreelessProgram:
             def on_running(self) -> Status:
                 return Status.RUNNING if program.keep_running() else Status.SUCCESS
 
-        return make_leaf_tree(Work, self.name, clock)
+        return create_leaf_tree(Work, self.name, clock)
 
 
 Runnable = str | PathLike[str] | Plans | TreelessProgram

@@ -122,9 +122,9 @@ class Navigation:
         frames.step(robot.clock.now())
         limits = parameters.controller
         self.sensors = SensorWatch(robot, self.transforms, limits.scan_timeout, limits.odometry_timeout)
-        self.localiser = self._make_localiser(random)
+        self.localiser = self._create_localiser(random)
         self.localises = True
-        self.global_costmap = self._make_global_costmap()
+        self.global_costmap = self._create_global_costmap()
         local_parameters = parameters.local_costmap
         self.local_costmap = LocalCostmap(
             **costmap_arguments(local_parameters),
@@ -244,12 +244,12 @@ class Navigation:
         """Return costmaps, paths, poses and notes that are new."""
         return self._scene.moving(self.robot.clock.now())
 
-    def _make_localiser(self, random: np.random.Generator) -> PoseSource:
+    def _create_localiser(self, random: np.random.Generator) -> PoseSource:
         """Create the source of the robot's pose."""
         limit = self.parameters.controller.odometry_timeout
         return Localiser(self.robot, self.map, self.transforms, random, self.parameters.amcl, limit)
 
-    def _make_global_costmap(self) -> GlobalCostmap:
+    def _create_global_costmap(self) -> GlobalCostmap:
         """Create the costmap for planning."""
         parameters = self.parameters.global_costmap
         track_unknown = parameters.track_unknown_space

@@ -431,7 +431,7 @@ class _ObjectEntry(Record, tag_field="kind"):
         _key("Glass is transparent for the laser and the camera, but not for sonars and bumpers."),
     ] = "solid"
 
-    def make_objects(self, name: str, doors: dict[str, Door]) -> list[WorldObject]:
+    def create_objects(self, name: str, doors: dict[str, Door]) -> list[WorldObject]:
         """Return the objects of the entry, and add its door, if any, to *doors*."""
         raise NotImplementedError
 
@@ -450,7 +450,7 @@ class Box(_ObjectEntry, kw_only=True, tag="box"):
     size: _Size
     mass: _Mass = 0.0
 
-    def make_objects(self, name: str, doors: dict[str, Door]) -> list[WorldObject]:
+    def create_objects(self, name: str, doors: dict[str, Door]) -> list[WorldObject]:
         """Return the box."""
         box = self._object(name, "box", self.size, self.position)
         return [replace(box, mass=self.mass, look=self.look or "")]
@@ -465,7 +465,7 @@ class Cylinder(_ObjectEntry, kw_only=True, tag="cylinder"):
     height: _Height
     mass: _Mass = 0.0
 
-    def make_objects(self, name: str, doors: dict[str, Door]) -> list[WorldObject]:
+    def create_objects(self, name: str, doors: dict[str, Door]) -> list[WorldObject]:
         """Return the cylinder."""
         size = (2 * self.radius, 2 * self.radius, self.height)
         return [
@@ -487,7 +487,7 @@ class Table(_ObjectEntry, kw_only=True, tag="table"):
             parts = f"a 'top' of {self.top:g} m and legs of {self.leg:g} m"
             raise ValueError(f"has {parts}, which don't fit into 'size': use smaller values")
 
-    def make_objects(self, name: str, doors: dict[str, Door]) -> list[WorldObject]:
+    def create_objects(self, name: str, doors: dict[str, Door]) -> list[WorldObject]:
         """Return the parts of the table: its top, and legs flush with the corners."""
         extent = self._object(name, "box", self.size, self.position)
         thick, wide = self.top, self.leg
@@ -513,7 +513,7 @@ class Wall(_ObjectEntry, kw_only=True, tag="wall"):
     thickness: Annotated[Positive, _key("The thickness (m).")] = 0.1
     closed: Annotated[bool, _key("Whether the wall continues from the last point to the first.")] = False
 
-    def make_objects(self, name: str, doors: dict[str, Door]) -> list[WorldObject]:
+    def create_objects(self, name: str, doors: dict[str, Door]) -> list[WorldObject]:
         """Return the wall as a prism."""
         parts = wall_quads(self.points, self.thickness, self.closed)
         return [_prism(self._object(name, "prism", (0.0, 0.0, self.height), self.position), parts)]
@@ -531,7 +531,7 @@ class Polygon(_ObjectEntry, kw_only=True, tag="polygon"):
     ]
     height: _Height
 
-    def make_objects(self, name: str, doors: dict[str, Door]) -> list[WorldObject]:
+    def create_objects(self, name: str, doors: dict[str, Door]) -> list[WorldObject]:
         """Return the block as a prism."""
         prism = self._object(name, "prism", (0.0, 0.0, self.height), self.position)
         return [_prism(prism, polygon_triangles(self.points))]
@@ -557,7 +557,7 @@ class _DoorEntry(_ObjectEntry, kw_only=True):
     def _turn(self) -> float:
         return 0.0
 
-    def make_objects(self, name: str, doors: dict[str, Door]) -> list[WorldObject]:
+    def create_objects(self, name: str, doors: dict[str, Door]) -> list[WorldObject]:
         """Return the leaf of the door, and add the door to *doors*."""
         door = doors[name] = Door(name, self.position, self.width, self.yaw, self._turn(), self.open)
         size = (self.width, self.thickness, self.height)
@@ -636,7 +636,7 @@ def _world_description(file: WorldFile, name: str) -> WorldDescription:
     objects: dict[str, WorldObject] = {}
     for index, entry in enumerate(file.objects):
         try:
-            entry_objects = entry.make_objects(entry.name or f"object_{index}", doors)
+            entry_objects = entry.create_objects(entry.name or f"object_{index}", doors)
         except OutlineError as error:
             raise DataError(("objects", index, "points"), f"are no outline: {error}") from None
         for item in entry_objects:

@@ -92,7 +92,7 @@ class LeafDeclaration:
     parameters: list[LeafParameter]
     implementation: "Callable[..., Any] | type[StatefulAction]"
 
-    def make_node_class(self) -> type[TreeNode]:
+    def create_node_class(self) -> type[TreeNode]:
         """Return an ordinary leaf class with the same ports, with which the ordinary tree can be loaded."""
         ports = self.ports
 

@@ -425,9 +425,9 @@ def _prepare(
     declarations = read_declarations(leaves, registry.types)
     for leaf in declarations:
         if leaf.id in registry:
-            registry.replace(**{leaf.id: leaf.make_node_class()})
+            registry.replace(**{leaf.id: leaf.create_node_class()})
         else:
-            registry.add(leaf.make_node_class(), ID=leaf.id)
+            registry.add(leaf.create_node_class(), ID=leaf.id)
     board = Blackboard(clock=clock)
     for key, value in (values or {}).items():
         # BatchBlackboard.initialise() reports invalid values.

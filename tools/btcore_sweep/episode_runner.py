@@ -69,7 +69,7 @@ def run_sweep(
         return ExecutionSummary()
     # If there are finished episodes, an error in the script is reported before workers are started.
     for record in folder.done.values():
-        table.make_row(sweep.episode(record["episode"]), record, script)
+        table.create_row(sweep.episode(record["episode"]), record, script)
     began = time.perf_counter()
     stopped = threading.Event()
     with (
@@ -86,7 +86,7 @@ def run_sweep(
             folder.add(record)
             count += 1
             episode_time += record.get("wall_s", 0.0)
-            bar.count_episode(table.make_row(episode, record, script)["success"], workers.count)
+            bar.count_episode(table.create_row(episode, record, script)["success"], workers.count)
         wall = time.perf_counter() - began
         busy = episode_time / (wall * max(workers.count, 1))
         return ExecutionSummary(signals.number, count, wall, workers.count, workers.deaths, busy)

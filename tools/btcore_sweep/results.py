@@ -15,7 +15,7 @@ from btcore_sweep.episode_runner import ExecutionSummary
 from btcore_sweep.report import ReportData, render_report
 from btcore_sweep.sweep_folder import SweepFolder
 from btcore_sweep.sweep_statistics import LEVEL, SuccessRate, compute_statistics
-from btcore_sweep.table import Row, list_columns, make_row, write_table
+from btcore_sweep.table import Row, create_row, list_columns, write_table
 
 REPORT: Final = "report.html"
 
@@ -41,7 +41,9 @@ def write_results(
         click.ClickException: A file cannot be written.
     """
     sweep = folder.definition
-    rows = [make_row(sweep.episode(number), record, script) for number, record in sorted(folder.done.items())]
+    rows = [
+        create_row(sweep.episode(number), record, script) for number, record in sorted(folder.done.items())
+    ]
     results, report = folder.path / f"results.{suffix}", folder.path / REPORT
     write_table(results, rows, list_columns(rows, sweep))
     walls = [record["wall_s"] for record in folder.done.values() if record.get("wall_s")]

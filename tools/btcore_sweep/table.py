@@ -31,7 +31,7 @@ _TREE_STATUSES: Final = ("SUCCESS", "FAILURE", "SKIPPED", "RUNNING")  # not RAIS
 _OWN_KEYS: Final = {"status", "ticks", "time_s", "real_time_factor", "nodes", "error", "reloads"}
 
 
-def make_row(episode: Episode, record: Record, script: Program | None) -> Row:
+def create_row(episode: Episode, record: Record, script: Program | None) -> Row:
     """Return the row of an episode.
 
     Args:

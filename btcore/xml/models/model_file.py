@@ -15,7 +15,7 @@ from btcore.diagnostic_codes import INVALID_NAME, MISSING_ID, UNREADABLE_FILE
 from btcore.diagnostics import Diagnostic
 from btcore.errors import RegistrationError, TreeError
 from btcore.names import SCRIPT_ATTRIBUTES, is_port_name, port_name_error
-from btcore.registry.mock_nodes import make_mock_class
+from btcore.registry.mock_nodes import create_mock_class
 from btcore.registry.registration_checks import default_value_error
 from btcore.registry.registry import Registry
 from btcore.status import NodeType
@@ -196,5 +196,5 @@ def add_mock(
     allowed = [port for port in ports if not port_name_error(port.name) or port_name_error(port.name, 3)]
     by_format = {None: ports} if len(allowed) == len(ports) else {3: ports, 4: allowed}
     for format, its_ports in by_format.items():
-        cls = make_mock_class(id, node_type, its_ports, description, origin, metadata)
+        cls = create_mock_class(id, node_type, its_ports, description, origin, metadata)
         nodes.add(cls, ID=id, format=format)

@@ -106,14 +106,8 @@ def plan_document(
 ) -> Plans:
     """Return the plans of the trees of a document: `read`, `define` and `plan` in one call.
 
-    Args:
-        document: The main document, which may call the trees of *registry* and of *others*.
-        registry: The registered nodes.
-        tree_id: As in `define`.
-        format: As in `define`.
-        every_tree: As in `plan`.
-        others: Further documents.
-        packages: As in `read`.
+    The main *document* may call the trees of *registry* and of the documents *others*. `read`, `define` and
+    `plan` describe the other parameters.
     """
     sources = read(document, [*registry.documents, *others], packages)
     return plan(define(sources, tree_id, format), registry, every_tree)

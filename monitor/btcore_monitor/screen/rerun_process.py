@@ -67,7 +67,7 @@ class RerunProcess:
             stdin=subprocess.DEVNULL,
             stdout=2 if self._output is None else self._output,
             stderr=self._output,
-            env=make_environment(verbose),
+            env=create_environment(verbose),
             # Ctrl-C in the terminal ends the monitor, but not the window.
             start_new_session=True,
             creationflags=NEW_PROCESS_GROUP,
@@ -157,7 +157,7 @@ class RerunProcess:
         return self._output.read().decode(errors="replace")
 
 
-def make_environment(verbose: bool = False) -> Mapping[str, str]:
+def create_environment(verbose: bool = False) -> Mapping[str, str]:
     """Return the environment variables for rerun: no usage statistics, and only errors in its log.
 
     rerun's viewer also shows its log lines as pop-ups, which would be visible in pictures.

@@ -135,7 +135,7 @@ class Exploration(Navigation):
         if warning:
             _log.warning("%s: %s", path, warning)
 
-    def _make_localiser(self, random: np.random.Generator) -> PoseSource:
+    def _create_localiser(self, random: np.random.Generator) -> PoseSource:
         amcl = self.parameters.amcl
         return Mapper(
             self.robot,
@@ -146,7 +146,7 @@ class Exploration(Navigation):
             odometry_limit=self.parameters.controller.odometry_timeout,
         )
 
-    def _make_global_costmap(self) -> GlobalCostmap:
+    def _create_global_costmap(self) -> GlobalCostmap:
         parameters = self.parameters.global_costmap
         track_unknown = parameters.track_unknown_space
         costmap = GrowingCostmap(self.map, **costmap_arguments(parameters), track_unknown=track_unknown)

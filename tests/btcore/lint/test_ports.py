@@ -7,7 +7,7 @@ import pytest
 
 import btcore
 from btcore import NodeExecutionError, NodeType, Port, Registry
-from btcore.registry.mock_nodes import make_mock_class
+from btcore.registry.mock_nodes import create_mock_class
 from btcore.values import INT
 from tests.btcore.lint.conftest import Checker
 from tests.btcore.lint.documents import dedented
@@ -189,7 +189,7 @@ def test_constant_that_a_leaf_certainly_rejects_is_an_error(
     check: Checker, palette: Registry, value: str, body: str, format: int, codes: list[str]
 ) -> None:
     palette.add(Fetch, shift)
-    palette.add(make_mock_class("Fly", NodeType.ACTION, [Port("speed", type=INT)], "", "models"), ID="Fly")
+    palette.add(create_mock_class("Fly", NodeType.ACTION, [Port("speed", type=INT)], "", "models"), ID="Fly")
     call = f'<SubTree{"Plus" if format == 3 else ""} ID="Inner" n="{value}"/>'
     inner2 = '<BehaviorTree ID="Inner2"><Sleep msec="{n}"/></BehaviorTree>' if "Inner2" in body else ""
     more = f'<BehaviorTree ID="Inner">{body}</BehaviorTree>{inner2}'

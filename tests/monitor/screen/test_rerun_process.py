@@ -14,8 +14,8 @@ import pytest
 from btcore_monitor.screen.rerun_process import (
     RerunProcess,
     ScreenError,
+    create_environment,
     find_viewer_program,
-    make_environment,
 )
 from btcore_monitor.screen.sinks import serve_web
 
@@ -119,7 +119,7 @@ def test_usage_statistics_are_off_unless_the_user_forces_them(monkeypatch: pytes
     """rerun sends nothing if CI is set, unless FORCE_RERUN_ANALYTICS is set, too."""
     monkeypatch.delenv("CI", raising=False)
     monkeypatch.delenv("FORCE_RERUN_ANALYTICS", raising=False)
-    assert make_environment()["CI"] == "true"
-    assert "FORCE_RERUN_ANALYTICS" not in make_environment()
+    assert create_environment()["CI"] == "true"
+    assert "FORCE_RERUN_ANALYTICS" not in create_environment()
     monkeypatch.setenv("FORCE_RERUN_ANALYTICS", "1")
-    assert make_environment()["FORCE_RERUN_ANALYTICS"] == "1"
+    assert create_environment()["FORCE_RERUN_ANALYTICS"] == "1"

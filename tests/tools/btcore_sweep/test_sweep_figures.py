@@ -37,7 +37,7 @@ def record(number: int, status: str = "SUCCESS", **more: Any) -> dict[str, Any]:
 
 
 def test_a_row_is_flat_and_has_no_wall_time() -> None:
-    row = table.make_row(SWEEP.episode(3), record(3), None)
+    row = table.create_row(SWEEP.episode(3), record(3), None)
     assert row == {
         "episode": 3,
         "seed": 1,
@@ -57,13 +57,15 @@ def test_a_row_is_flat_and_has_no_wall_time() -> None:
 
 
 def test_rows_without_a_run_contain_the_reason() -> None:
-    refused = table.make_row(
+    refused = table.create_row(
         SWEEP.episode(0), {"episode": 0, "code": 2, "report": None, "fault": "no room"}, None
     )
-    broken = table.make_row(
+    broken = table.create_row(
         SWEEP.episode(0), {"episode": 0, "code": 70, "report": None, "fault": "KeyError: 1"}, None
     )
-    killed = table.make_row(SWEEP.episode(0), {"episode": 0, "code": None, "report": None, "killed": 3}, None)
+    killed = table.create_row(
+        SWEEP.episode(0), {"episode": 0, "code": None, "report": None, "killed": 3}, None
+    )
     assert [(row["status"], row["error"]) for row in (refused, broken, killed)] == [
         ("REFUSED", "no room"),
         ("BROKEN", "KeyError: 1"),
@@ -76,7 +78,7 @@ def rows(count: int = 8) -> list[table.Row]:
     for number in range(count):
         failed = number % 4 == 3
         kept = record(number, "FAILURE" if failed else "SUCCESS", failed_at="a" if failed else None)
-        found.append(table.make_row(SWEEP.episode(number), kept, None))
+        found.append(table.create_row(SWEEP.episode(number), kept, None))
     return found
 
 
@@ -134,11 +136,13 @@ def test_statistics_contain_rates_by_parameter_and_failing_nodes() -> None:
 
 
 def test_success_may_be_a_script_over_the_columns() -> None:
-    row = table.make_row(SWEEP.episode(3), record(3), None)
+    row = table.create_row(SWEEP.episode(3), record(3), None)
     assert table.is_success(row, compile_script("status == 'SUCCESS' && robot_distance_m > 1"))
     assert not table.is_success(row, compile_script("param_bb_x < 2"))
     assert not table.is_success(row, compile_script("failed_at == 'a'")), "a missing value does not match"
-    killed = table.make_row(SWEEP.episode(0), {"episode": 0, "code": None, "report": None, "killed": 3}, None)
+    killed = table.create_row(
+        SWEEP.episode(0), {"episode": 0, "code": None, "report": None, "killed": 3}, None
+    )
     assert not table.is_success(killed, compile_script("seed < 100"))
 
 
@@ -167,4 +171,4 @@ def test_journal_with_an_old_name_of_a_key_is_read(tmp_path: Path) -> None:
     del old["failed_at"]
     (tmp_path / "journal.jsonl").write_text(json.dumps(old) + "\n", encoding="utf-8")
     with SweepFolder(tmp_path, SWEEP) as folder:
-        assert table.make_row(SWEEP.episode(0), folder.done[0], None)["failed_at"] == "a"
+        assert table.create_row(SWEEP.episode(0), folder.done[0], None)["failed_at"] == "a"

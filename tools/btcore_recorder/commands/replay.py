@@ -91,7 +91,7 @@ def replay(
     display. Times are in seconds since the log began. A truncated file is shown up to its end.
     """
     assert isinstance(ctx.command, ExtensibleCommand)
-    viewer: LogViewer | None = ctx.command.make_extension(viewer_values)
+    viewer: LogViewer | None = ctx.command.create_extension(viewer_values)
     outputs = () if viewer is None else viewer.outputs
     _check_usage(text, outputs, node_patterns, from_s, to_s, verifies, as_json)
     if verifies:

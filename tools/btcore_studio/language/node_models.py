@@ -9,7 +9,7 @@ from typing import Any
 from btcore.blackboard.ports import Direction, Port, PortRole
 from btcore.engine.node_spec import NodeSpec
 from btcore.registry.manifest import Manifest
-from btcore.registry.mock_nodes import is_mock, make_mock_class
+from btcore.registry.mock_nodes import create_mock_class, is_mock
 from btcore.registry.registration_checks import default_value_error
 from btcore.registry.registry import Registry
 from btcore.status import NodeType
@@ -111,7 +111,7 @@ def add_mock_nodes(nodes: Registry, models: Iterable[NodeModel], enums: Mapping[
         ports = [_port(nodes, port) for port in model.ports]
         origin = model.distribution or "model"
         node_type = NodeType[model.type]
-        cls = make_mock_class(model.id, node_type, ports, model.description, origin, model.metadata)
+        cls = create_mock_class(model.id, node_type, ports, model.description, origin, model.metadata)
         cls.spec = NodeSpec(symbol=model.symbol)
         nodes.add(cls, ID=model.id, format=model.format or None)
 

@@ -58,7 +58,7 @@ def preview(
     if path == STDIN:
         raise click.UsageError("btcore preview needs a file: a tree on stdin cannot be saved again.")
     assert isinstance(ctx.command, ExtensibleCommand)
-    live: PreviewExtension | None = ctx.command.make_extension(extension_values)
+    live: PreviewExtension | None = ctx.command.create_extension(extension_values)
     file_watcher = FileWatcher(path, options.confined)
     nodes_for = load_libraries(options.plugins, options.models, options.confined).nodes_for
     file = TreeFile(path, nodes_for, options.tree, options.format, options.confined)
