@@ -374,7 +374,7 @@ class Runner:
         longest = self._longest_timer(tree, clock.now())
         return End(seen, leaves.following(), tuple(leaves.given), state, longest)
 
-    def random_run(self, rng: random.Random, ticks: int) -> Iterator[Seen]:
+    def run_randomly(self, rng: random.Random, ticks: int) -> Iterator[Seen]:
         """Run the tree with random leaves, by the system's clock, and yield what happens in each tick.
 
         Args:
@@ -588,7 +588,7 @@ def enumerate_runs(tree: RandomTree, ticks: int, most_runs: int, most_plain: int
         found: list[tuple[_Open, tuple[bytes, tuple[int, ...]]]] = []
         for script, memories, longest in front:
             for elapsed in runner.steps_of(longest):
-                for end in _outcomes(runner, script, elapsed):
+                for end in _run_outcomes(runner, script, elapsed):
                     if runner.runs > most_runs:
                         return Enumeration(ticks, depths, runner.runs, False) if tree.is_hidden else None
                     seen = end.seen
@@ -619,7 +619,7 @@ def enumerate_runs(tree: RandomTree, ticks: int, most_runs: int, most_plain: int
     return Enumeration(ticks, depths, runner.runs, is_plain)
 
 
-def _outcomes(runner: Runner, script: Sequence[Tick], elapsed: int) -> Iterator[End]:
+def _run_outcomes(runner: Runner, script: Sequence[Tick], elapsed: int) -> Iterator[End]:
     """Run all outcomes of the tick after *script*."""
     given: list[int] | None = []
     while given is not None:
@@ -649,7 +649,7 @@ def enumerate_graph(tree: RandomTree, ticks: int, most_runs: int) -> tuple[list[
     arcs: list[Arc] = []
     for source, (script, longest) in _growing(scripts):
         for elapsed in runner.steps_of(longest):
-            for end in _outcomes(runner, script, elapsed):
+            for end in _run_outcomes(runner, script, elapsed):
                 if runner.runs > most_runs:
                     return None
                 seen = end.seen

@@ -441,7 +441,7 @@ def contradictions(tree: RandomTree, runs: int, seed: str) -> list[str]:
     found: dict[str, None] = {}
     for _ in range(runs if checks or asked else 0):
         memories = [0] * len(asked)
-        for seen in runner.random_run(rng, TICKS_OF_RUN):
+        for seen in runner.run_randomly(rng, TICKS_OF_RUN):
             found |= {question: None for question, is_violated in checks.items() if is_violated(seen)}
             for place, question in enumerate(asked):
                 memories[place], wrong = Monitor.advanced(question, memories[place], seen)
