@@ -53,6 +53,9 @@ from btcore_recorder.inputs import (
 from btcore_recorder.tree_state import restore_entries
 from btcore_recorder.values import Decoder, NotReplayable
 
+MAX_REPETITIONS: Final = 5_000_000
+"""Maximum number of repetitions in a step without a pause. A recording may be a stranger's."""
+
 
 class StandInClock:
     """The clock of the external nodes, of entries and of observers: the time at which the step began."""
@@ -110,6 +113,12 @@ class ExternalCode:
         self.node: TreeNode | None = None  # the external node that is ticked or halted
         self.has_unreplayable_values = False
         self._child_error: NodeExecutionError | None = None
+        self._repetitions = 0
+
+    def begin_step(self) -> None:
+        """Begin a step, or what happens before it."""
+        self.node = None
+        self._repetitions = 0
 
     def tick(self, node: TreeNode) -> Status:
         """Do what the tick of *node* did."""
@@ -141,6 +150,9 @@ class ExternalCode:
 
     def paused(self, uid: int, count: int) -> bool:
         """Return whether the node with *uid* pauses after *count* repetitions."""
+        self._repetitions += 1
+        if self._repetitions > MAX_REPETITIONS:
+            self.differ("no pause", f"more than {MAX_REPETITIONS:,} repetitions in a tick")
         head = self._inputs.next
         # Named tuples of two types are equal if their values are.
         is_paused = isinstance(head, Paused) and head == (uid, count)

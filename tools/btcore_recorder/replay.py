@@ -161,7 +161,7 @@ class Replay:
             self._states[self.position] = state, self._checksum.value
         step = self.steps[self.position]
         self.position += 1
-        self._external.node = None
+        self._external.begin_step()
         inputs, external = self._inputs, self._external
         status = IDLE
         with suppress(NodeExecutionError, TickInterrupt):

@@ -158,6 +158,22 @@ def test_nodes_and_scopes_that_do_not_exist_are_refused(text_file: Path, tmp_pat
         Replay(path)
 
 
+def test_a_recorded_tree_that_repeats_without_end_is_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("btcore_recorder.recorded_tree.MAX_REPETITIONS", 1000)
+    path = tmp_path / "run.btrec.txt"
+    repeat = '<Repeat num_cycles="3"><AlwaysSuccess/></Repeat>'
+    tree = btcore.loads(f'<root><BehaviorTree ID="Main">{repeat}</BehaviorTree></root>')
+    with record(tree, path):
+        tree.tick_once()
+    text = path.read_text().replace('num_cycles="3"', 'num_cycles="-1"')
+    path.write_text(re.sub(r"^(head \[)\d+", r"\1null", text, flags=re.MULTILINE))
+    difference = Replay(path).verify()
+    assert difference is not None
+    assert difference.now == "more than 1,000 repetitions in a tick"
+
+
 def test_only_documents_are_recorded(tmp_path: Path) -> None:
     tree = written_tree()
     tree.documents = ()
