@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from typing import Any, Final
+from typing import Any, Final, NoReturn
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.format3 import Format3Blackboard
@@ -120,16 +120,20 @@ class ExternalCode:
         self.node = None
         self._repetitions = 0
 
+    def take(self) -> Input | None:
+        """Take the next input of the tick or halt of an external node."""
+        return self._inputs.take()
+
     def tick(self, node: TreeNode) -> Status:
         """Do what the tick of *node* did."""
         uid = node.config.uid
         self.node = node
         while True:
-            event = self._inputs.take()
+            event = self.take()
             if isinstance(event, (Result, Raised)) and event.uid == uid:
                 if isinstance(event, Result):
                     return event.status
-                self._raise(event.error)
+                self.raise_error(event.error)
             self.apply(event, f"'{node.path}' is ticked")
 
     def halt(self, node: TreeNode) -> None:
@@ -138,13 +142,13 @@ class ExternalCode:
         if not (isinstance(head, ExternalHaltBegan) and head.uid == node.config.uid):
             reset_status(node)
             return
-        self._inputs.take()
+        self.take()
         self.node = node
         while True:
-            event = self._inputs.take()
+            event = self.take()
             if isinstance(event, ExternalHaltEnded) and event.uid == node.config.uid:
                 if event.error is not None:
-                    self._raise(event.error)
+                    self.raise_error(event.error)
                 return
             self.apply(event, f"'{node.path}' is halted")
 
@@ -253,7 +257,8 @@ class ExternalCode:
             self._types[name] = known
         return known
 
-    def _raise(self, recorded: RecordedError) -> None:
+    def raise_error(self, recorded: RecordedError) -> NoReturn:
+        """Raise a recorded exception."""
         if recorded.type == "NodeExecutionError" and self._child_error is not None:
             error, self._child_error = self._child_error, None
             raise error

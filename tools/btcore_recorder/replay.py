@@ -95,6 +95,7 @@ class Replay:
 
     Args:
         recording: A recording, or the path of its file.
+        external_class: What stands for the code of external nodes, for `btcore_recorder.what_if`.
 
     Attributes:
         recording: The recording.
@@ -102,6 +103,7 @@ class Replay:
         position: The number of steps that have been run.
         tree: The tree, after these steps.
         difference: The first difference between the recording and the replay, or None.
+        external: What stands for the code of external nodes.
 
     Raises:
         LogError: The file cannot be read, or the recording is invalid.
@@ -119,7 +121,11 @@ class Replay:
         (True, <Status.FAILURE: 3>)
     """
 
-    def __init__(self, recording: RunRecording | str | os.PathLike[str]) -> None:
+    def __init__(
+        self,
+        recording: RunRecording | str | os.PathLike[str],
+        external_class: type[ExternalCode] = ExternalCode,
+    ) -> None:
         if not isinstance(recording, RunRecording):
             recording = read_recording(Path(recording))
         head, steps = recording.head, recording.steps
@@ -129,7 +135,7 @@ class Replay:
         self.position = 0
         self._start_time = head.time
         self._inputs = Inputs()
-        self._external = external = ExternalCode(self._inputs, head.types)
+        self.external = external = external_class(self._inputs, head.types)
         self._stamps = StandInClock()
         self.tree = load_recorded(head, external, self._stamps)
         _check_numbers(recording, len(external.nodes), len(external.boards))
@@ -144,7 +150,7 @@ class Replay:
         add_callbacks(self.tree, external, steps)
 
     def _restore(self, state: TreeState) -> None:
-        external = self._external
+        external = self.external
         entries = restore_entries(state, external.boards, external.entry)
         restore_nodes(state, self.tree, entries, external.decode)
 
@@ -157,12 +163,12 @@ class Replay:
             if self.difference is not None:
                 return False
         elif self.position % STATE_INTERVAL == 0 and self.position not in self._states:
-            state = capture(self.tree, self._external.boards, self._encoder.encode)
+            state = capture(self.tree, self.external.boards, self._encoder.encode)
             self._states[self.position] = state, self._checksum.value
         step = self.steps[self.position]
         self.position += 1
-        self._external.begin_step()
-        inputs, external = self._inputs, self._external
+        self.external.begin_step()
+        inputs, external = self._inputs, self.external
         status = IDLE
         with suppress(NodeExecutionError, TickInterrupt):
             inputs.begin(step.before)
@@ -195,7 +201,7 @@ class Replay:
         if segment.gap:
             self._restore(segment.state)
             return
-        state = capture(self.tree, self._external.boards, self._encoder.encode)
+        state = capture(self.tree, self.external.boards, self._encoder.encode)
         if state != segment.state:
             self.difference = Difference(
                 self.position, segment.state.ticks, *describe_difference(segment.state, state)
@@ -248,7 +254,7 @@ class Replay:
     def _go_back(self, position: int) -> None:
         state, checksum = self._states[position]
         self.position = position
-        self.difference = self._external.difference = None
+        self.difference = self.external.difference = None
         self._restore(state)
         self.tree.status = self.steps[position - 1].status if position else self.tree.root.status
         self._checksum.value = checksum
@@ -256,7 +262,7 @@ class Replay:
     @property
     def has_unreplayable_values(self) -> bool:
         """Whether one of the values so far was recorded as text; see `NotReplayable`."""
-        return self._external.has_unreplayable_values
+        return self.external.has_unreplayable_values
 
     def verify(self) -> Difference | None:
         """Run all steps, and return the first difference, or None."""
