@@ -96,6 +96,17 @@ class ChangedRun(NamedTuple):
             )
         return "\n".join(lines)
 
+    @property
+    def short_text(self) -> str:
+        """The result in a line."""
+        if self.is_same:
+            text = "the same"
+        elif self.differs_from is None:
+            text = f"the same until tick {self.ticks}, then: {self.end}"
+        else:
+            text = f"differs from tick {self.differs_from} on: {self.now or 'nothing more happens'}"
+        return text if self.assumed_from is None else f"{text}; assumed from tick {self.assumed_from} on"
+
     def as_data(self) -> dict[str, object]:
         """Return the run as data of JSON."""
         return {**self._asdict(), "status": self.status.name, "same": self.is_same}

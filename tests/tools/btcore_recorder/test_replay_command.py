@@ -172,6 +172,29 @@ def test_a_run_is_changed(replay: Replay, recorded: Path) -> None:
     assert (result.exit_code, result.stdout.splitlines()[0]) == (0, "the same in all 4 ticks")
 
 
+def test_all_recordings_in_a_folder_are_run_again(replay: Replay, recorded: Path) -> None:
+    Path("runs").mkdir()
+    text = recorded.read_text()
+    for number in (1, 2):
+        Path(f"runs/{number}.btrec.txt").write_text(text)
+    Path("runs/3.btrec.txt").write_text("btrec [1]\n")
+    result = replay("runs", "--set", "n=2@4")
+    assert (result.exit_code, result.stdout.splitlines()) == (
+        1,
+        [
+            "1.btrec.txt  differs from tick 4 on: 'ScriptCondition::4' becomes SUCCESS",
+            "2.btrec.txt  differs from tick 4 on: 'ScriptCondition::4' becomes SUCCESS",
+            "3.btrec.txt  error: runs/3.btrec.txt: line 1: the head of this recording is damaged: the head "
+            "does not end",
+            "0 of 3 recordings are the same",
+        ],
+    )
+    Path("runs/3.btrec.txt").unlink()
+    result = replay("runs", "--verify", "--json")
+    assert [json.loads(line)["equal"] for line in result.stdout.splitlines()] == [True, True]
+    assert result.exit_code == 0
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
