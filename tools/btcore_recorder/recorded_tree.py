@@ -22,7 +22,7 @@ from btcore.engine.leaf import LeafNode
 from btcore.engine.node import TreeNode, execute_tick, halt_node, reset_status
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.node_spec import NodeSpec
-from btcore.errors import BtcoreError, NodeExecutionError, ScriptError, TickInterrupt
+from btcore.errors import BtcoreError, NodeError, NodeExecutionError, ScriptError, TickInterrupt
 from btcore.loading.instantiate import instantiate
 from btcore.registry.manifest import Manifest, create_manifest
 from btcore.registry.registry import Registry, SubstitutionRule
@@ -156,7 +156,7 @@ class ExternalCode:
         """Return whether the node with *uid* pauses after *count* repetitions."""
         self._repetitions += 1
         if self._repetitions > MAX_REPETITIONS:
-            self.differ("no pause", f"more than {MAX_REPETITIONS:,} repetitions in a tick")
+            raise NodeError(f"more than {MAX_REPETITIONS:,} repetitions in a tick")
         head = self._inputs.next
         # Named tuples of two types are equal if their values are.
         is_paused = isinstance(head, Paused) and head == (uid, count)

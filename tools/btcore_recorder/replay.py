@@ -2,7 +2,6 @@
 
 import os
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -170,7 +169,8 @@ class Replay:
         self.external.begin_step()
         inputs, external = self._inputs, self.external
         status = IDLE
-        with suppress(NodeExecutionError, TickInterrupt):
+        raised = ""
+        try:
             inputs.begin(step.before)
             while (event := inputs.take()) is not None:
                 external.apply(event, "nothing happens between two steps")
@@ -182,12 +182,19 @@ class Replay:
                 status = self.tree.tick_exactly_once()
             else:
                 self.tree.halt()
+        except NodeExecutionError as error:
+            raised = f": {error.cause}"
+        except TickInterrupt:
+            pass
         left = inputs.next
         if external.difference is None:
             if left is not None:
                 external.difference = external.words(left), "the step ends"
             elif status is not step.status:
-                external.difference = f"the result is {step.status.name}", f"the result is {status.name}"
+                external.difference = (
+                    f"the result is {step.status.name}",
+                    f"the result is {status.name}{raised}",
+                )
             elif self._checksum.value != step.checksum:
                 external.difference = "other transitions", "transitions with another checksum"
         if external.difference is not None:

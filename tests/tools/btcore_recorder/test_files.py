@@ -171,7 +171,7 @@ def test_a_recorded_tree_that_repeats_without_end_is_stopped(
     path.write_text(re.sub(r"^(head \[)\d+", r"\1null", text, flags=re.MULTILINE))
     difference = Replay(path).verify()
     assert difference is not None
-    assert difference.now == "more than 1,000 repetitions in a tick"
+    assert difference.now == "the result is IDLE: more than 1,000 repetitions in a tick"
 
 
 def test_only_documents_are_recorded(tmp_path: Path) -> None:
