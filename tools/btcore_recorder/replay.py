@@ -187,18 +187,16 @@ class Replay:
         except TickInterrupt:
             pass
         left = inputs.next
+        node = None if external.difference is None else external.node
         if external.difference is None:
             if left is not None:
                 external.difference = external.words(left), "the step ends"
             elif status is not step.status:
-                external.difference = (
-                    f"the result is {step.status.name}",
-                    f"the result is {status.name}{raised}",
-                )
+                now = f"the result is {status.name}{raised}"
+                external.difference = f"the result is {step.status.name}", now
             elif self._checksum.value != step.checksum:
                 external.difference = "other transitions", "transitions with another checksum"
         if external.difference is not None:
-            node = external.node
             place = ("", "") if node is None else (node.path, node.config.where)
             self.difference = Difference(self.position, step.tick, *external.difference, *place)
         return self.difference is None
