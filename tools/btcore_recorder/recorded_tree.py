@@ -24,6 +24,7 @@ from btcore.engine.node_config import NodeConfig
 from btcore.engine.node_spec import NodeSpec
 from btcore.errors import BtcoreError, NodeError, NodeExecutionError, ScriptError, TickInterrupt
 from btcore.loading.instantiate import instantiate
+from btcore.logs.files import LogError
 from btcore.registry.manifest import Manifest, create_manifest
 from btcore.registry.registry import Registry, SubstitutionRule
 from btcore.script.program import compile_script
@@ -188,8 +189,12 @@ class ExternalCode:
             case Written(scope, key, value, declared):
                 value_type = None if declared is None else self.type(declared)
                 try:
-                    self.boards[scope].set(key, self.decode(value), value_type)
-                except (BtcoreError, ValueError) as error:
+                    decoded = self.decode(value)
+                    if isinstance(decoded, NotReplayable):
+                        self._write_text(self.boards[scope], key, decoded, value_type)
+                    else:
+                        self.boards[scope].set(key, decoded, value_type)
+                except BtcoreError as error:
                     self.differ(self.words(event), str(error))
             case ScriptRun(scope, text, enums):
                 with suppress(ScriptError):  # the leaf has got it, too
@@ -217,13 +222,25 @@ class ExternalCode:
             case _:
                 self.differ("the end of the step" if event is None else self.words(event), now)
 
+    def _write_text(
+        self, board: Blackboard, key: str, value: NotReplayable, value_type: ValueType | None
+    ) -> None:
+        """Write a value that is not of the type of its entry."""
+        entry = board.written_entry(key)
+        if value_type is not None and not entry.declared.strong:
+            entry.declared, entry.inferred = value_type, True
+        entry.put(value, board.now())
+
     def decode(self, data: Any) -> object:
         """Return a recorded value.
 
         Raises:
-            ValueError: *data* is not the form of a value.
+            LogError: *data* is not the form of a value.
         """
-        value = self._decoder.decode(data)
+        try:
+            value = self._decoder.decode(data)
+        except (ValueError, TypeError) as error:
+            raise LogError(f"a recorded value is invalid: {error}") from None
         self.has_unreplayable_values |= isinstance(value, NotReplayable)
         return value
 
