@@ -11,9 +11,8 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple, TypeVar
 
 from btcore.blackboard.blackboard import Blackboard, Entry, WriteRecorder
-from btcore.engine.node import TreeNode, as_status, halt_node, tick_with_extras
+from btcore.engine.node_config import NodeConfig
 from btcore.engine.observers import Observers
-from btcore.engine.tick_extras import TickExtras
 from btcore.engine.transition_records import decode_transitions
 from btcore.status import FAILURE, IDLE, SKIPPED, SUCCESS, Status
 from btcore.values import ValueType
@@ -193,6 +192,11 @@ class Journal(WriteRecorder):
         """Whether the thread that ticks executes external code; also between ticks and halts."""
         return self._inside != self._tick_thread
 
+    @property
+    def record_count(self) -> int:
+        """The number of recorded values."""
+        return len(self._records)
+
     # --- steps: ticks of the root, and halts of the whole tree
 
     def begin_tick(self, tick: int, time: int) -> None:
@@ -206,7 +210,7 @@ class Journal(WriteRecorder):
 
     def _begin(self, event: TickBegan | HaltBegan, time: int) -> None:
         self._tick_thread = threading.get_ident()
-        self._enter()
+        self.end_external_code()
         self._time = time
         self._repeats = 0
         self._add(event)
@@ -218,7 +222,7 @@ class Journal(WriteRecorder):
         self._add(StepEnded(status))
         records = self._records
         self._records = []
-        self._leave()
+        self.begin_external_code()
         self._deliver(records)
 
     def capture(self, capture: Callable[[], T]) -> T:
@@ -229,16 +233,26 @@ class Journal(WriteRecorder):
 
     # --- inside and outside
 
-    def _enter(self) -> None:
-        """Go inside: until `_leave`, no other thread can write to the blackboard."""
+    def end_external_code(self) -> None:
+        """Go inside: until `begin_external_code`, no other thread can write to the blackboard."""
         self._lock.acquire()
         self._inside = self._tick_thread
         transitions = self._observers.records
         if len(transitions) != self._transition_count or transitions is not self._transitions:
             self._add_status_changes(transitions)
 
-    def _leave(self) -> None:
-        """Go outside."""
+    def begin_child_tick(self, uid: int) -> None:
+        """Go inside, because an external node ticks a child."""
+        self.end_external_code()
+        self._add(ChildTicked(uid))
+
+    def begin_child_halt(self, uid: int) -> None:
+        """Go inside, because an external node halts a child."""
+        self.end_external_code()
+        self._add(ChildHalted(uid))
+
+    def begin_external_code(self) -> None:
+        """Go outside, because code follows that is not built in."""
         transitions = self._observers.records
         self._transitions = transitions
         self._transition_count = len(transitions)
@@ -250,48 +264,31 @@ class Journal(WriteRecorder):
         for change in decode_transitions(0, 0, transitions[start:]):
             self._add(StatusSet(change.uid, change.status))
 
-    # --- ticks and halts of external nodes, and of their children
+    # --- recording
 
-    def tick_external(self, node: TreeNode) -> Status:
-        """Call `tick` of an external node, and record the result or the exception."""
-        self._leave()
-        try:
-            status = as_status(node, node.tick())
-        except BaseException as error:
-            self._enter()
-            self._add(Raised(node.config.uid, error))
-            raise
-        self._enter()
-        self._records.append(node.config)
+    def _add(self, event: Event) -> None:
+        self._records.append(None)
+        self._records.append(event)
+
+    def add_result(self, config: NodeConfig, status: Status) -> None:
+        """Record that the tick of the external node with *config* returned *status*."""
+        self._records.append(config)
         self._records.append(status)
-        return status
 
-    def tick_child(self, node: TreeNode, extras: TickExtras) -> Status:
-        """Call `tick_with_extras` of a child, and record that its external parent has ticked it."""
-        self._enter()
-        self._add(ChildTicked(node.config.uid))
-        try:
-            return tick_with_extras(node, extras)
-        finally:
-            self._leave()
+    def add_error(self, uid: int, error: BaseException) -> None:
+        """Record that the tick of an external node raised *error*."""
+        self._add(Raised(uid, error))
 
-    def halt_external(self, node: TreeNode) -> None:
-        """Call `halt` of an external node. Record what it does, unless it only makes the node IDLE."""
-        start = len(self._records)
-        self._leave()
-        raised: BaseException | None = None
-        try:
-            node.halt()
-        except BaseException as error:
-            raised = error
-            raise
-        finally:
-            self._enter()
-            self._add_halt(node, start, raised)
+    def add_halt(self, uid: int, start: int, error: BaseException | None, is_idle: bool) -> None:
+        """Record that an external node was halted, unless it has only become IDLE.
 
-    def _add_halt(self, node: TreeNode, start: int, error: BaseException | None) -> None:
-        records, uid = self._records, node.config.uid
-        if error is None and node._status is IDLE:
+        Args:
+            start: The `record_count` before the halt.
+            error: What the halt raised, or None.
+            is_idle: Whether the node is IDLE now.
+        """
+        records = self._records
+        if error is None and is_idle:
             event = records[-1] if len(records) == start + 2 else None
             is_reset = isinstance(event, StatusSet) and event.uid == uid and event.status is IDLE
             if is_reset or len(records) == start:
@@ -300,49 +297,16 @@ class Journal(WriteRecorder):
         records[start:start] = [None, ExternalHaltBegan(uid)]
         self._add(ExternalHaltEnded(uid, error))
 
-    def halt_child(self, node: TreeNode) -> None:
-        """Halt a child, and record that its external parent has halted it."""
-        self._enter()
-        self._add(ChildHalted(node.config.uid))
-        try:
-            halt_node(node)
-        finally:
-            self._leave()
+    def add_callback(self, uid: int, start: int, is_pre_tick: bool, forced: Status) -> None:
+        """Record the status that a callback forces, unless it forces and writes nothing.
 
-    def call_pre_tick(self, node: TreeNode, callback: Callable[[Any], Status]) -> Status:
-        """Call the callback before the tick of *node*, and record the status that it forces."""
-        start = len(self._records)
-        self._leave()
-        try:
-            forced = callback(node)
-        finally:
-            self._enter()
-        return self._add_forced(node, start, True, forced)
-
-    def call_post_tick(
-        self, node: TreeNode, callback: Callable[[Any, Status], Status], status: Status
-    ) -> Status:
-        """Call the callback after the tick of *node*, and record the status that it forces."""
-        start = len(self._records)
-        self._leave()
-        try:
-            forced = callback(node, status)
-        finally:
-            self._enter()
-        return self._add_forced(node, start, False, forced)
-
-    def _add_forced(self, node: TreeNode, start: int, is_pre_tick: bool, forced: Status) -> Status:
-        """Record a callback, unless it has forced and written nothing. Return *forced*."""
+        Args:
+            start: The `record_count` before the call.
+            forced: The status; any other than SUCCESS and FAILURE forces nothing.
+        """
         forces = forced is SUCCESS or forced is FAILURE
-        if forces or len(self._records) > start:
-            self._add(StatusForced(node.config.uid, is_pre_tick, forced if forces else SKIPPED))
-        return forced
-
-    # --- recording
-
-    def _add(self, event: Event) -> None:
-        self._records.append(None)
-        self._records.append(event)
+        if forces or self.record_count > start:
+            self._add(StatusForced(uid, is_pre_tick, forced if forces else SKIPPED))
 
     def add_pause(self, uid: int, repetitions: int) -> None:
         """Record that a node pauses; see `Paused`."""

@@ -8,6 +8,7 @@ functions: mypyc looks up by name every method that an interpreted class may ove
 """
 
 from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Final, NoReturn, SupportsIndex
 
 from mypy_extensions import mypyc_attr
@@ -421,14 +422,14 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
     extras = node._tick_extras
     status: Status
     try:
-        result = node.tick() if extras is None else tick_with_extras(node, extras)
+        result = node.tick() if extras is None else _tick_with_extras(node, extras)
         # The fast path: the node stored its result in its tick, as a Sequence stores RUNNING.
         stored = node._status
         if result is stored and stored is not IDLE:
             status = stored
         else:
             # The most frequent result is tested here, which saves a call.
-            status = SUCCESS if result is SUCCESS else as_status(node, result)
+            status = SUCCESS if result is SUCCESS else _as_status(node, result)
             # SKIPPED is returned to the parent but not stored, as in BehaviorTree.CPP.
             if status is not stored and status is not SKIPPED:
                 node._status = status
@@ -454,12 +455,11 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
     return status
 
 
-def tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
+def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
     """Call `tick` of *node* unless a pre-condition or callback decides, then what *extras* adds after it."""
     journal = extras.journal
     if journal is not None and journal.runs_external_code:
-        # The parent is external. This records it, and calls this function again as built-in code.
-        return journal.tick_child(node, extras)
+        return _tick_for_external_parent(node, extras, journal)
     conditions = extras.conditions
     counts = extras.tick_counts
     if counts is not None:
@@ -480,14 +480,14 @@ def tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
         if node._context.journal is None:
             forced = pre_tick(node)
         else:
-            forced = node._context.journal.call_pre_tick(node, pre_tick)
+            forced = _call_callback(node, True, partial(pre_tick, node))
         if forced is SUCCESS or forced is FAILURE:
             status = forced
     if status is UNDECIDED:
         if journal is not None and extras.is_external:
-            status = journal.tick_external(node)
+            status = _tick_external(node, journal)
         else:
-            status = as_status(node, node.tick())
+            status = _as_status(node, node.tick())
     if conditions is not None and (status is SUCCESS or status is FAILURE):
         conditions.run_postconditions(status)
     post_tick = extras.post_tick
@@ -495,7 +495,7 @@ def tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
         if node._context.journal is None:
             forced = post_tick(node, status)
         else:
-            forced = node._context.journal.call_post_tick(node, post_tick, status)
+            forced = _call_callback(node, False, partial(post_tick, node, status))
         if forced is SUCCESS or forced is FAILURE:
             status = forced
     if counts is not None:
@@ -503,7 +503,7 @@ def tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
     return status
 
 
-def as_status(node: TreeNode, result: object) -> Status:
+def _as_status(node: TreeNode, result: object) -> Status:
     """Return *result*, the result of *node*, as a Status. A numpy.bool_ counts as a bool.
 
     In format 3 a node with children may return IDLE, as in BehaviorTree.CPP 3.8.
@@ -580,7 +580,7 @@ def halt_node(node: TreeNode) -> None:
     extras = node._tick_extras
     journal = None if extras is None else extras.journal
     if journal is not None and journal.runs_external_code:
-        journal.halt_child(node)  # calls this function again, as above
+        _halt_for_external_parent(node, journal)
         return
     try:
         if extras is not None:
@@ -588,7 +588,7 @@ def halt_node(node: TreeNode) -> None:
             if counts is not None and node._status is RUNNING:
                 counts.halted += 1
         if journal is not None and extras is not None and extras.is_external:
-            journal.halt_external(node)
+            _halt_external(node, journal)
         else:
             node.halt()
         if extras is not None and extras.conditions is not None:
@@ -602,6 +602,73 @@ def halt_node(node: TreeNode) -> None:
     except BaseException as error:
         reset_status(node)
         raise execution_error(node, error, "being halted") from error
+
+
+# --- ticks and halts while the tree is recorded
+#
+# A journal records what external nodes (that are not built in) and callbacks do. Their code is called between
+# `begin_external_code` and `end_external_code`; in between, an external parent may tick and halt children.
+
+
+def _tick_for_external_parent(node: TreeNode, extras: TickExtras, journal: "Journal") -> Status:
+    """Tick *node*, and record that its external parent ticks it."""
+    journal.begin_child_tick(node.config.uid)
+    try:
+        return _tick_with_extras(node, extras)  # as built-in code now
+    finally:
+        journal.begin_external_code()
+
+
+def _tick_external(node: TreeNode, journal: "Journal") -> Status:
+    """Call `tick` of *node*, which is external, and record its result."""
+    journal.begin_external_code()
+    try:
+        status = _as_status(node, node.tick())
+    except BaseException as error:
+        journal.end_external_code()
+        journal.add_error(node.config.uid, error)
+        raise
+    journal.end_external_code()
+    journal.add_result(node.config, status)
+    return status
+
+
+def _halt_for_external_parent(node: TreeNode, journal: "Journal") -> None:
+    """Halt *node*, and record that its external parent halts it."""
+    journal.begin_child_halt(node.config.uid)
+    try:
+        halt_node(node)  # as built-in code now
+    finally:
+        journal.begin_external_code()
+
+
+def _halt_external(node: TreeNode, journal: "Journal") -> None:
+    """Call `halt` of *node*, which is external. Record what it does, unless it only resets the node."""
+    start = journal.record_count
+    journal.begin_external_code()
+    raised: BaseException | None = None
+    try:
+        node.halt()
+    except BaseException as error:
+        raised = error
+        raise
+    finally:
+        journal.end_external_code()
+        journal.add_halt(node.config.uid, start, raised, node._status is IDLE)
+
+
+def _call_callback(node: TreeNode, is_pre_tick: bool, callback: Callable[[], Status]) -> Status:
+    """Call a callback of *node*, and record the status that it forces."""
+    journal = node._context.journal
+    assert journal is not None
+    start = journal.record_count
+    journal.begin_external_code()
+    try:
+        forced = callback()
+    finally:
+        journal.end_external_code()
+    journal.add_callback(node.config.uid, start, is_pre_tick, forced)
+    return forced
 
 
 # --- ports that are attributes of a leaf

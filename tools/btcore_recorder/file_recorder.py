@@ -50,10 +50,15 @@ class _SegmentBegun(NamedTuple):
 
 
 class FileRecorder:
-    """Records the ticks and halts of *tree* until it is closed. `record` creates it.
+    """Records the ticks and halts of a tree until it is closed.
 
     A thread converts and writes them, so that a slow disk does not slow down the tree. If the disk is full or
     too slow, steps are lost, with a warning of the logger `btcore`; the recording continues after this gap.
+
+    Args:
+        tree: As in `record`, which creates the recorder.
+        path: As in `record`.
+        exclude: As in `record`.
 
     Attributes:
         path: The file.

@@ -70,7 +70,7 @@ def test_every_message_has_its_version_and_kind() -> None:
 
 
 def test_the_page_of_the_protocols_has_a_row_for_every_kind() -> None:
-    page = Path(__file__).parents[3] / "docs" / "reference" / "protocols.md"
+    page = Path(__file__).parents[3] / "docs/reference/protocols.md"
     _, _, section = page.read_text(encoding="utf-8").partition("\n## The run channel\n")
     table = section.partition("| kind |")[2].partition("\n\n")[0]
     assert set(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)) == _MESSAGE_CLASSES.keys()
