@@ -291,7 +291,7 @@ class NodeCreator:
     def create_node(
         self,
         node_plan: NodePlan,
-        manifest: Manifest | None,
+        manifest: Manifest,
         config: NodeConfig,
         draft: SubtreeDraft,
         children: Sequence[TreeNode | None],
@@ -302,8 +302,6 @@ class NodeCreator:
             created += [child for child in children if child is not None]
             if len(created) != len(children):
                 return None  # the error of the child is in the diagnostics
-        if manifest is None:
-            return None
         try:
             return manifest.make(config, self.context, draft.subtree.blackboard, self._resources, created)
         except ScriptError as error:
@@ -328,7 +326,7 @@ class NodeCreator:
             draft.report(INCONVERTIBLE_TEXT, str(error), node_plan.element)
             return
         set_names = {binding.name for binding in node_plan.bindings}
-        ports = node_plan.manifest.ports.values() if node_plan.manifest is not None else ()
+        ports = node_plan.manifest.ports.values()
         # If a node can't be created and lacks an input port, the message names the port.
         missing = [port for port in ports if port.reads and port.name not in set_names]
         code = MISSING_PORT if missing else NODE_NOT_CREATED
@@ -342,17 +340,15 @@ class NodeCreator:
         fixes = [SetAttributes(values)] if values else []
         draft.report(code, str(error), node_plan.element, hint=hint, fixes=fixes)
 
-    def _substitute(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> Manifest | None:
-        """Return the manifest after the registry's substitution rules, or None after an error."""
-        if node_plan.manifest is None:
-            return None
+    def _substitute(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> Manifest:
+        """Return the manifest after the registry's substitution rules; that of the plan after an error."""
         # A SubTree node has the root of the called tree as its only child.
         children = len(node_plan.children) if node_plan.subtree_call is None else 1
         try:
             return self._registry.apply_substitutions(config, node_plan.manifest, children)
         except NodeError as error:
             draft.report(NODE_NOT_CREATED, str(error), node_plan.element)
-            return None
+            return node_plan.manifest
 
     # --- SubTree elements
 

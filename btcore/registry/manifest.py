@@ -215,9 +215,9 @@ class Manifest:
         return resources.find_or_create(parameter, self.id)
 
 
-def takes_children(manifest: Manifest | None) -> bool:
-    """Return whether a node of *manifest* is not a leaf; True for an unknown node (None)."""
-    return manifest is None or manifest.type not in (NodeType.ACTION, NodeType.CONDITION)
+def takes_children(manifest: Manifest) -> bool:
+    """Return whether a node of *manifest* is not a leaf."""
+    return manifest.type not in (NodeType.ACTION, NodeType.CONDITION)
 
 
 class _MissingInput(Input):

@@ -74,7 +74,7 @@ class Plans(NamedTuple):
         """Return the types of the resources that the leaves of the main tree need, each once."""
         trees = () if self.main_tree is None else reachable_trees(self.trees, self.main_tree)
         nodes = (node for tree in trees for node in tree.nodes())
-        manifests = {node.id: node.manifest for node in nodes if node.manifest is not None}
+        manifests = {node.id: node.manifest for node in nodes}
         types: list[Any] = []
         for manifest in manifests.values():
             types += (resource for resource in manifest.required_resources if resource not in types)
