@@ -201,7 +201,7 @@ class Manifest:
             needed = with_article(parameter.type_name)
             message = f"<{self.id}> needs {needed} for its parameter '{parameter.name}': "
             name_hint = name_or_config_hint(parameter.name) if self.function is None else ""
-            message += name_hint or resources.remedy_for(parameter)
+            message += name_hint or resources.explain_missing(parameter)
             if parameter.looks_like_port and not name_hint:
                 message += f"; if it is a port, mark it: {parameter.name}: In[{parameter.type_name}]"
             raise NodeError(message)

@@ -72,7 +72,7 @@ def validate(
     paths = [path for source in sources for path in _find_files(source)]
     if (fix or diff) and STDIN in paths:
         raise click.UsageError(f"{'--fix' if fix else '--diff'} needs a file, not stdin.")
-    libraries = load_libraries(options.plugins, options.models, options.confined, own_on_demand=True)
+    libraries = load_libraries(options.plugins, options.models, options.confined, btcore_on_demand=True)
     given = [braced_key(key) or key for key in given]  # a key may also be given as {key}
 
     def check(file: Path, text: str | None = None) -> list[Diagnostic]:
