@@ -118,8 +118,8 @@ class DryRun(NodeCreator):
         manifest: Manifest,
         config: NodeConfig,
         draft: SubtreeDraft,
-        children: Sequence[TreeNode | None],
-    ) -> TreeNode | None:
+        children: list[TreeNode],
+    ) -> TreeNode:
         """Create a built-in node; other nodes are replaced by a node without effect."""
         # Leaves of users are not created: they may need resources, and their code may have effects.
         if not is_built_in(manifest.cls):

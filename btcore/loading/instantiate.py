@@ -39,7 +39,7 @@ from btcore.xml.read.read import Sources
 _SCRIPT_EXAMPLES: Final = {PortRole.SCRIPT: "", PortRole.CONDITION: "true"}
 """The texts with which fixes add a missing port with a script."""
 _PLACEHOLDER: Final = TreeNode()
-"""Keeps the place of a parent in a list of nodes until its children are created."""
+"""Stands for a parent until its children are created, and for a node that could not be created."""
 
 
 def instantiate(
@@ -184,13 +184,13 @@ class NodeCreator:
         self._plans.sizes[tree_plan.id].ensure_recursion_limit()
         self._create_subtree(tree_plan, "", self.blackboard)
 
-    def _create_subtree(self, tree_plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
+    def _create_subtree(self, tree_plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode:
         draft = SubtreeDraft(tree_plan, path, blackboard, self.collector)
         self.drafts.append(draft)
         assert tree_plan.root is not None
         return self._create_with_children(tree_plan.root, draft)
 
-    def _create_with_children(self, node_plan: NodePlan, draft: SubtreeDraft) -> TreeNode | None:
+    def _create_with_children(self, node_plan: NodePlan, draft: SubtreeDraft) -> TreeNode:
         document, call = draft.document, node_plan.subtree_call
         self._uid = uid = self._uid + 1
         id, line = node_plan.id, document.line(node_plan.element)
@@ -207,16 +207,15 @@ class NodeCreator:
             self.bind_ports(node_plan, config, draft)
         manifest = self._substitute(node_plan, config, draft) if self._rules else node_plan.manifest
         if call is None and not node_plan.children:
-            leaf = self.create_node(node_plan, manifest, config, draft, ())
-            if leaf is not None:
-                self.nodes.append(leaf)
-                draft.subtree.nodes.append(leaf)
+            leaf = self.create_node(node_plan, manifest, config, draft, [])
+            self.nodes.append(leaf)
+            draft.subtree.nodes.append(leaf)
             return leaf
         # Nodes are listed in pre-order, but a parent is created after its children.
         index, own_index = len(self.nodes), len(draft.subtree.nodes)
         self.nodes.append(_PLACEHOLDER)
         draft.subtree.nodes.append(_PLACEHOLDER)
-        children: list[TreeNode | None]
+        children: list[TreeNode]
         if self._rules and not takes_children(manifest):
             children = []  # a substitution rule has replaced the node by a leaf
         elif call is not None:
@@ -225,8 +224,7 @@ class NodeCreator:
         else:
             children = [self._create_with_children(child, draft) for child in node_plan.children]
         node = self.create_node(node_plan, manifest, config, draft, children)
-        if node is not None:
-            self.nodes[index] = draft.subtree.nodes[own_index] = node
+        self.nodes[index] = draft.subtree.nodes[own_index] = node
         return node
 
     def bind_ports(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> None:
@@ -294,16 +292,13 @@ class NodeCreator:
         manifest: Manifest,
         config: NodeConfig,
         draft: SubtreeDraft,
-        children: Sequence[TreeNode | None],
-    ) -> TreeNode | None:
-        """Create a node. Return None if it or a child could not be created."""
-        created: list[TreeNode] = []
-        if children:
-            created += [child for child in children if child is not None]
-            if len(created) != len(children):
-                return None  # the error of the child is in the diagnostics
+        children: list[TreeNode],
+    ) -> TreeNode:
+        """Create a node. Return a placeholder if it or a child could not be created, which is reported."""
+        if _PLACEHOLDER in children:
+            return _PLACEHOLDER
         try:
-            return manifest.make(config, self.context, draft.subtree.blackboard, self._resources, created)
+            return manifest.make(config, self.context, draft.subtree.blackboard, self._resources, children)
         except ScriptError as error:
             if not report_invalid_scripts(node_plan, draft.document, self.enums, self.collector):
                 # The code of a leaf has compiled a script of its own.
@@ -319,7 +314,7 @@ class NodeCreator:
             if isinstance(error, TypeError) and str(error).startswith("object.__init__()"):
                 hint = "call super().__init__() without arguments: a node has its name and config already"
             draft.report(LEAF_INIT_RAISED, message, node_plan.element, hint=hint)
-        return None
+        return _PLACEHOLDER
 
     def _report_rejection(self, node_plan: NodePlan, draft: SubtreeDraft, error: BtcoreError) -> None:
         if not isinstance(error, NodeError):

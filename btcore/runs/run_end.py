@@ -14,9 +14,9 @@ the `with` block of the run ("interrupted", if it is a KeyboardInterrupt or Syst
 
 
 class RunEnd:
-    """The end of a run, to which the run reports each event that may end it.
+    """The end of a run, which calls a method for each event that may end it.
 
-    Of several events, the reason is that of the first in this list:
+    Of several events, the first in this list is the reason:
 
     1. An exception has left the `with` block, and no leaf has raised it: "interrupted" or "program_error".
     2. A leaf has raised an exception: "raised".
@@ -25,9 +25,6 @@ class RunEnd:
 
     The exit code is that of a leaf's exception, else of the errors of providers and outputs that were closed,
     else of the signal, else of the result of the tree.
-
-    Attributes:
-        error: The exception that a leaf raised, or None.
     """
 
     def __init__(self) -> None:
@@ -36,10 +33,8 @@ class RunEnd:
         self._signal = 0
         self._loop_end: LoopEnd | None = None
 
-    # --- events
-
     def loop_began(self) -> None:
-        """Continue the run: an earlier loop, or an earlier signal, has not ended it."""
+        """Continue the run, which an earlier loop or signal has not ended."""
         self._signal, self._loop_end = 0, None
 
     def loop_ended(self, reason: LoopEnd) -> None:
@@ -59,19 +54,12 @@ class RunEnd:
         self._signal = number
 
     def block_left(self, error: BaseException | None, signal: int) -> None:
-        """Note that the `with` block was left.
-
-        Args:
-            error: The exception that has left the block, or None.
-            signal: The number of the signal that has raised it, if it is a KeyboardInterrupt, or 0.
-        """
+        """Note the exception that has left the `with` block; *signal* has raised KeyboardInterrupt."""
         self._loop_end = self._loop_end or "done"
         if isinstance(error, (KeyboardInterrupt, SystemExit)):
             self._block_end, self._signal = "interrupted", signal
         elif error is not None and error is not self.error:
             self._block_end = "program_error"
-
-    # --- results
 
     @property
     def reason(self) -> EndReason | None:
@@ -83,12 +71,7 @@ class RunEnd:
         return "interrupted" if self._signal else self._loop_end
 
     def exit_code(self, status: Status, closing_errors: Sequence[BtcoreError]) -> ExitCode:
-        """Return the exit code of a process for the run.
-
-        Args:
-            status: The status of the tree.
-            closing_errors: The errors of providers that were closed.
-        """
+        """Return the exit code of a process for the run, whose tree has a *status*."""
         if self.error is not None:
             return ExitCode.LEAF_ERROR
         if closing_errors:

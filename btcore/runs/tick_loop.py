@@ -232,24 +232,20 @@ class TickLoop:
 
     def _wait_for_tick(self, deadline: int) -> list[Tree]:
         """Wait until *deadline*, a wake-up, a stop or a reload; return the woken unfinished trees."""
+        is_due = False
         while not self._is_stopping and not self._reload_if_saved():
-            woken = self._take_woken_trees()
-            if woken:
+            woken = [tree for tree in self._unfinished if tree.context.consume_wake_up()]
+            if woken or is_due:
                 return woken
             latest = deadline if self._reload is None else self._find_next_poll(deadline)
             first = min([tree.context.first_deadline(latest) for tree in self._unfinished])
             if not self.clock.wait_until(first, self._wake_event):
-                if first == deadline:
-                    return self._take_woken_trees()
+                is_due = first == deadline
             elif self._wake_event.is_set():
                 self._wake_event.clear()  # before the trees are asked: a later wake-up sets it again
             else:  # the clock has ended the wait, as that of a simulation in lockstep may
                 return self._unfinished
         return []
-
-    def _take_woken_trees(self) -> list[Tree]:
-        """Consume the wake-ups of the trees that have not ended, and return the trees that had one."""
-        return [tree for tree in self._unfinished if tree.context.consume_wake_up()]
 
     def stop(self) -> None:
         """End the loop before the next tick, and let the present one repeat no more nodes.
