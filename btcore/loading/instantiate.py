@@ -49,14 +49,7 @@ def instantiate(
     clock: Clock | None = None,
     tick_limit: float | None = None,
 ) -> Tree:
-    """Create the nodes of the main tree, and return the tree.
-
-    Args:
-        plans: The plans.
-        resources: As in `LoadArguments`.
-        blackboard: As in `LoadArguments`.
-        clock: As in `LoadArguments`.
-        tick_limit: As in `LoadArguments`.
+    """Create the nodes of the main tree, and return the tree; the arguments are those of `LoadArguments`.
 
     Raises:
         TreeError: The plans have errors, or nodes could not be created. It holds all errors.

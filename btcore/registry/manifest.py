@@ -134,12 +134,7 @@ class Manifest:
         resources: Resources,
         children: list[TreeNode],
     ) -> TreeNode:
-        """Create a node.
-
-        Args:
-            blackboard: The scope of the node.
-            children: The children, created before.
-        """
+        """Create a node with *children*, which were created before, in the scope *blackboard*."""
         cls = self.cls
         # __init__ is called below, when the node has its ports, blackboard and children.
         node: TreeNode = cls.__new__(cls)
