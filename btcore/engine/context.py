@@ -54,14 +54,14 @@ class TreeContext:
         lock: Held while the callbacks and counters of a node change, which any thread may do.
         woken_by: The last node that requested another tick at once.
         is_interrupted: Whether ticks that repeat nodes end as soon as possible.
-        must_check_end: Whether nodes that repeat others call `must_end_tick` after each repetition.
+        must_check_end: Whether nodes that repeat others call `must_pause` after each repetition.
         has_timed_out: Whether the limit of `set_tick_limit` ended the tick.
         stopped_ns: How long breakpoints have stopped the present tick (ns of real time).
         uses_time: Whether a node has read the clock, so that the tree reads it at the start of each tick.
         tick_start: The time (ns) at which the present tick began, by which its timers are judged; -1 = not
             known.
         journal: Records what the ticks depend on; None = nothing is recorded.
-        recorded_end: In a replay, answers `must_end_repetitions` as in the recorded run.
+        recorded_pause: In a replay, answers `must_pause` as in the recorded run.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -80,7 +80,7 @@ class TreeContext:
         self.uses_time = False  # most trees without timers never read the clock, which takes time
         self.tick_start = -1
         self.journal: Journal | None = None
-        self.recorded_end: Callable[[int, int], bool] | None = None
+        self.recorded_pause: Callable[[int, int], bool] | None = None
         self._tick_end = 0  # ns of real time, 0 = no limit
 
     @property
@@ -151,7 +151,7 @@ class TreeContext:
     def set_tick_limit(self, seconds: float) -> None:
         """Limit the tick that begins now to *seconds* of real time, whatever clock the tree has.
 
-        Only nodes that repeat other nodes check the limit, by `must_end_tick`.
+        Only nodes that repeat other nodes check the limit, by `must_pause`.
         """
         self._tick_end = time.monotonic_ns() + round(seconds * NS_PER_S)
         self.has_timed_out = False
@@ -185,10 +185,13 @@ class TreeContext:
         self.wake_event.is_set()
         return self.is_interrupted
 
-    def must_end_repetitions(self, uid: int, count: int) -> bool:
-        """Return whether the node *uid*, which has repeated its child *count* times, must pause; recorded."""
-        if self.recorded_end is not None:
-            return self.recorded_end(uid, count)
+    def must_pause(self, uid: int, count: int) -> bool:
+        """Return whether the node *uid*, which has repeated its child *count* times, must pause.
+
+        A pause is recorded; in a replay, the recording answers.
+        """
+        if self.recorded_pause is not None:
+            return self.recorded_pause(uid, count)
         must_end = self.must_end_tick()
         if must_end and self.journal is not None:
             self.journal.add_pause(uid, count)

@@ -11,8 +11,9 @@ from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple, TypeVar
 
 from btcore.blackboard.blackboard import Blackboard, Entry, WriteRecorder
-from btcore.engine.node_config import NodeConfig
+from btcore.engine.node import TreeNode, as_status, halt_node, tick_with_extras
 from btcore.engine.observers import Observers
+from btcore.engine.tick_extras import TickExtras
 from btcore.engine.transition_records import decode_transitions
 from btcore.status import FAILURE, IDLE, SKIPPED, SUCCESS, Status
 from btcore.values import ValueType
@@ -85,7 +86,7 @@ class StatusForced(NamedTuple):
     status: Status
 
 
-class RepetitionEnded(NamedTuple):
+class Paused(NamedTuple):
     """A built-in node pauses after *repetitions*, because of a tick limit or a signal."""
 
     uid: int
@@ -148,7 +149,7 @@ Event = (
     | ChildHalted
     | StatusSet
     | StatusForced
-    | RepetitionEnded
+    | Paused
     | TimeRead
     | Written
     | Removed
@@ -192,11 +193,6 @@ class Journal(WriteRecorder):
         """Whether the thread that ticks executes external code; also between ticks and halts."""
         return self._inside != self._tick_thread
 
-    @property
-    def record_count(self) -> int:
-        """The number of recorded values."""
-        return len(self._records)
-
     # --- steps: ticks of the root, and halts of the whole tree
 
     def begin_tick(self, tick: int, time: int) -> None:
@@ -210,7 +206,7 @@ class Journal(WriteRecorder):
 
     def _begin(self, event: TickBegan | HaltBegan, time: int) -> None:
         self._tick_thread = threading.get_ident()
-        self.enter()
+        self._enter()
         self._time = time
         self._repeats = 0
         self._add(event)
@@ -222,7 +218,7 @@ class Journal(WriteRecorder):
         self._add(StepEnded(status))
         records = self._records
         self._records = []
-        self.leave()
+        self._leave()
         self._deliver(records)
 
     def capture(self, capture: Callable[[], T]) -> T:
@@ -233,25 +229,15 @@ class Journal(WriteRecorder):
 
     # --- inside and outside
 
-    def enter(self) -> None:
-        """Go inside: until `leave`, no other thread can write to the blackboard."""
+    def _enter(self) -> None:
+        """Go inside: until `_leave`, no other thread can write to the blackboard."""
         self._lock.acquire()
         self._inside = self._tick_thread
         transitions = self._observers.records
         if len(transitions) != self._transition_count or transitions is not self._transitions:
             self._add_status_changes(transitions)
 
-    def enter_for_tick(self, uid: int) -> None:
-        """Go inside, because an external node ticks a child."""
-        self.enter()
-        self._add(ChildTicked(uid))
-
-    def enter_for_halt(self, uid: int) -> None:
-        """Go inside, because an external node halts a child."""
-        self.enter()
-        self._add(ChildHalted(uid))
-
-    def leave(self) -> None:
+    def _leave(self) -> None:
         """Go outside."""
         transitions = self._observers.records
         self._transitions = transitions
@@ -264,31 +250,48 @@ class Journal(WriteRecorder):
         for change in decode_transitions(0, 0, transitions[start:]):
             self._add(StatusSet(change.uid, change.status))
 
-    # --- recording
+    # --- ticks and halts of external nodes, and of their children
 
-    def _add(self, event: Event) -> None:
-        self._records.append(None)
-        self._records.append(event)
-
-    def add_result(self, config: NodeConfig, status: Status) -> None:
-        """Record that the tick of the external node with *config* returned *status*."""
-        self._records.append(config)
+    def tick_external(self, node: TreeNode) -> Status:
+        """Call `tick` of an external node, and record the result or the exception."""
+        self._leave()
+        try:
+            status = as_status(node, node.tick())
+        except BaseException as error:
+            self._enter()
+            self._add(Raised(node.config.uid, error))
+            raise
+        self._enter()
+        self._records.append(node.config)
         self._records.append(status)
+        return status
 
-    def add_error(self, uid: int, error: BaseException) -> None:
-        """Record that the tick of an external node raised *error*."""
-        self._add(Raised(uid, error))
+    def tick_child(self, node: TreeNode, extras: TickExtras) -> Status:
+        """Call `tick_with_extras` of a child, and record that its external parent has ticked it."""
+        self._enter()
+        self._add(ChildTicked(node.config.uid))
+        try:
+            return tick_with_extras(node, extras)
+        finally:
+            self._leave()
 
-    def add_halt(self, uid: int, start: int, error: BaseException | None, is_idle: bool) -> None:
-        """Record that an external node was halted, unless it has only become IDLE.
+    def halt_external(self, node: TreeNode) -> None:
+        """Call `halt` of an external node. Record what it does, unless it only makes the node IDLE."""
+        start = len(self._records)
+        self._leave()
+        raised: BaseException | None = None
+        try:
+            node.halt()
+        except BaseException as error:
+            raised = error
+            raise
+        finally:
+            self._enter()
+            self._add_halt(node, start, raised)
 
-        Args:
-            start: The `record_count` before the halt.
-            error: What the halt raised, or None.
-            is_idle: Whether the node is IDLE now.
-        """
-        records = self._records
-        if error is None and is_idle:
+    def _add_halt(self, node: TreeNode, start: int, error: BaseException | None) -> None:
+        records, uid = self._records, node.config.uid
+        if error is None and node._status is IDLE:
             event = records[-1] if len(records) == start + 2 else None
             is_reset = isinstance(event, StatusSet) and event.uid == uid and event.status is IDLE
             if is_reset or len(records) == start:
@@ -297,20 +300,53 @@ class Journal(WriteRecorder):
         records[start:start] = [None, ExternalHaltBegan(uid)]
         self._add(ExternalHaltEnded(uid, error))
 
-    def add_callback(self, uid: int, start: int, is_pre_tick: bool, forced: Status) -> None:
-        """Record the status that a callback forces, unless it forces and writes nothing.
+    def halt_child(self, node: TreeNode) -> None:
+        """Halt a child, and record that its external parent has halted it."""
+        self._enter()
+        self._add(ChildHalted(node.config.uid))
+        try:
+            halt_node(node)
+        finally:
+            self._leave()
 
-        Args:
-            start: The `record_count` before the call.
-            forced: The status; any other than SUCCESS and FAILURE forces nothing.
-        """
+    def call_pre_tick(self, node: TreeNode, callback: Callable[[Any], Status]) -> Status:
+        """Call the callback before the tick of *node*, and record the status that it forces."""
+        start = len(self._records)
+        self._leave()
+        try:
+            forced = callback(node)
+        finally:
+            self._enter()
+        return self._add_forced(node, start, True, forced)
+
+    def call_post_tick(
+        self, node: TreeNode, callback: Callable[[Any, Status], Status], status: Status
+    ) -> Status:
+        """Call the callback after the tick of *node*, and record the status that it forces."""
+        start = len(self._records)
+        self._leave()
+        try:
+            forced = callback(node, status)
+        finally:
+            self._enter()
+        return self._add_forced(node, start, False, forced)
+
+    def _add_forced(self, node: TreeNode, start: int, is_pre_tick: bool, forced: Status) -> Status:
+        """Record a callback, unless it has forced and written nothing. Return *forced*."""
         forces = forced is SUCCESS or forced is FAILURE
-        if forces or self.record_count > start:
-            self._add(StatusForced(uid, is_pre_tick, forced if forces else SKIPPED))
+        if forces or len(self._records) > start:
+            self._add(StatusForced(node.config.uid, is_pre_tick, forced if forces else SKIPPED))
+        return forced
+
+    # --- recording
+
+    def _add(self, event: Event) -> None:
+        self._records.append(None)
+        self._records.append(event)
 
     def add_pause(self, uid: int, repetitions: int) -> None:
-        """Record that a node pauses; see `RepetitionEnded`."""
-        self._add(RepetitionEnded(uid, repetitions))
+        """Record that a node pauses; see `Paused`."""
+        self._add(Paused(uid, repetitions))
 
     def add_time(self, time: int) -> None:
         """Record that a built-in node has read *time* (ns). Of other nodes only the results are recorded."""

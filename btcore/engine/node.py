@@ -8,7 +8,6 @@ functions: mypyc looks up by name every method that an interpreted class may ove
 """
 
 from collections.abc import Callable, Iterable, Mapping
-from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Final, NoReturn, SupportsIndex
 
 from mypy_extensions import mypyc_attr
@@ -422,14 +421,14 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
     extras = node._tick_extras
     status: Status
     try:
-        result = node.tick() if extras is None else _tick_with_extras(node, extras)
+        result = node.tick() if extras is None else tick_with_extras(node, extras)
         # The fast path: the node stored its result in its tick, as a Sequence stores RUNNING.
         stored = node._status
         if result is stored and stored is not IDLE:
             status = stored
         else:
             # The most frequent result is tested here, which saves a call.
-            status = SUCCESS if result is SUCCESS else _as_status(node, result)
+            status = SUCCESS if result is SUCCESS else as_status(node, result)
             # SKIPPED is returned to the parent but not stored, as in BehaviorTree.CPP.
             if status is not stored and status is not SKIPPED:
                 node._status = status
@@ -455,11 +454,12 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
     return status
 
 
-def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
+def tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
     """Call `tick` of *node* unless a pre-condition or callback decides, then what *extras* adds after it."""
     journal = extras.journal
     if journal is not None and journal.runs_external_code:
-        return _tick_for_external_parent(node, extras, journal)
+        # The parent is external. This records it, and calls this function again as built-in code.
+        return journal.tick_child(node, extras)
     conditions = extras.conditions
     counts = extras.tick_counts
     if counts is not None:
@@ -480,14 +480,14 @@ def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
         if node._context.journal is None:
             forced = pre_tick(node)
         else:
-            forced = _call_callback(node, True, partial(pre_tick, node))
+            forced = node._context.journal.call_pre_tick(node, pre_tick)
         if forced is SUCCESS or forced is FAILURE:
             status = forced
     if status is UNDECIDED:
         if journal is not None and extras.is_external:
-            status = _tick_external(node, journal)
+            status = journal.tick_external(node)
         else:
-            status = _as_status(node, node.tick())
+            status = as_status(node, node.tick())
     if conditions is not None and (status is SUCCESS or status is FAILURE):
         conditions.run_postconditions(status)
     post_tick = extras.post_tick
@@ -495,7 +495,7 @@ def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
         if node._context.journal is None:
             forced = post_tick(node, status)
         else:
-            forced = _call_callback(node, False, partial(post_tick, node, status))
+            forced = node._context.journal.call_post_tick(node, post_tick, status)
         if forced is SUCCESS or forced is FAILURE:
             status = forced
     if counts is not None:
@@ -503,59 +503,7 @@ def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
     return status
 
 
-def _tick_for_external_parent(node: TreeNode, extras: TickExtras, journal: "Journal") -> Status:
-    """Call `_tick_with_extras`, and record that the parent, which is external, ticks *node*."""
-    journal.enter_for_tick(node.config.uid)
-    try:
-        return _tick_with_extras(node, extras)
-    finally:
-        journal.leave()
-
-
-def _tick_external(node: TreeNode, journal: "Journal") -> Status:
-    """Call `tick` of *node*, which is external, and record its result."""
-    journal.leave()
-    try:
-        status = _as_status(node, node.tick())
-    except BaseException as error:
-        journal.enter()
-        journal.add_error(node.config.uid, error)
-        raise
-    journal.enter()
-    journal.add_result(node.config, status)
-    return status
-
-
-def _halt_external(node: TreeNode, journal: "Journal") -> None:
-    """Call `halt` of *node*, which is external. Record what it does, unless it only resets the node."""
-    start = journal.record_count
-    journal.leave()
-    raised: BaseException | None = None
-    try:
-        node.halt()
-    except BaseException as error:
-        raised = error
-        raise
-    finally:
-        journal.enter()
-        journal.add_halt(node.config.uid, start, raised, node._status is IDLE)
-
-
-def _call_callback(node: TreeNode, is_pre_tick: bool, callback: Callable[[], Status]) -> Status:
-    """Call a callback of *node*, and record the status that it forces."""
-    journal = node._context.journal
-    assert journal is not None
-    start = journal.record_count
-    journal.leave()
-    try:
-        forced = callback()
-    finally:
-        journal.enter()
-    journal.add_callback(node.config.uid, start, is_pre_tick, forced)
-    return forced
-
-
-def _as_status(node: TreeNode, result: object) -> Status:
+def as_status(node: TreeNode, result: object) -> Status:
     """Return *result*, the result of *node*, as a Status. A numpy.bool_ counts as a bool.
 
     In format 3 a node with children may return IDLE, as in BehaviorTree.CPP 3.8.
@@ -632,12 +580,7 @@ def halt_node(node: TreeNode) -> None:
     extras = node._tick_extras
     journal = None if extras is None else extras.journal
     if journal is not None and journal.runs_external_code:
-        # The parent, which is external, halts a child.
-        journal.enter_for_halt(node.config.uid)
-        try:
-            halt_node(node)
-        finally:
-            journal.leave()
+        journal.halt_child(node)  # calls this function again, as above
         return
     try:
         if extras is not None:
@@ -645,7 +588,7 @@ def halt_node(node: TreeNode) -> None:
             if counts is not None and node._status is RUNNING:
                 counts.halted += 1
         if journal is not None and extras is not None and extras.is_external:
-            _halt_external(node, journal)
+            journal.halt_external(node)
         else:
             node.halt()
         if extras is not None and extras.conditions is not None:

@@ -14,7 +14,7 @@ from btcore.status import FAILURE, IDLE, NO_RESULT, RUNNING, SKIPPED, SUCCESS, P
 from btcore.values import INT
 
 _REPETITIONS_PER_CHECK: Final = 16
-"""The number of repetitions after which a node in a tree without a tick limit calls `must_end_tick`."""
+"""The number of repetitions after which a node in a tree without a tick limit calls `must_pause`."""
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -74,7 +74,7 @@ class RepeatedNode(DecoratorNode):
                 limit = self.limit_after(limit)
                 reset_status(self.child)
                 has_more = self._count < limit or limit == -1
-                if was_idle and has_more and (self.is_async or self._must_end_tick()):
+                if was_idle and has_more and (self.is_async or self._must_pause()):
                     self.wake_up()
                     return RUNNING
             elif status is SKIPPED:
@@ -90,11 +90,11 @@ class RepeatedNode(DecoratorNode):
         self._count = 0
         return repeat_on
 
-    def _must_end_tick(self) -> bool:
+    def _must_pause(self) -> bool:
         # Without a tick limit, the call only lets Python handle signals, which takes time and may be late.
         context = self._context
         is_due = context.must_check_end or self._count % _REPETITIONS_PER_CHECK == 0
-        return is_due and context.must_end_repetitions(self.config.uid, self._count)
+        return is_due and context.must_pause(self.config.uid, self._count)
 
     def limit_after(self, limit: int) -> int:
         """Return the limit that applies after a repetition, given the *limit* before."""

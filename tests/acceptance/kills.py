@@ -1,10 +1,12 @@
 """Processes are killed at random moments: everything recorded before is readable and complete.
 
 ``python tests/acceptance/kills.py --trials 100`` kills (SIGKILL) the run, the recorder or both during
-``--save``, a mapping run with ``--save-map``, the scheduler, a worker or both of a sweep, and a run with
-``--json``. It prints a line for each kind, and exits with 1 on any loss:
+``--save``, a run during ``--record``, a mapping run with ``--save-map``, the scheduler, a worker or both of a
+sweep, and a run with ``--json``. It prints a line for each kind, and exits with 1 on any loss:
 
 - A recording has every transition that the log of the run's own process has, up to AGE before the kill.
+- A replay of what ``--record`` has written does the same as the run, up to AGE before the kill. Such a trial
+  kills RUNS runs.
 - A map file is the map that was there before, or a complete new map.
 - A sweep that is run again has the same table as a sweep that was not killed.
 - The output of ``--json`` is empty or complete.
@@ -29,15 +31,18 @@ from typing import IO
 
 import psutil
 from checkout import environment
-from recording import logged, recorded
 from sweep import workers
 
 from btcore.errors import BtcoreError
-from btcore.logs import read_btlog
+from btcore.logs import LogError, read_btlog, read_log
+from btcore_recorder.files import EXTENSIONS
 from btcore_robot.occupancy_map import load_map
+from recording import logged, recorded
 
 AGE = 1.0
 """How old a transition must be at the time of the kill (s) to be expected in a recording."""
+RUNS = 10
+"""The number of runs with ``--record`` that a trial kills."""
 PATIENCE = 120.0
 """How long a process may take to end (s)."""
 STEPS = """<root BTCPP_format="4"><BehaviorTree ID="Steps"><Repeat num_cycles="-1"><Sequence>
@@ -133,6 +138,44 @@ def recording_trial(*, run: bool, recorder: bool) -> Trial:
     return trial
 
 
+def record_trial(folder: Path, rng: random.Random) -> str:
+    """Kill runs during ``--record``."""
+    (folder / "steps.xml").write_text(STEPS)
+    names = [f"{number}{rng.choice(EXTENSIONS)}" for number in range(RUNS)]
+    runs = []
+    for name in names:
+        files = ("--record", name, "--log", f"{name}.btlog")
+        runs.append(start(folder, "run", "steps.xml", "--rate", "50", *files))
+    lost = []
+    with DelayMeter() as delay:
+        for name, process in zip(names, runs, strict=True):
+            log = folder / f"{name}.btlog"
+            wait_until(lambda log=log: log.exists() and log.stat().st_size, process)  # type: ignore[misc]
+            time.sleep(rng.uniform(0.0, 0.7))
+            killed_at = time.time()
+            kill(process)
+            process.wait(PATIENCE)
+            before = (killed_at - AGE - 3.0 * delay.greatest) * 1e9
+            transitions = read_btlog(log).transitions
+            expected = sum(change.stamp < before for change in transitions)
+            try:
+                recording = read_log(folder / name)
+            except LogError:  # it was killed before the head was written
+                kept = 0
+            else:
+                kept = len(recording.transitions)
+                changes = [
+                    [(change.uid, change.status) for change in each[:kept]]
+                    for each in (recording.transitions, transitions)
+                ]
+                # The log lacks the last tick, if the process was killed between both writes.
+                if changes[0][: len(changes[1])] != changes[1] or "differs" in recording.damage:
+                    lost.append(f"{name}: the {kept} transitions of the replay differ from the log")
+            if kept < expected:
+                lost.append(f"{name}: {kept} transitions recorded, {expected} expected")
+    return "; ".join(lost)
+
+
 def map_trial(folder: Path, rng: random.Random) -> str:
     """Kill a mapping run, most likely while it writes the map over an earlier map."""
 
@@ -204,6 +247,7 @@ TRIALS: dict[str, Trial] = {
     "--save, run killed": recording_trial(run=True, recorder=False),
     "--save, recorder killed": recording_trial(run=False, recorder=True),
     "--save, both killed": recording_trial(run=True, recorder=True),
+    "--record": record_trial,
     "--save-map": map_trial,
     "sweep, scheduler killed": sweep_trial(scheduler=True, worker=False),
     "sweep, worker killed": sweep_trial(scheduler=False, worker=True),

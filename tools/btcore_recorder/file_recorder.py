@@ -4,6 +4,7 @@ import logging
 import os
 import threading
 from collections import deque
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -19,7 +20,7 @@ from btcore_recorder.inputs import TreeState
 from btcore_recorder.lines import Line, head_lines, segment_lines, step_lines
 from btcore_recorder.recorder import RawStep, Recorder
 
-WRITE_INTERVAL_S: Final = 1.0
+WRITE_INTERVAL_S: Final = 0.5
 """The time (s, wall clock) between two writes: what a process that is killed may lose."""
 SEGMENT_DURATION_S: Final = 60.0
 """The time (s of the tree's clock) after which a new segment begins, with the state of the tree."""
@@ -59,7 +60,7 @@ class FileRecorder:
         is_incomplete: Whether steps are missing.
     """
 
-    def __init__(self, tree: Tree, path: str | os.PathLike[str]) -> None:
+    def __init__(self, tree: Tree, path: str | os.PathLike[str], exclude: Sequence[str] = ()) -> None:
         self.path = Path(path)
         self._form = form_for(self.path)
         self.is_incomplete = False
@@ -69,7 +70,7 @@ class FileRecorder:
         self._taken_values = 0
         self._unwritten_values = 0
         self._loss = ""  # why steps are being lost
-        self._recorder = Recorder(tree, self._add_step, self._add_type)
+        self._recorder = Recorder(tree, self._add_step, self._add_type, exclude)
         self._types: list[Line] = []  # found since the last step
         head = self._recorder.head
         self._segment_time = head.time
@@ -197,13 +198,14 @@ class RingRecorder:
     Args:
         tree: The tree, between two ticks.
         path: The file to which `save` writes, `….btrec.txt` or `….mcap`.
+        exclude: Patterns of keys; the values of these entries are not recorded.
 
     Raises:
         BtcoreError: The tree is in a tick, is being recorded, or is not from a document.
         LogError: The file cannot be written, or its name has another extension.
     """
 
-    def __init__(self, tree: Tree, path: str | os.PathLike[str]) -> None:
+    def __init__(self, tree: Tree, path: str | os.PathLike[str], exclude: Sequence[str] = ()) -> None:
         self.path = Path(path)
         form_for(self.path)  # checks the name
         is_new = not self.path.exists()
@@ -212,7 +214,7 @@ class RingRecorder:
             self.path.unlink()
         self._tree = tree
         self._types: dict[str, Any] = {}
-        self._recorder = Recorder(tree, self._add_step, self._types.__setitem__)
+        self._recorder = Recorder(tree, self._add_step, self._types.__setitem__, exclude)
         head = self._recorder.head
         self._time = head.time
         self._value_count = 0
@@ -269,12 +271,13 @@ class RingRecorder:
                 segments.popleft()
 
 
-def record(tree: Tree, path: str | os.PathLike[str]) -> FileRecorder:
+def record(tree: Tree, path: str | os.PathLike[str], exclude: Sequence[str] = ()) -> FileRecorder:
     """Record what the ticks of *tree* depend on to a file, so that `Replay` runs them again.
 
     Args:
         tree: The tree, between two ticks.
         path: The file, `….btrec.txt` or `….mcap`; an existing file is overwritten.
+        exclude: Patterns of keys, such as `password*`; the values of these entries are not recorded.
 
     Returns:
         The recorder. Close it after the last tick, or use it as a context manager.
@@ -301,4 +304,4 @@ def record(tree: Tree, path: str | os.PathLike[str]) -> FileRecorder:
         >>> replay.verify(), replay.tree.blackboard["near"]
         (None, 1.0)
     """
-    return FileRecorder(tree, path)
+    return FileRecorder(tree, path, exclude)

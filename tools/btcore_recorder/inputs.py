@@ -12,7 +12,7 @@ from btcore.engine.journal import (
     ChildHalted,
     ChildTicked,
     ExternalHaltBegan,
-    RepetitionEnded,
+    Paused,
     StatusForced,
     StatusSet,
     TimeRead,
@@ -107,7 +107,7 @@ Input = (
     | ChildHalted
     | StatusSet
     | StatusForced
-    | RepetitionEnded
+    | Paused
     | TimeRead
     | Written
     | Removed

@@ -12,7 +12,7 @@ from btcore.engine.journal import (
     ChildHalted,
     ChildTicked,
     ExternalHaltBegan,
-    RepetitionEnded,
+    Paused,
     StatusForced,
     StatusSet,
     TimeRead,
@@ -55,7 +55,7 @@ _INPUTS: Final[dict[str, type[Input]]] = {
     "child_halted": ChildHalted,
     "status_set": StatusSet,
     "status_forced": StatusForced,
-    "repetition_ended": RepetitionEnded,
+    "paused": Paused,
     "time": TimeRead,
     "written": Written,
     "removed": Removed,
@@ -383,8 +383,8 @@ def _input(word: str, values: list[Any]) -> Input:
             return StatusSet(uid, _status(status))
         case "status_forced", [int(uid), bool(is_pre_tick), str(status)]:
             return StatusForced(uid, is_pre_tick, _status(status))
-        case "repetition_ended", [int(uid), int(count)]:
-            return RepetitionEnded(uid, count)
+        case "paused", [int(uid), int(count)]:
+            return Paused(uid, count)
         case "time", [int(time), int(repeats)]:
             return TimeRead(time, repeats)
         case "written", [int(scope), str(key), value, None | str() as declared]:

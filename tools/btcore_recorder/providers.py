@@ -40,6 +40,14 @@ class RecordingSettings(Settings):
             one_run_only=True,
         ),
     ] = "always"
+    record_exclude: Annotated[
+        tuple[str, ...],
+        option(
+            "Do not record the values of entries whose key matches, such as 'password*'. Repeatable.",
+            metavar="PATTERN",
+            one_run_only=True,
+        ),
+    ] = ()
 
 
 class TreeRecordings:
@@ -59,7 +67,7 @@ class TreeRecordings:
         self._number += 1
         file = numbered_file(self._settings.record, self._number)
         recorder_class = FileRecorder if self._settings.record_on == "always" else RingRecorder
-        self._recorder = recorder_class(tree, file)
+        self._recorder = recorder_class(tree, file, self._settings.record_exclude)
 
     def replace_tree(self, tree: Tree) -> None:
         """End the recording, and record *tree* to a file with the next number in its name.

@@ -2,10 +2,12 @@
 
 import platform
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from fnmatch import fnmatchcase
 from typing import Any, NamedTuple, cast
 
 import btcore
+from btcore.blackboard.blackboard import Blackboard
 from btcore.builds import active_build
 from btcore.engine import journal
 from btcore.engine.control import ControlNode, DecoratorNode
@@ -36,7 +38,7 @@ from btcore_recorder.inputs import (
     with_parents,
 )
 from btcore_recorder.tree_state import capture, recorded_entry
-from btcore_recorder.values import Encoder
+from btcore_recorder.values import EXCLUDED, Encoder
 
 
 class RawStep(NamedTuple):
@@ -53,6 +55,7 @@ class Recorder(Observer):
         tree: The tree, between two ticks.
         deliver: Called with each step, on the thread that ticks. `step` converts it, on any thread.
         found: Called with the name and description of each user's type that is met later than in the head.
+        exclude: Patterns of keys; the values of these entries are not recorded.
 
     Attributes:
         head: The head of the recording.
@@ -64,13 +67,18 @@ class Recorder(Observer):
     """
 
     def __init__(
-        self, tree: Tree, deliver: Callable[[RawStep], object], found: Callable[[str, Any], object]
+        self,
+        tree: Tree,
+        deliver: Callable[[RawStep], object],
+        found: Callable[[str, Any], object],
+        exclude: Sequence[str] = (),
     ) -> None:
         if tree._in_tick:
             raise BtcoreError(f"tree '{tree.id}' is in a tick: begin to record it between two ticks")
         if tree.context.journal is not None:
             raise BtcoreError(f"tree '{tree.id}' is being recorded already")
         self._tree = tree
+        self._exclude = exclude
         self._deliver = deliver
         types: dict[str, Any] = {}
         self._encoder = Encoder(types.__setitem__)
@@ -113,7 +121,21 @@ class Recorder(Observer):
     def capture(self) -> TreeState:
         """Return the state of the tree, between two steps. A new segment begins, with a new checksum."""
         self._checksum = 0
-        return self._journal.capture(lambda: capture(self._tree, self._boards, self._encoder.encode))
+        state = self._journal.capture(lambda: capture(self._tree, self._boards, self._encoder.encode))
+        excluded = {index for keys in state.scopes for key, index in keys.items() if self._is_excluded(key)}
+        entries = [
+            entry._replace(value=EXCLUDED) if index in excluded else entry
+            for index, entry in enumerate(state.entries)
+        ]
+        return state._replace(entries=tuple(entries))
+
+    def _is_excluded(self, key: str, board: Blackboard | None = None) -> bool:
+        """Return whether the entry of a key is excluded, by the key or by a key that *board* remaps it to."""
+        while board is not None:
+            if self._is_excluded(key):
+                return True
+            key, board = board.remappings().get(key, key).strip("{}"), board.parent
+        return any(fnmatchcase(key.removeprefix("@"), pattern) for pattern in self._exclude)
 
     @property
     def value_count(self) -> int:
@@ -210,11 +232,17 @@ class Recorder(Observer):
                 return ExternalHaltEnded(uid, None if error is None else _recorded_error(error))
             case journal.Written(board, key, value, declared):
                 scope = self._scopes[id(board)]
+                value = EXCLUDED if self._exclude and self._is_excluded(key, board) else value
+                if declared is None and isinstance(value, dict) and "__text" in value:
+                    declared = board.written_entry(key).declared  # the text has not the type of the value
                 return Written(scope, key, value, None if declared is None else declared.name)
             case journal.Removed(board, key):
                 return Removed(self._scopes[id(board)], key)
             case journal.Replaced(board, entries):
-                recorded = {key: recorded_entry(entry, entry.value) for key, entry in entries.items()}
+                recorded = {
+                    key: recorded_entry(entry, EXCLUDED if self._is_excluded(key, board) else entry.value)
+                    for key, entry in entries.items()
+                }
                 return Replaced(self._scopes[id(board)], recorded)
             case journal.ScriptRun(board, text, enums):
                 return ScriptRun(self._scopes[id(board)], text, enums)

@@ -1,68 +1,29 @@
 """Runs a recording again: the engine ticks the recorded tree, whose external nodes do what was recorded."""
 
 import os
-from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import suppress
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
-from btcore.blackboard.blackboard import Blackboard, Entry
-from btcore.blackboard.format3 import Format3Blackboard
-from btcore.blackboard.ports import Direction, Port
 from btcore.clock import NS_PER_S
-from btcore.engine.control import ControlNode, DecoratorNode
 from btcore.engine.journal import (
-    ChildHalted,
-    ChildTicked,
-    ExternalHaltBegan,
-    RepetitionEnded,
-    StatusForced,
-    StatusSet,
     TimeRead,
 )
-from btcore.engine.leaf import LeafNode
-from btcore.engine.node import TreeNode, execute_tick, halt_node, reset_status
-from btcore.engine.node_config import NodeConfig
-from btcore.engine.node_spec import NodeSpec
 from btcore.engine.observers import Observer
 from btcore.engine.transition_records import Transitions
-from btcore.errors import BtcoreError, NodeExecutionError, ScriptError, TickInterrupt
-from btcore.loading.instantiate import instantiate
+from btcore.errors import NodeExecutionError, TickInterrupt
 from btcore.logs.files import LogError
-from btcore.registry.manifest import Manifest, create_manifest
-from btcore.registry.registry import Registry, SubstitutionRule
-from btcore.script.program import compile_script
-from btcore.status import IDLE, SKIPPED, NodeType, Status
+from btcore.status import IDLE
 from btcore.tree.tree import Tree
-from btcore.values import TypeRegistry, UserType, ValueType, VectorType
-from btcore.xml.define import define
-from btcore.xml.plan.plan import plan
-from btcore.xml.read.document import Diagnostics
-from btcore.xml.read.read import Sources, parse_text
 from btcore_recorder.files import read_recording
 from btcore_recorder.inputs import (
-    ExternalHaltEnded,
-    Head,
-    Input,
-    Raised,
-    RecordedClass,
-    RecordedEntry,
-    RecordedError,
-    Removed,
-    Replaced,
-    Result,
     RunRecording,
-    ScriptRun,
     Segment,
-    Step,
     TreeState,
-    Written,
-    scopes_of,
 )
+from btcore_recorder.recorded_tree import ExternalCode, Inputs, StandInClock, add_callbacks, load_recorded
 from btcore_recorder.tree_state import capture, describe_difference, restore_entries, restore_nodes
-from btcore_recorder.values import Decoder, Encoder, NotReplayable
+from btcore_recorder.values import Encoder
 
 STATE_INTERVAL: Final = 250
 """The number of steps between two saved states, from which `Replay.seek` runs to any step between them."""
@@ -93,27 +54,10 @@ class Difference(NamedTuple):
         return f"{moment}: recorded: {self.recorded}; now: {self.now}{place}"
 
 
-class _Differs(TickInterrupt):
-    """Ends a tick of a replay that differs from the recording."""
-
-
-class _StandInClock:
-    """The clock of the external nodes, of entries and of observers: the time at which the step began."""
-
-    def __init__(self) -> None:
-        self.time = 0
-
-    def now(self) -> int:
-        return self.time
-
-    def wait_until(self, deadline: int, wake: object) -> bool:
-        return False
-
-
-class _RecordedTimes(_StandInClock):
+class _RecordedTimes(StandInClock):
     """The clock of the built-in nodes: the times that they have read."""
 
-    def __init__(self, inputs: "_Inputs") -> None:
+    def __init__(self, inputs: Inputs) -> None:
         super().__init__()
         self._inputs = inputs
         self._repeats = 0
@@ -134,200 +78,6 @@ class _RecordedTimes(_StandInClock):
         return self.time
 
 
-class _Inputs:
-    """The inputs of a step that were not used yet."""
-
-    def __init__(self) -> None:
-        self._left: deque[Input] = deque()
-
-    def begin(self, inputs: Iterable[Input]) -> None:
-        self._left = deque(inputs)
-
-    @property
-    def next(self) -> Input | None:
-        """The next input, or None."""
-        return self._left[0] if self._left else None
-
-    def take(self) -> Input | None:
-        """Take the next input."""
-        return self._left.popleft() if self._left else None
-
-    def __iter__(self) -> Iterator[Input]:
-        return iter(self._left)
-
-
-class _ExternalCode:
-    """Does what external nodes have done."""
-
-    def __init__(self, inputs: _Inputs, decoder: Decoder, known_types: TypeRegistry) -> None:
-        self._inputs = inputs
-        self._decoder = decoder
-        self._known_types = known_types
-        self.nodes: Sequence[TreeNode] = ()
-        self.boards: Sequence[Blackboard] = ()
-        self._types: dict[str, ValueType] = {}
-        self.difference: tuple[str, str] | None = None
-        self.node: TreeNode | None = None  # the external node that is ticked or halted
-        self.has_unreplayable_values = False
-        self._child_error: NodeExecutionError | None = None
-
-    def tick(self, node: TreeNode) -> Status:
-        """Do what the tick of *node* did."""
-        uid = node.config.uid
-        self.node = node
-        while True:
-            event = self._inputs.take()
-            if isinstance(event, (Result, Raised)) and event.uid == uid:
-                if isinstance(event, Result):
-                    return event.status
-                self._raise(event.error)
-            self.apply(event, f"'{node.path}' is ticked")
-
-    def halt(self, node: TreeNode) -> None:
-        """Do what the halt of *node* did."""
-        head = self._inputs.next
-        if not (isinstance(head, ExternalHaltBegan) and head.uid == node.config.uid):
-            reset_status(node)
-            return
-        self._inputs.take()
-        self.node = node
-        while True:
-            event = self._inputs.take()
-            if isinstance(event, ExternalHaltEnded) and event.uid == node.config.uid:
-                if event.error is not None:
-                    self._raise(event.error)
-                return
-            self.apply(event, f"'{node.path}' is halted")
-
-    def repetition_ended(self, uid: int, count: int) -> bool:
-        """Return whether the node with *uid* pauses after *count* repetitions."""
-        head = self._inputs.next
-        # Named tuples of two types are equal if their values are.
-        has_ended = isinstance(head, RepetitionEnded) and head == (uid, count)
-        if has_ended:
-            self._inputs.take()
-        return has_ended
-
-    def pre_tick(self, node: TreeNode) -> Status:
-        """Return the status that a callback forced before the tick of *node*."""
-        return self._forced(node, True)
-
-    def post_tick(self, node: TreeNode, status: Status) -> Status:
-        """Return the status that a callback forced after the tick of *node*."""
-        return self._forced(node, False)
-
-    def _forced(self, node: TreeNode, is_pre_tick: bool) -> Status:
-        writes = (Written, Removed, Replaced, ScriptRun)
-        first = next((event for event in self._inputs if not isinstance(event, writes)), None)
-        uid = node.config.uid
-        if not (isinstance(first, StatusForced) and first[:2] == (uid, is_pre_tick)):
-            return SKIPPED
-        while (event := self._inputs.take()) is not first:
-            self.apply(event, "a callback is called")
-        return first.status
-
-    def apply(self, event: Input | None, now: str) -> None:
-        """Do what *event* says, which is not the end of a tick or halt."""
-        match event:
-            case Written(scope, key, value, declared):
-                value_type = None if declared is None else self.type(declared)
-                try:
-                    self.boards[scope].set(key, self.decode(value), value_type)
-                except (BtcoreError, ValueError) as error:
-                    self.differ(self.words(event), str(error))
-            case ScriptRun(scope, text, enums):
-                with suppress(ScriptError):  # the leaf has got it, too
-                    compile_script(text, enums).run(self.boards[scope])
-            case Removed(scope, key):
-                self.boards[scope].unset(key)
-            case Replaced(scope, entries):
-                held = self.boards[scope].local_entries()
-                held.clear()
-                held.update((key, self.entry(recorded)) for key, recorded in entries.items())
-            case StatusSet(uid, status):
-                node = self.nodes[uid - 1]
-                if status is IDLE:
-                    reset_status(node)
-                else:
-                    node.set_status(status)
-            case ChildTicked(uid) | ChildHalted(uid):
-                try:
-                    if isinstance(event, ChildTicked):
-                        execute_tick(self.nodes[uid - 1])
-                    else:
-                        halt_node(self.nodes[uid - 1])
-                except NodeExecutionError as error:
-                    self._child_error = error
-            case _:
-                self.differ("the end of the step" if event is None else self.words(event), now)
-
-    def decode(self, data: Any) -> object:
-        """Return a recorded value.
-
-        Raises:
-            ValueError: *data* is not the form of a value.
-        """
-        value = self._decoder.decode(data)
-        self.has_unreplayable_values |= isinstance(value, NotReplayable)
-        return value
-
-    def differ(self, recorded: str, now: str) -> None:
-        """End the step with a difference."""
-        if self.difference is None:
-            self.difference = recorded, now
-        raise _Differs
-
-    def words(self, event: Input) -> str:
-        """Return *event* for a message."""
-        uid = getattr(event, "uid", None)
-        path = "" if uid is None else f" of '{self.nodes[uid - 1].path}'"
-        return f"{type(event).__name__}{path}: {tuple(event)}"
-
-    def entry(self, recorded: RecordedEntry) -> Entry:
-        """Return a recorded entry."""
-        entry = Entry(self.type(recorded.declared), recorded.inferred)
-        entry.value_type = None if recorded.value_type is None else self.type(recorded.value_type)
-        entry.value, entry.sequence_id = self.decode(recorded.value), recorded.sequence_id
-        return entry
-
-    def type(self, name: str) -> ValueType:
-        """Return the type with a recorded name."""
-        known = self._types.get(name) or self._known_types.named(name)
-        if known is None:
-            if name.startswith("std::vector<"):
-                known = VectorType(self.type(name[len("std::vector<") : -1]))
-            else:
-                known = UserType(self._decoder.stand_in(name), name)
-            self._types[name] = known
-        return known
-
-    def _raise(self, recorded: RecordedError) -> None:
-        if recorded.type == "NodeExecutionError" and self._child_error is not None:
-            error, self._child_error = self._child_error, None
-            raise error
-        if recorded.type == "TickInterrupt":
-            raise TickInterrupt
-        raise type(recorded.type, (Exception,), {})(recorded.text)
-
-
-_BASES: Final[dict[str, type[TreeNode]]] = {
-    "leaf": LeafNode,
-    "control": ControlNode,
-    "decorator": DecoratorNode,
-}
-
-
-class _RecordedRule(SubstitutionRule):
-    """Replaces one node, as a rule has done in the recorded run."""
-
-    def __init__(self, uid: int, by: Manifest | str) -> None:
-        super().__init__("", by)
-        self._uid = uid
-
-    def matches(self, config: NodeConfig) -> bool:
-        return config.uid == self._uid
-
-
 class _Checksum(Observer):
     def __init__(self) -> None:
         self.value = 0
@@ -344,6 +94,7 @@ class Replay:
 
     Args:
         recording: A recording, or the path of its file.
+        external_class: What stands for the code of external nodes, for `btcore_recorder.what_if`.
 
     Attributes:
         recording: The recording.
@@ -351,6 +102,7 @@ class Replay:
         position: The number of steps that have been run.
         tree: The tree, after these steps.
         difference: The first difference between the recording and the replay, or None.
+        external: What stands for the code of external nodes.
 
     Raises:
         LogError: The file cannot be read, or the recording is invalid.
@@ -368,7 +120,11 @@ class Replay:
         (True, <Status.FAILURE: 3>)
     """
 
-    def __init__(self, recording: RunRecording | str | os.PathLike[str]) -> None:
+    def __init__(
+        self,
+        recording: RunRecording | str | os.PathLike[str],
+        external_class: type[ExternalCode] = ExternalCode,
+    ) -> None:
         if not isinstance(recording, RunRecording):
             recording = read_recording(Path(recording))
         head, steps = recording.head, recording.steps
@@ -377,19 +133,10 @@ class Replay:
         self.difference: Difference | None = None
         self.position = 0
         self._start_time = head.time
-        self._inputs = _Inputs()
-        registry = Registry.standard()
-        self._external = external = _ExternalCode(self._inputs, Decoder(head.types), registry.types)
-        registry.add_enum(head.enums)
-        for recorded in head.classes:
-            if recorded.id in registry:
-                registry.remove(recorded.id)
-            registry.add(_stand_in_class(recorded, external), ID=recorded.id)
-        for uid, recorded in head.replaced.items():
-            registry.substitutions[str(uid)] = _RecordedRule(uid, self._replacement(recorded, registry))
-        self._stamps = _StandInClock()
-        self.tree = self._load(head, registry)
-        external.nodes, external.boards = self.tree.nodes, scopes_of(self.tree)
+        self._inputs = Inputs()
+        self.external = external = external_class(self._inputs, head.types)
+        self._stamps = StandInClock()
+        self.tree = load_recorded(head, external, self._stamps)
         _check_numbers(recording, len(external.nodes), len(external.boards))
         self._checksum = _Checksum()
         self.tree.subscribe(self._checksum)
@@ -399,56 +146,12 @@ class Replay:
         self._segments = {segment.position: segment for segment in recording.segments}
         self._times = _RecordedTimes(self._inputs)
         self.tree.context.clock = self._times
-        self.tree.context.uses_time = True
-        self.tree.context.recorded_end = external.repetition_ended
-        self.tree.context.must_check_end = True
-        self._add_callbacks(steps)
-
-    def _replacement(self, recorded: RecordedClass, registry: Registry) -> Manifest | str:
-        if recorded.kind == "built-in":
-            return recorded.id
-        stand_in = _stand_in_class(recorded, self._external)
-        return create_manifest(recorded.id, stand_in, registry.types, {}, "the recording")
-
-    def _load(self, head: Head, registry: Registry) -> Tree:
-        documents = [parse_text(text, file) for file, text, _ in head.documents]
-        marks = [is_shared for _, _, is_shared in head.documents]
-        shared = [document for document, is_shared in zip(documents, marks, strict=True) if is_shared]
-        plans = plan(
-            define(Sources(tuple(documents), tuple(shared), Diagnostics()), head.tree_id, head.format),
-            registry,
-        )
-        outer: list[Blackboard] = []
-        for autoremap, remaps in reversed(head.outer):
-            parent = outer[-1] if outer else None
-            board_class = Format3Blackboard if head.format == 3 else Blackboard
-            board = board_class(parent, self._stamps)
-            board.autoremap = autoremap
-            for internal, external in remaps.items():
-                board.remap(internal, external)
-            outer.append(board)
-        # Loading checks the ports against the entries that exist, and creates further entries.
-        restore_entries(head.state, outer[::-1], self._external.entry)
-        return instantiate(plans, (), outer[-1], self._stamps)
+        add_callbacks(self.tree, external, steps)
 
     def _restore(self, state: TreeState) -> None:
-        external = self._external
+        external = self.external
         entries = restore_entries(state, external.boards, external.entry)
         restore_nodes(state, self.tree, entries, external.decode)
-
-    def _add_callbacks(self, steps: Sequence[Step]) -> None:
-        forced = {
-            (event.uid, event.is_pre_tick)
-            for step in steps
-            for event in step.inputs
-            if isinstance(event, StatusForced)
-        }
-        for uid, is_pre_tick in forced:
-            node = self.tree.nodes[uid - 1]
-            if is_pre_tick:
-                node.set_pre_tick_function(self._external.pre_tick)
-            else:
-                node.set_post_tick_function(self._external.post_tick)
 
     def step(self) -> bool:
         """Run the next step. Return False if there is none, or if it differs from the recording."""
@@ -459,14 +162,15 @@ class Replay:
             if self.difference is not None:
                 return False
         elif self.position % STATE_INTERVAL == 0 and self.position not in self._states:
-            state = capture(self.tree, self._external.boards, self._encoder.encode)
+            state = capture(self.tree, self.external.boards, self._encoder.encode)
             self._states[self.position] = state, self._checksum.value
         step = self.steps[self.position]
         self.position += 1
-        self._external.node = None
-        inputs, external = self._inputs, self._external
+        self.external.begin_step()
+        inputs, external = self._inputs, self.external
         status = IDLE
-        with suppress(NodeExecutionError, TickInterrupt):
+        raised = ""
+        try:
             inputs.begin(step.before)
             while (event := inputs.take()) is not None:
                 external.apply(event, "nothing happens between two steps")
@@ -478,16 +182,21 @@ class Replay:
                 status = self.tree.tick_exactly_once()
             else:
                 self.tree.halt()
+        except NodeExecutionError as error:
+            raised = f": {error.cause}"
+        except TickInterrupt:
+            pass
         left = inputs.next
+        node = None if external.difference is None else external.node
         if external.difference is None:
             if left is not None:
                 external.difference = external.words(left), "the step ends"
             elif status is not step.status:
-                external.difference = f"the result is {step.status.name}", f"the result is {status.name}"
+                now = f"the result is {status.name}{raised}"
+                external.difference = f"the result is {step.status.name}", now
             elif self._checksum.value != step.checksum:
                 external.difference = "other transitions", "transitions with another checksum"
         if external.difference is not None:
-            node = external.node
             place = ("", "") if node is None else (node.path, node.config.where)
             self.difference = Difference(self.position, step.tick, *external.difference, *place)
         return self.difference is None
@@ -497,7 +206,7 @@ class Replay:
         if segment.gap:
             self._restore(segment.state)
             return
-        state = capture(self.tree, self._external.boards, self._encoder.encode)
+        state = capture(self.tree, self.external.boards, self._encoder.encode)
         if state != segment.state:
             self.difference = Difference(
                 self.position, segment.state.ticks, *describe_difference(segment.state, state)
@@ -550,7 +259,7 @@ class Replay:
     def _go_back(self, position: int) -> None:
         state, checksum = self._states[position]
         self.position = position
-        self.difference = self._external.difference = None
+        self.difference = self.external.difference = None
         self._restore(state)
         self.tree.status = self.steps[position - 1].status if position else self.tree.root.status
         self._checksum.value = checksum
@@ -558,7 +267,7 @@ class Replay:
     @property
     def has_unreplayable_values(self) -> bool:
         """Whether one of the values so far was recorded as text; see `NotReplayable`."""
-        return self._external.has_unreplayable_values
+        return self.external.has_unreplayable_values
 
     def verify(self) -> Difference | None:
         """Run all steps, and return the first difference, or None."""
@@ -580,22 +289,3 @@ def _check_numbers(recording: RunRecording, node_count: int, board_count: int) -
             uid, scope = getattr(event, "uid", 1), getattr(event, "scope", 0)
             if not (1 <= uid <= node_count and 0 <= scope < board_count):
                 raise LogError(f"the recording of tick {step.tick} names a node or scope that does not exist")
-
-
-def _stand_in_class(recorded: RecordedClass, external: _ExternalCode) -> type[TreeNode]:
-    ports = [
-        Port(name, Direction[direction], external.type(type_name), default)
-        for name, direction, type_name, default in recorded.ports
-    ]
-    spec = NodeSpec(node_type=NodeType[recorded.node_type])
-    if recorded.kind == "control":
-        spec = replace(spec, child_count=(0, None), child_count_at_load=(0, None))
-    members: dict[str, Any] = {
-        "tick": lambda node: external.tick(node),
-        "halt": lambda node: external.halt(node),
-        "provided_ports": staticmethod(lambda: ports),
-        "spec": spec,
-        "_must_complete": recorded.must_complete,
-        "__module__": __name__,
-    }
-    return type(recorded.id, (_BASES[recorded.kind],), members)

@@ -20,6 +20,8 @@ MAX_ITEMS: Final = 100_000
 """Maximum length of a text, list or dictionary that is replayable."""
 MAX_TEXT: Final = 1_000
 """Maximum length of the text of a value that is not replayable."""
+EXCLUDED: Final = {"__text": "excluded"}
+"""Stands for the value of an entry that is not recorded."""
 _BUILTIN_ENUMS: Final[dict[str, type[Enum]]] = {
     cls.__qualname__: cls for cls in (Status, PortDirection, NodeType)
 }
@@ -161,6 +163,7 @@ class Decoder:
         """Return the class that stands for the recorded class *name*."""
         cls = self._classes.get(name)
         if cls is None:
+            self._classes[name] = type(name, (), {})  # a description may name itself
             self._classes[name] = cls = self._make(name, self._types.get(name, {}))
         return cls
 

@@ -37,16 +37,21 @@ class Verification(NamedTuple):
     cause: Cause | None
 
     @property
-    def is_equal(self) -> bool:
+    def is_same(self) -> bool:
         """Whether everything that could be read was repeated."""
         return self.difference is None
+
+    @property
+    def short_text(self) -> str:
+        """The result in a line."""
+        return str(self).partition("\n")[0]
 
     def as_data(self) -> dict[str, object]:
         """Return the result as data of JSON."""
         data: dict[str, object] = {
             "ticks": self.ticks,
             "transitions": self.transitions,
-            "equal": self.is_equal,
+            "equal": self.is_same,
         }
         if self.damage:
             data["damage"] = self.damage

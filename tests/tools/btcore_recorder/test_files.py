@@ -17,9 +17,12 @@ from btcore_recorder import Replay, record
 from btcore_recorder.file_recorder import RingRecorder
 from btcore_recorder.files import EXTENSIONS, read_recording
 from btcore_recorder.inputs import RunRecording
+from btcore_recorder.replayed_log import read_as_log
 from btcore_recorder.values import Decoder, Encoder, NotReplayable
+from btcore_recorder.what_if import run_changed
 from tests.tools.btcore_recorder.random_leaves import Colour, Spot, any_value, random_registry
 
+GOLDEN = Path(__file__).parent / "golden"
 NODES = random_registry()
 XML = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
     <Write name="pen" out="{o}" number="{n}" spot="{s}" colour="{c}"/>
@@ -71,6 +74,18 @@ def test_a_recorded_file_is_replayed_without_the_nodes(file: Path) -> None:
     assert replay.verify() is None
     assert [step.tick for step in replay.steps] == [1, 2, 3, 4, 5, 6, 0]
     assert replay.tree.ticks == 6
+
+
+@pytest.mark.parametrize("extension", EXTENSIONS)
+def test_a_recording_of_the_first_version_is_read(extension: str) -> None:
+    replay = Replay(GOLDEN / f"format_1{extension}")
+    assert replay.verify() is None
+    assert [step.tick for step in replay.steps] == [1, 2, 3, 4, 5, 6, 0]
+    assert [segment.position for segment in replay.recording.segments] == [4]
+    assert {type(event).__name__ for step in replay.steps for event in (*step.before, *step.inputs)} >= {
+        *("Result", "ExternalHaltBegan", "ExternalHaltEnded", "ChildTicked", "StatusSet", "TimeRead"),
+        *("Written", "ScriptRun", "Removed", "Replaced", "StatusForced", "Raised"),
+    }
 
 
 def test_the_tree_is_not_changed_by_a_recording_that_has_ended(tmp_path: Path) -> None:
@@ -146,6 +161,61 @@ def test_nodes_and_scopes_that_do_not_exist_are_refused(text_file: Path, tmp_pat
         Replay(path)
 
 
+VALUES = ("-1", "65536", "9" * 20, "1.5", "null", "true", "[]", "{}", '"x"', '"IDLE"', '{"__deque":[1]}')
+VALUES = (
+    *VALUES,
+    '{"__enum":"Colour","name":"RED"}',
+    '{"__type":"Spot","x":1}',
+    '{"__float":"x"}',
+    '{"__entry":9}',
+)
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_a_changed_recording_is_replayed_or_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, seed: int
+) -> None:
+    monkeypatch.setattr("btcore_recorder.recorded_tree.MAX_REPETITIONS", 1000)
+    text, path, source = (GOLDEN / "format_1.btrec.txt").read_text(), tmp_path / "run.btrec.txt", Random(seed)
+    lines = re.sub(r"^((head|end|state_end) .*?)\d+\]$", r"\1null]", text, flags=re.MULTILINE).splitlines()
+    for _ in range(source.randrange(1, 4)):
+        number, other = source.randrange(len(lines)), source.randrange(len(lines))
+        tokens = list(re.finditer(r'-?\d+|"[^"]*"|true|false|null', lines[number]))
+        match source.randrange(4):
+            case 0:
+                del lines[number]
+            case 1:
+                lines.insert(number, lines[other])
+            case 2:
+                lines[number], lines[other] = lines[other], lines[number]
+            case 3 if tokens:
+                token, line = source.choice(tokens), lines[number]
+                lines[number] = line[: token.start()] + source.choice(VALUES) + line[token.end() :]
+    path.write_text("\n".join(lines) + "\n")
+    with suppress(BtcoreError):
+        Replay(path).verify()
+    with suppress(BtcoreError):
+        run_changed(read_recording(path))
+    with suppress(BtcoreError):
+        read_as_log(path)
+
+
+def test_a_recorded_tree_that_repeats_without_end_is_stopped(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("btcore_recorder.recorded_tree.MAX_REPETITIONS", 1000)
+    path = tmp_path / "run.btrec.txt"
+    repeat = '<Repeat num_cycles="3"><AlwaysSuccess/></Repeat>'
+    tree = btcore.loads(f'<root><BehaviorTree ID="Main">{repeat}</BehaviorTree></root>')
+    with record(tree, path):
+        tree.tick_once()
+    text = path.read_text().replace('num_cycles="3"', 'num_cycles="-1"')
+    path.write_text(re.sub(r"^(head \[)\d+", r"\1null", text, flags=re.MULTILINE))
+    difference = Replay(path).verify()
+    assert difference is not None
+    assert difference.now == "the result is IDLE: more than 1,000 repetitions in a tick"
+
+
 def test_only_documents_are_recorded(tmp_path: Path) -> None:
     tree = written_tree()
     tree.documents = ()
@@ -169,6 +239,42 @@ def test_nodes_that_rules_replaced_are_recorded(tmp_path: Path) -> None:
     nodes.substitute("pen", "AlwaysFailure")
     with pytest.raises(BtcoreError, match="the substitution rule of 'pen' has changed"):
         record(tree, path)
+
+
+def test_a_value_that_is_not_replayable_keeps_the_type_of_its_entry(tmp_path: Path) -> None:
+    clock, path = btcore.SimClock(), tmp_path / "run.btrec.txt"
+    tree = btcore.loads(SHORT_XML, clock=clock)
+    with record(tree, path):
+        for number in range(4):
+            tree.tick_exactly_once()
+            tree.blackboard["range"] = range(number)
+            clock.advance(50.0)  # with a new segment, whose entries are compared
+    replay = Replay(path)
+    assert replay.verify() is None
+    assert len(replay.recording.segments) == 1
+    assert replay.tree.blackboard["range"] == NotReplayable("range(0, 2)")
+
+
+def test_entries_can_be_excluded(text_file: Path, tmp_path: Path) -> None:
+    xml = """<root BTCPP_format="4" main_tree_to_execute="Main">
+      <BehaviorTree ID="Main"><Sequence>
+        <SubTree ID="Login" pin="{secret}"/><Script code="public := 1"/>
+      </Sequence></BehaviorTree>
+      <BehaviorTree ID="Login"><Write number="{pin}"/></BehaviorTree>
+    </root>"""
+    board = btcore.Blackboard()
+    board["secret"] = 4711
+    tree = btcore.loads(xml, nodes=NODES, resources=[Random(5)], blackboard=board)
+    path = tmp_path / "run.btrec.txt"
+    with record(tree, path, exclude=["secr*"]):
+        tree.tick_once()
+        board["secret"] = 4712
+        tree.tick_once()
+    assert "471" not in "".join(re.findall("^(?:entry|written).*$", path.read_text(), re.MULTILINE))
+    assert path.read_text().count('{"__text":"excluded"}') >= 2
+    replay = Replay(path)
+    assert replay.verify() is None
+    assert replay.tree.blackboard["public"] == 1
 
 
 def test_a_tree_is_recorded_once(tmp_path: Path) -> None:

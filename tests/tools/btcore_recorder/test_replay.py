@@ -254,7 +254,7 @@ def test_a_pause_because_of_the_tick_limit_is_repeated() -> None:
         tree.tick_once()
     recording = run.end()
     assert [step.tick for step in recording.steps] == [1, 0]
-    assert [type(event).__name__ for event in recording.steps[0].inputs] == ["RepetitionEnded"]
+    assert [type(event).__name__ for event in recording.steps[0].inputs] == ["Paused"]
     check_replay(run, recording)
 
 

@@ -151,9 +151,66 @@ def test_the_first_difference_is_explained(replay: Replay, recorded: Path) -> No
     assert "the replay differs from the recording at tick 3" in replay(recorded, "--text").stderr
 
 
+def test_a_run_is_changed(replay: Replay, recorded: Path) -> None:
+    text = recorded.read_text()
+    tree = "\n".join(line[1:] for line in text.splitlines() if line.startswith("|"))
+    Path("edited.xml").write_text(tree.replace("n == 2", "n == 1"))
+    result = replay(recorded, "--tree", "edited.xml")
+    assert (result.exit_code, result.stdout.splitlines()) == (
+        1,
+        [
+            "it differs from tick 4 on: recorded: 'ScriptCondition::4' becomes FAILURE; "
+            "now: 'ScriptCondition::4' becomes SUCCESS",
+            "it ends in tick 4 with SUCCESS, because the recording ended",
+        ],
+    )
+    result = replay(recorded, "--set", "n=2@4", "--json")
+    data = json.loads(result.stdout)
+    assert (data["differs_from"], data["status"], data["same"]) == (4, "SUCCESS", False)
+    Path("edited.xml").write_text(tree.replace("ScriptCondition code", 'ScriptCondition name="Check" code'))
+    result = replay(recorded, "--tree", "edited.xml", "--match", "ScriptCondition::4=Check")
+    assert (result.exit_code, result.stdout.splitlines()[0]) == (0, "the same in all 4 ticks")
+
+
+def test_all_recordings_in_a_folder_are_run_again(replay: Replay, recorded: Path) -> None:
+    Path("runs").mkdir()
+    text = recorded.read_text()
+    for number in (1, 2):
+        Path(f"runs/{number}.btrec.txt").write_text(text)
+    Path("runs/3.btrec.txt").write_text("btrec [1]\n")
+    result = replay("runs", "--set", "n=2@4")
+    assert (result.exit_code, result.stdout.splitlines()) == (
+        1,
+        [
+            "1.btrec.txt  differs from tick 4 on: 'ScriptCondition::4' becomes SUCCESS",
+            "2.btrec.txt  differs from tick 4 on: 'ScriptCondition::4' becomes SUCCESS",
+            "3.btrec.txt  error: runs/3.btrec.txt: line 1: the head of this recording is damaged: the head "
+            "does not end",
+            "0 of 3 recordings are the same",
+        ],
+    )
+    Path("runs/3.btrec.txt").unlink()
+    result = replay("runs", "--verify", "--json")
+    assert [json.loads(line)["equal"] for line in result.stdout.splitlines()] == [True, True]
+    assert result.exit_code == 0
+
+
 @pytest.mark.parametrize(
     ("options", "message"),
     [
+        (
+            ["run.btrec.txt", "--result", "Sleep::3=F@2"],
+            "no node 'Sleep::3' in the tree, whose results are recorded",
+        ),
+        (
+            ["run.btrec.txt", "--result", "Sleep=Q@2"],
+            "--result Sleep=Q@2: 'Q' is not a result: use R, S, F or K",
+        ),
+        (["run.btrec.txt", "--set", "n=2"], "--set n=2: expected NAME=VALUE@TICK, such as door=F@12"),
+        (["run.btrec.txt", "--match", "a=b"], "--match needs --tree"),
+        (["run.btrec.txt", "--tree", "no.xml"], "--tree no.xml: no such file or directory"),
+        (["run.btrec.txt", "--tree", "x.xml", "--text"], "--tree and --text exclude each other"),
+        (["run.btlog", "--set", "n=2@1"], "run.btlog is a log of statuses: --set needs a recording"),
         (["run.btlog", "--verify"], "run.btlog is a log of statuses: --verify needs a recording"),
         (["run.btlog", "--json"], "--json needs --verify"),
         (["run.btrec.txt", "--verify", "--text"], "--verify and --text exclude each other"),

@@ -11,13 +11,12 @@ from btcore.cli import terminal
 from btcore.clock import NS_PER_S
 from btcore.escaping import escape_controls
 from btcore.exit_codes import ExitCode
-from btcore.field_options import ExtensibleCommand
+from btcore.field_options import ExtensibleCommand, pass_options
 from btcore.logs import LoggedTransition, Recording, read_log
 from btcore.logs.recording import format_transition
 from btcore.status import FAILURE, RUNNING, SUCCESS, Status
 from btcore.suggestions import did_you_mean
-from btcore_recorder.files import EXTENSIONS, TEXT
-from btcore_recorder.verification import verify
+from btcore_recorder.commands.rerun import RerunOptions
 
 _COLOURS: Final[dict[Status, str]] = {RUNNING: "yellow", SUCCESS: "green", FAILURE: "red"}
 
@@ -64,13 +63,7 @@ class LogViewer(Protocol):
 @click.option(
     "--to", "to_s", type=float, metavar="SECONDS", help="Time of the last transition.  [default: the end]"
 )
-@click.option(
-    "--verify",
-    "verifies",
-    is_flag=True,
-    help=f"Run a recording (…{TEXT}) again in the engine, and compare each tick with what was recorded.",
-)
-@click.option("--json", "as_json", is_flag=True, help="With --verify: print a JSON object.")
+@pass_options(RerunOptions, "rerun")
 @click.pass_context
 def replay(
     ctx: click.Context,
@@ -80,22 +73,28 @@ def replay(
     node_patterns: Sequence[str],
     from_s: float | None,
     to_s: float | None,
-    verifies: bool,
-    as_json: bool,
+    rerun: RerunOptions,
     **viewer_values: Any,
 ) -> int:
     """Show LOG: a .btlog, an SQLite log (.db3, .btdb; FILE.db3#2 for session 2), a bag (.mcap) or a .fbl.
 
-    LOG may also be a recording (.btrec.txt or .mcap) of a run, which is run again. Without options it opens
-    the viewer, where the time can be moved back and forth. --save, --serve-web and --screenshot need no
-    display. Times are in seconds since the log began. A truncated file is shown up to its end.
+    LOG may also be a recording (.btrec.txt or .mcap) of a run, which is run again; with --verify, --tree,
+    --result and --set also a folder of recordings. Without options it opens the viewer, where the time can be
+    moved back and forth. --save, --serve-web and --screenshot need no display. Times are in seconds since the
+    log began. A truncated file is shown up to its end.
     """
     assert isinstance(ctx.command, ExtensibleCommand)
     viewer: LogViewer | None = ctx.command.make_extension(viewer_values)
     outputs = () if viewer is None else viewer.outputs
-    _check_usage(text, outputs, node_patterns, from_s, to_s, verifies, as_json)
-    if verifies:
-        return _verify(log, as_json)
+    modes = [*([rerun.mode] if rerun.mode else []), *(["--text"] if text else []), *outputs[:1]]
+    if len(modes) > 1:
+        raise click.UsageError(f"{modes[0]} and {modes[1]} exclude each other: choose one.")
+    if node_patterns and not text:
+        raise click.UsageError("--node selects lines, so it needs --text.")
+    if from_s is not None and to_s is not None and from_s > to_s:
+        raise click.UsageError(f"--from {from_s:g} is after --to {to_s:g}.")
+    if rerun.mode:
+        return rerun.run(Path(log))
     recording = read_log(log)
     for warning in recording.warnings:
         terminal.print_warning(warning)
@@ -107,40 +106,6 @@ def replay(
     else:
         viewer.show(recording, window)
     return ExitCode.SUCCESS
-
-
-def _check_usage(
-    text: bool,
-    outputs: Sequence[str],
-    node_patterns: Sequence[str],
-    from_s: float | None,
-    to_s: float | None,
-    verifies: bool,
-    as_json: bool,
-) -> None:
-    modes = [*(["--verify"] if verifies else []), *(["--text"] if text else []), *outputs[:1]]
-    if len(modes) > 1:
-        raise click.UsageError(f"{modes[0]} and {modes[1]} exclude each other: choose one.")
-    if as_json and not verifies:
-        raise click.UsageError("--json needs --verify; for a log, use btcore stats LOG --json.")
-    if node_patterns and not text:
-        raise click.UsageError("--node selects lines, so it needs --text.")
-    if from_s is not None and to_s is not None and from_s > to_s:
-        raise click.UsageError(f"--from {from_s:g} is after --to {to_s:g}.")
-
-
-def _verify(log: str, as_json: bool) -> int:
-    if not log.endswith(EXTENSIONS):
-        raise click.UsageError(
-            f"{log} is a log of statuses: --verify needs a recording (…{TEXT}) of what the ticks "
-            "depended on, as btcore run --record writes it."
-        )
-    result = verify(Path(log))
-    if as_json:
-        terminal.print_json(result.as_data())
-    else:
-        click.echo(escape_controls(str(result)))
-    return ExitCode.SUCCESS if result.is_equal else ExitCode.FAILURE
 
 
 def _find_window(recording: Recording, from_s: float | None, to_s: float | None) -> range:

@@ -1,0 +1,493 @@
+"""What if: a recorded run with another tree, or with other inputs.
+
+The external nodes do what they did in the recorded run, matched by path. What a node did is divided into
+activations, each from a start to its end or its halt, which are taken in their order. An activation that
+begins in another tick than the recorded one is an assumption: the robot might have behaved differently.
+"""
+
+from collections import Counter, defaultdict, deque
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, NamedTuple
+
+from btcore.engine.journal import ExternalHaltBegan, Paused, StatusForced, TimeRead
+from btcore.engine.node import TreeNode, reset_status
+from btcore.engine.observers import Observer
+from btcore.errors import BtcoreError, NodeExecutionError, TickInterrupt
+from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status, Transition
+from btcore.suggestions import did_you_mean
+from btcore.tree.tree import Tree
+from btcore_recorder.inputs import (
+    ExternalHaltEnded,
+    Head,
+    Input,
+    Raised,
+    Result,
+    RunRecording,
+    Step,
+    scopes_of,
+)
+from btcore_recorder.recorded_tree import ExternalCode, Inputs, StandInClock, load_recorded
+from btcore_recorder.replay import Replay
+from btcore_recorder.tree_state import restore_entries, restore_nodes
+
+EndReason = Literal["the tree ended", "the recording ended", "no result is recorded", "a node raised"]
+"""Why a changed run ended."""
+
+
+class SetEntry(NamedTuple):
+    """Write an entry of the main tree before a tick."""
+
+    tick: int
+    key: str
+    value: object
+
+
+class SetResult(NamedTuple):
+    """Replace the result of an external node, given by its path, in a tick."""
+
+    tick: int
+    node: str
+    status: Status
+
+
+Change = SetEntry | SetResult
+
+
+class ChangedRun(NamedTuple):
+    """What a changed run did.
+
+    Attributes:
+        ticks: The number of its ticks.
+        status: The result of its last tick.
+        end: Why it ended.
+        ended_at: The path of the node that raised or lacks a result; else "".
+        differs_from: The first tick with other transitions than in the recorded run; None if there is none.
+        recorded: The first transition that differs, as recorded; "" if there is none.
+        now: The same in the changed run.
+        assumed_from: The first tick that rests on an assumption; None if there is none.
+    """
+
+    ticks: int
+    status: Status
+    end: EndReason
+    ended_at: str
+    differs_from: int | None
+    recorded: str
+    now: str
+    assumed_from: int | None
+
+    @property
+    def is_same(self) -> bool:
+        """Whether the run did what was recorded."""
+        return self.differs_from is None and self.end == "the recording ended"
+
+    def __str__(self) -> str:
+        lines = [f"the same in all {self.ticks:,} ticks"]
+        if self.differs_from is not None:
+            recorded, now = self.recorded or "nothing more happens", self.now or "nothing more happens"
+            lines = [f"it differs from tick {self.differs_from} on: recorded: {recorded}; now: {now}"]
+        place = f" at '{self.ended_at}'" if self.ended_at else ""
+        lines.append(f"it ends in tick {self.ticks} with {self.status.name}, because {self.end}{place}")
+        if self.assumed_from is not None:
+            lines.append(
+                f"from tick {self.assumed_from} on it rests on assumptions: nodes start in other ticks than "
+                "recorded"
+            )
+        return "\n".join(lines)
+
+    @property
+    def short_text(self) -> str:
+        """The result in a line."""
+        if self.is_same:
+            text = "the same"
+        elif self.differs_from is None:
+            text = f"the same until tick {self.ticks}, then: {self.end}"
+        else:
+            text = f"differs from tick {self.differs_from} on: {self.now or 'nothing more happens'}"
+        return text if self.assumed_from is None else f"{text}; assumed from tick {self.assumed_from} on"
+
+    def as_data(self) -> dict[str, object]:
+        """Return the run as data of JSON."""
+        return {**self._asdict(), "status": self.status.name, "same": self.is_same}
+
+
+@dataclass
+class _Activation:
+    """What an external node did from a start on: the inputs of each tick, and of its halt."""
+
+    tick: int
+    ticks: list[list[Input]] = field(default_factory=list)
+    halt: list[Input] = field(default_factory=list)
+
+
+def _keys(tree: Tree) -> list[str]:
+    """Return a key for each node: its path, with a number if an earlier node has the same path."""
+    seen: Counter[str] = Counter()
+    keys = []
+    for node in tree.nodes:
+        seen[node.path] += 1
+        keys.append(node.path if seen[node.path] == 1 else f"{node.path}#{seen[node.path]}")
+    return keys
+
+
+class _PathTransition(NamedTuple):
+    tick: int
+    key: str
+    status: Status
+
+    def __str__(self) -> str:
+        return f"'{self.key}' becomes {self.status.name}"
+
+
+class _Transitions(Observer):
+    """Collects transitions with the keys of the nodes."""
+
+    def __init__(self, tree: Tree) -> None:
+        self.found: list[_PathTransition] = []
+        self._keys = _keys(tree)
+
+    def transition(self, change: Transition) -> None:
+        self.found.append(_PathTransition(change.tick, self._keys[change.uid - 1], change.status))
+
+
+class _Tracer(ExternalCode):
+    """Does what external nodes have done, and collects their activations, by UID."""
+
+    def __init__(self, inputs: Inputs, types: Mapping[str, Any]) -> None:
+        super().__init__(inputs, types)
+        self.activations: dict[int, list[_Activation]] = defaultdict(list)
+        self.present_tick = 0
+        self._taken: list[list[Input]] = []  # what each external node that is being ticked has taken
+
+    def tick(self, node: TreeNode) -> Status:
+        known = self.activations[node.config.uid]
+        if node.status is not RUNNING or not known:
+            known.append(_Activation(self.present_tick))
+        known[-1].ticks.append([])
+        self._taken.append(known[-1].ticks[-1])
+        try:
+            return super().tick(node)
+        finally:
+            self._taken.pop()
+
+    def halt(self, node: TreeNode) -> None:
+        known = self.activations[node.config.uid]
+        self._taken.append(known[-1].halt if known else [])
+        try:
+            super().halt(node)
+        finally:
+            self._taken.pop()
+
+    def take(self) -> Input | None:
+        event = super().take()
+        if event is not None:
+            self._taken[-1].append(event)
+        return event
+
+
+class _NoResultError(TickInterrupt):
+    """Ends a changed run at a node for which no activation is left."""
+
+
+class _Activations(ExternalCode):
+    """Does what external nodes have done, in another order if the tree demands it.
+
+    Args:
+        types: The descriptions of the recorded types.
+        activations: What each node did, by its key in the changed tree.
+        results: The changed results, by tick and key.
+    """
+
+    def __init__(
+        self,
+        types: Mapping[str, Any],
+        activations: Mapping[str, Sequence[_Activation]],
+        results: Mapping[tuple[int, str], Status],
+    ) -> None:
+        super().__init__(Inputs(), types)
+        self.present_tick = 0
+        self.assumed_from: int | None = None
+        self.keys: Sequence[str] = ()
+        self.uids: Mapping[int, int] = {}  # of the recorded tree → of the changed tree
+        self.scopes: Mapping[int, int] = {}
+        self.forced: dict[tuple[int, bool], Status] = {}
+        self.pauses: set[tuple[int, int]] = set()
+        self._left = {key: deque(known) for key, known in activations.items()}
+        self._results = results
+        self._present: dict[str, tuple[_Activation, int]] = {}
+
+    def assume(self) -> None:
+        """Note that the run rests on an assumption from the present tick on."""
+        if self.assumed_from is None:
+            self.assumed_from = self.present_tick
+
+    def tick(self, node: TreeNode) -> Status:
+        key = self.keys[node.config.uid - 1]
+        if node.status is not RUNNING or key not in self._present:
+            left = self._left.get(key)
+            if not left:
+                self.node = node
+                raise _NoResultError
+            activation = left.popleft()
+            self._present[key] = activation, 0
+            if activation.tick != self.present_tick:
+                self.assume()
+        activation, index = self._present[key]
+        status = RUNNING
+        if index == len(activation.ticks):  # the node was halted here, or the recording ended
+            self.assume()
+        else:
+            self._present[key] = activation, index + 1
+            *events, last = activation.ticks[index]
+            for event in events:
+                self.apply(event, "")
+            if isinstance(last, Raised) and (self.present_tick, key) not in self._results:
+                self.raise_error(last.error)
+            if isinstance(last, Result):
+                status = last.status
+        return self._results.get((self.present_tick, key), status)
+
+    def halt(self, node: TreeNode) -> None:
+        key = self.keys[node.config.uid - 1]
+        present = self._present.pop(key, None)
+        for event in () if present is None else present[0].halt:
+            if isinstance(event, ExternalHaltEnded):
+                if event.error is not None:
+                    self.raise_error(event.error)
+            elif not isinstance(event, ExternalHaltBegan):
+                self.apply(event, "")
+        reset_status(node)
+
+    def paused(self, uid: int, count: int) -> bool:
+        return (uid, count) in self.pauses or super().paused(uid, count)
+
+    def pre_tick(self, node: TreeNode) -> Status:
+        return self.forced.pop((node.config.uid, True), SKIPPED)
+
+    def post_tick(self, node: TreeNode, status: Status) -> Status:
+        return self.forced.pop((node.config.uid, False), SKIPPED)
+
+    def apply(self, event: Input | None, now: str) -> None:
+        for name, new in (("uid", self.uids), ("scope", self.scopes)):
+            old = getattr(event, name, None)
+            if old is not None:
+                if old not in new:
+                    self.assume()
+                    return
+                replaced: dict[str, Any] = {name: new[old]}
+                event = event._replace(**replaced)  # type: ignore[union-attr]
+        super().apply(event, now)
+
+    def differ(self, recorded: str, now: str) -> None:
+        self.assume()
+
+
+class _Times(StandInClock):
+    """The clock of built-in nodes in a changed run: the times that nodes have read in the recorded step."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._later: deque[TimeRead] = deque()
+        self._repeats = 0
+
+    def begin(self, step: Step) -> None:
+        """Begin *step*."""
+        self.time = max(step.time, self.time)
+        self._later = deque(event for event in step.inputs if isinstance(event, TimeRead))
+        self._repeats = -1
+
+    def now(self) -> int:
+        if self._later and self._repeats == self._later[0].repeats:
+            self.time = self._later.popleft().time
+            self._repeats = 0
+        else:
+            self._repeats += 1
+        return self.time
+
+
+class _RecordedRun:
+    """A recorded run: what its external nodes did, by key, and its transitions."""
+
+    def __init__(self, recording: RunRecording) -> None:
+        replay = Replay(recording, _Tracer)
+        tracer = replay.external
+        assert isinstance(tracer, _Tracer)
+        collected = _Transitions(replay.tree)
+        replay.tree.subscribe(collected)
+        while replay.position < len(replay.steps):
+            tracer.present_tick = replay.steps[replay.position].tick or tracer.present_tick
+            if not replay.step():
+                raise BtcoreError(f"the replay already differs from the recording: {replay.difference}")
+        replay.tree.flush_observers()
+        self.tree = replay.tree
+        self.keys = _keys(replay.tree)
+        self.transitions = collected.found
+        self.activations = {self.keys[uid - 1]: known for uid, known in tracer.activations.items()}
+
+
+def run_changed(
+    recording: RunRecording,
+    changes: Iterable[Change] = (),
+    document: tuple[str, str] | None = None,
+    matches: Mapping[str, str] | None = None,
+) -> ChangedRun:
+    """Run a recording again with changes.
+
+    Args:
+        recording: The recording.
+        changes: Changed inputs.
+        document: The file name and the text of another tree, in place of the main document.
+        matches: For nodes that have another path in this tree: the new path by the recorded path.
+
+    Raises:
+        TreeError: The other tree cannot be loaded.
+        BtcoreError: The recording cannot be changed in this way, or there is no such node.
+    """
+    run, head = _RecordedRun(recording), recording.head
+    if any(segment.gap for segment in recording.segments):
+        raise BtcoreError("the recording has a gap: what follows it cannot be changed")
+    if document is not None:
+        if any(node.status is not IDLE for node in head.state.nodes):
+            raise BtcoreError("the recording begins within a run: it has no start for another tree")
+        head = head._replace(documents=_exchange(head, document))
+    matches = matches or {}
+    for old in matches:
+        _check_node(old, run.keys, "the recorded tree")
+    changes = list(changes)
+    results = {
+        (change.tick, change.node): change.status for change in changes if isinstance(change, SetResult)
+    }
+    run.transitions = [each._replace(key=matches.get(each.key, each.key)) for each in run.transitions]
+    activations = {matches.get(key, key): known for key, known in run.activations.items()}
+    external, clock = _Activations(head.types, activations, results), _Times()
+    tree = load_recorded(head, external, clock)
+    external.keys = _keys(tree)
+    for change in changes:
+        if isinstance(change, SetResult):
+            _check_node(change.node, list(activations), "the tree, whose results are recorded")
+    for new in matches.values():
+        _check_node(new, external.keys, "the tree")
+    uids = {key: uid for uid, key in enumerate(external.keys, start=1)}
+    recorded_uids = {uid: matches.get(key, key) for uid, key in enumerate(run.keys, start=1)}
+    external.uids = {uid: uids[key] for uid, key in recorded_uids.items() if key in uids}
+    external.scopes = _match_scopes(run.tree, tree, len(head.outer))
+    if document is None:
+        entries = restore_entries(head.state, external.boards, external.entry)
+        restore_nodes(head.state, tree, entries, external.decode)
+    return _run(
+        recording, run, tree, external, clock, [each for each in changes if isinstance(each, SetEntry)]
+    )
+
+
+def _run(
+    recording: RunRecording,
+    run: _RecordedRun,
+    tree: Tree,
+    external: _Activations,
+    clock: _Times,
+    entries: Sequence[SetEntry],
+) -> ChangedRun:
+    collected = _Transitions(tree)
+    tree.subscribe(collected)
+    tree.context.clock = clock
+    _add_callbacks(recording, tree, external)
+    end: EndReason = "the recording ended"
+    ended_at = ""
+    status = IDLE
+    for step in recording.steps:
+        external.begin_step()
+        external.present_tick = step.tick or external.present_tick
+        for event in step.before:
+            external.apply(event, "")
+        for change in entries:
+            if change.tick == step.tick:
+                tree.blackboard[change.key] = change.value
+        clock.begin(step)
+        events = [event for event in step.inputs if getattr(event, "uid", 0) in external.uids]
+        external.forced = {
+            (external.uids[event.uid], event.is_pre_tick): event.status
+            for event in events
+            if isinstance(event, StatusForced)
+        }
+        external.pauses = {
+            (external.uids[event.uid], event.repetitions) for event in events if isinstance(event, Paused)
+        }
+        try:
+            if step.tick:
+                tree.ticks = step.tick - 1
+                status = tree.tick_exactly_once()
+                if status in (SUCCESS, FAILURE) and step.status not in (SUCCESS, FAILURE, IDLE):
+                    end = "the tree ended"
+                    break
+            else:
+                tree.halt()
+        except NodeExecutionError as error:
+            status = IDLE
+            if step.status is not IDLE:
+                end, ended_at = "a node raised", error.path
+                break
+        except TickInterrupt:
+            assert external.node is not None
+            end, ended_at = "no result is recorded", external.node.path
+            break
+    tree.flush_observers()
+    found = run.transitions, collected.found
+    index = _first_difference(*found, end == "the recording ended")
+    first, second = (each[index] if index is not None and index < len(each) else None for each in found)
+    return ChangedRun(
+        tree.ticks,
+        status,
+        end,
+        ended_at,
+        min((change.tick for change in (first, second) if change is not None), default=None),
+        "" if first is None else str(first),
+        "" if second is None else str(second),
+        external.assumed_from,
+    )
+
+
+def _exchange(head: Head, document: tuple[str, str]) -> tuple[tuple[str, str, bool], ...]:
+    """Return the documents of *head* with another main document."""
+    main = next(index for index, (_, _, is_shared) in enumerate(head.documents) if not is_shared)
+    exchanged = list(head.documents)
+    exchanged[main] = (*document, False)
+    return tuple(exchanged)
+
+
+def _check_node(key: str, keys: Sequence[str], where: str) -> None:
+    if key not in keys:
+        raise BtcoreError(f"there is no node '{key}' in {where}{did_you_mean(key, keys)}")
+
+
+def _match_scopes(recorded: Tree, changed: Tree, outer: int) -> dict[int, int]:
+    """Return the indices of the scopes of *changed* by those of *recorded*: those of subtrees by path."""
+
+    def keys(tree: Tree) -> list[str]:
+        paths = {id(subtree.blackboard): subtree.path for subtree in reversed(tree.subtrees)}
+        return [
+            f"#{index}" if index < outer else paths[id(board)] for index, board in enumerate(scopes_of(tree))
+        ]
+
+    indices = {key: index for index, key in enumerate(keys(changed))}
+    return {index: indices[key] for index, key in enumerate(keys(recorded)) if key in indices}
+
+
+def _add_callbacks(recording: RunRecording, tree: Tree, external: _Activations) -> None:
+    for step in recording.steps:
+        for event in step.inputs:
+            if isinstance(event, StatusForced) and event.uid in external.uids:
+                node = tree.nodes[external.uids[event.uid] - 1]
+                node.set_pre_tick_function(external.pre_tick)
+                node.set_post_tick_function(external.post_tick)
+
+
+def _first_difference(
+    recorded: Sequence[_PathTransition], now: Sequence[_PathTransition], is_whole: bool
+) -> int | None:
+    """Return the index of the first transition that differs, or None."""
+    for index, (first, second) in enumerate(zip(recorded, now, strict=False)):
+        if first != second:
+            return index
+    shorter = min(len(recorded), len(now))
+    return shorter if len(now) > shorter or (len(recorded) > shorter and is_whole) else None
