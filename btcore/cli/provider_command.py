@@ -197,13 +197,26 @@ class ProviderCommand(click.Command):
         return [*own[:-1], *command_providers(ctx).options, own[-1]]
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse *args*, and return the rest; for an unknown option explain which packages may add it."""
+        """Parse *args*; for an unknown option explain which packages may add it.
+
+        Args:
+            ctx: The context of the command.
+            args: The arguments.
+
+        Returns:
+            The arguments that remain.
+        """
         attach_providers(ctx, self.params, args)
         with explain_missing_options(ctx):
             return super().parse_args(ctx, args)
 
     def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the options; those of providers in plugins in a section for each file."""
+        """Write the options; those of providers in plugins in a section for each file.
+
+        Args:
+            ctx: The context of the command.
+            formatter: The formatter, to which the help is written.
+        """
         sections: dict[str, list[tuple[str, str]]] = {}
         file_by_settings: dict[type[Options], str] = {
             settings_class: provider.place.rpartition(":")[0].rpartition("/")[2]

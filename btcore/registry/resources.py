@@ -45,7 +45,12 @@ class Resources(list[object]):
         return copied
 
     def assign(self, resource_type: Any, resource: object) -> None:
-        """Assign the object that leaves get for a type."""
+        """Assign the object that leaves get for a type.
+
+        Args:
+            resource_type: The type.
+            resource: The object.
+        """
         self._by_type[resource_type] = resource
 
     def find_or_create(self, parameter: Parameter, id: str) -> object:

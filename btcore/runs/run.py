@@ -210,7 +210,12 @@ class Run:
             self._stack = stack.pop_all()
 
     def warn_unused(self, settings_class: type[Settings], reason: str) -> None:
-        """Warn that settings were given, but have no effect because of *reason*."""
+        """Warn that settings were given, but have no effect.
+
+        Args:
+            settings_class: The class of the settings.
+            reason: Why no provider uses them.
+        """
         warnings.warn(f"{settings_class.__name__} have no effect: {reason}", stacklevel=3)
 
     @property
