@@ -157,9 +157,5 @@ class WrapChildren(Fix):
 
 
 def wrapping_fixes(most: int) -> tuple[Fix, ...]:
-    """Return the fixes that put the last children into a control node, so that *most* are left.
-
-    Args:
-        most: The maximum number of children.
-    """
+    """Return the fixes that put the last children into a control node, so that *most* are left."""
     return tuple(WrapChildren(tag, most - 1) for tag in ("Sequence", "Fallback"))

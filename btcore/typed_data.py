@@ -79,21 +79,13 @@ def convert(value: Any, data_type: type[Value]) -> Value:
     """Return *value*, which consists of dictionaries, lists, texts and numbers, as *data_type*.
 
     Numbers have to be finite, and None is always invalid.
-
-    Args:
-        value: The value from a file.
-        data_type: The type of the format.
     """
     _check(value, data_type, ())
     return msgspec.convert(value, data_type, dec_hook=_path)
 
 
 def json_schema(data_type: type) -> dict[str, Any]:
-    """Return the JSON schema of a file format, with which editors complete keys and mark mistakes.
-
-    Args:
-        data_type: The type of the format.
-    """
+    """Return the JSON schema of a file format, with which editors complete keys and mark mistakes."""
     schema = msgspec.json.schema(data_type, schema_hook=lambda _: {"type": "string"})
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **schema}
 

@@ -43,7 +43,7 @@ class LibraryOptions(Options):
     ] = ()
 
 
-class PaletteOptions(LibraryOptions):
+class AllNodesOptions(LibraryOptions):
     """The options of commands about all nodes of an XML format."""
 
     format: Annotated[Literal[3, 4], option("The XML format of the nodes.")] = 4
@@ -54,7 +54,7 @@ class NodeLibraries:
 
     Args:
         plugins: The libraries of the user, which override installed libraries.
-        own_on_demand: Whether `ensure_loaded_for` loads the libraries of btcore's own packages.
+        btcore_on_demand: Whether `ensure_loaded_for` loads the libraries of btcore's own packages.
 
     Attributes:
         nodes: The registry of the available nodes.
@@ -62,16 +62,18 @@ class NodeLibraries:
         has_models: Whether nodes were declared by models, and need no code.
     """
 
-    def __init__(self, plugins: Sequence[Plugin], own_on_demand: bool) -> None:
+    def __init__(self, plugins: Sequence[Plugin], btcore_on_demand: bool) -> None:
         self.has_models = False
         self._plugins = plugins
         self._warnings: set[str] = set()
-        self._load(own=not own_on_demand)
+        self._load(with_btcore=not btcore_on_demand)
 
-    def _load(self, own: bool) -> None:
-        self._has_own = own
+    def _load(self, with_btcore: bool) -> None:
+        self._has_btcore_libraries = with_btcore
         self.nodes = Registry.standard()
-        self.unavailable: Sequence[UnavailableEntryPoint] = self.nodes.add_plugins(own=own, strict=False)
+        self.unavailable: Sequence[UnavailableEntryPoint] = self.nodes.add_plugins(
+            own=with_btcore, strict=False
+        )
         for unavailable in self.unavailable:
             if unavailable.missing_module is None:
                 self._warn(str(unavailable.error))
@@ -119,12 +121,12 @@ class NodeLibraries:
         Returns:
             Whether libraries were loaded, which may have registered trees.
         """
-        if self._has_own or all(
+        if self._has_btcore_libraries or all(
             self.nodes.get(id, 4) is not None or self.nodes.get(id, 3) is not None
             for id in _find_node_ids(documents)
         ):
             return False
-        self._load(own=True)
+        self._load(with_btcore=True)
         return True
 
     def read(self, document: Document) -> tuple[Sources, Registry]:
@@ -164,7 +166,7 @@ def load_libraries(
     plugins: Sequence[str],
     models: Sequence[Path] = (),
     confined: bool = False,
-    own_on_demand: bool = False,
+    btcore_on_demand: bool = False,
     imported: Mapping[str, Plugin] | None = None,
 ) -> NodeLibraries:
     """Load all installed node libraries, *plugins* and *models*.
@@ -175,9 +177,9 @@ def load_libraries(
     Args:
         plugins: Modules and Python files with nodes.
         confined: Whether a model that includes a file from outside of its folder is invalid.
-        own_on_demand: Whether to load the libraries of btcore's own packages only when `NodeLibraries.read`
-            needs them. They are loaded at once nevertheless if a plugin has imported one of these packages,
-            because the plugin may use their types, and with *models*, which declare only what is unknown.
+        btcore_on_demand: Whether to load the libraries of btcore's own packages only when a document needs
+            them. They are loaded at once nevertheless if a plugin has imported one of these packages, because
+            the plugin may use their types, and with *models*, which declare only what is unknown.
         imported: Plugins that are imported already, by their names in *plugins*.
     """
     loaded: list[Plugin] = []
@@ -190,7 +192,7 @@ def load_libraries(
         loaded.append((imported or {}).get(plugin) or import_plugin(plugin))
     # Providers import these packages, too, but not their nodes.
     has_imported = bool(loaded) and not entry_points.own_packages(NODES_GROUP).isdisjoint(sys.modules)
-    libraries = NodeLibraries(loaded, own_on_demand and not models and not has_imported)
+    libraries = NodeLibraries(loaded, btcore_on_demand and not models and not has_imported)
     libraries.add_models(models, confined)
     return libraries
 

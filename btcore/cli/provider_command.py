@@ -80,7 +80,8 @@ def _may_need_all_options(
     - the command gives options other defaults, also those of providers;
     - a shell completes the command line.
     """
-    if ctx.resilient_parsing or ctx.default_map or any(user.settings_classes for user in available.of_user):
+    has_settings = any(provider.settings_classes for provider in available.of_user)
+    if ctx.resilient_parsing or ctx.default_map or has_settings:
         return True
     _, other_words = _parse_known_options(known_options, args)
     return any(word.startswith("-") and word != "-" for word in other_words)  # `-` is standard input
@@ -115,7 +116,7 @@ class _ProviderOptions:
         self._known = {option.options_class for option in command_options if isinstance(option, FieldOption)}
         self._known.add(RunSettings)
         names = (name for option in command_options for name in (*option.opts, option.name or ""))
-        self._users = dict.fromkeys(["--help", *names], "the command")
+        self._owner_by_name = dict.fromkeys(["--help", *names], "the command")
 
     def add(self, providers: Sequence[Provider]) -> None:
         """Create the options of *providers* that were not created before."""
@@ -127,13 +128,13 @@ class _ProviderOptions:
                         self._take_names(option, repr(provider))
                         self.created.append(option)
 
-    def _take_names(self, option: FieldOption, user: str) -> None:
+    def _take_names(self, option: FieldOption, owner: str) -> None:
         for name in (option.opts[0], option.name):
-            if name in self._users:
+            if name in self._owner_by_name:
                 raise ProviderError(
-                    f"{option.opts[0]} is an option of {user} and of {self._users[name]}: rename one"
+                    f"{option.opts[0]} is an option of {owner} and of {self._owner_by_name[name]}: rename one"
                 )
-            self._users[name] = user
+            self._owner_by_name[name] = owner
 
 
 def given_setting_options(ctx: click.Context) -> list[FieldOption]:
@@ -217,13 +218,15 @@ class ProviderCommand(click.Command):
             formatter: The formatter, to which the help is written.
         """
         sections: dict[str, list[tuple[str, str]]] = {}
-        added = command_providers(ctx).available.of_user
-        users: dict[type[Options], Provider] = {cls: user for user in added for cls in user.settings_classes}
+        file_by_settings: dict[type[Options], str] = {
+            settings_class: provider.place.rpartition(":")[0].rpartition("/")[2]
+            for provider in command_providers(ctx).available.of_user
+            for settings_class in provider.settings_classes
+        }
         for option in self.get_params(ctx):
             record = option.get_help_record(ctx)
             if record is not None and not isinstance(option, click.Argument):
-                provider = users.get(option.options_class) if isinstance(option, FieldOption) else None
-                file = "" if provider is None else provider.place.rpartition(":")[0].rpartition("/")[2]
+                file = file_by_settings.get(option.options_class) if isinstance(option, FieldOption) else ""
                 sections.setdefault(f"Options of {file}" if file else "Options", []).append(record)
         for title, records in sections.items():
             with formatter.section(title):

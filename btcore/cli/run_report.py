@@ -14,8 +14,8 @@ from btcore.cli import terminal
 from btcore.diagnostics import excerpt
 from btcore.engine.node import tick_counts_of
 from btcore.errors import NodeExecutionError
-from btcore.runs.providers import EndReason
 from btcore.runs.run import Run
+from btcore.runs.run_end import EndReason
 from btcore.tree.drawing import node_depths
 from btcore.tree.tree import Tree
 

@@ -203,7 +203,7 @@ def _load_libraries(
             options.plugins,
             options.models,
             options.confined,
-            own_on_demand=not options.substitute,  # a rule may name a node of any library
+            btcore_on_demand=not options.substitute,  # a rule may name a node of any library
             imported=command_providers(ctx).plugins,
         )
     libraries = installed().copy()

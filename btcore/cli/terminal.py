@@ -127,12 +127,7 @@ def node_symbol(symbol: str, kind: NodeType) -> Text:
 
 
 def counted(count: int, noun: str, zero: str = "0") -> str:
-    """Return a number with a noun.
-
-    Args:
-        noun: The noun in the singular.
-        zero: The word for 0.
-    """
+    """Return a number with a noun, which is given in the singular; *zero* is the word for 0."""
     return f"{count or zero} {noun}{'' if count == 1 else 's'}"
 
 
@@ -159,11 +154,7 @@ def format_diagnostic(diagnostic: Diagnostic) -> Text:
 
 
 def print_diagnostics(diagnostics: Iterable[Diagnostic], console: Console | None = None) -> None:
-    """Print diagnostics, separated by empty lines: the first 100 of each file, and a count.
-
-    Args:
-        console: Where to print; stderr by default.
-    """
+    """Print diagnostics (on stderr by default), separated by empty lines: 100 of each file, and a count."""
     console = console or stderr_console()
     shown, more = shown_diagnostics(diagnostics)
     for number, diagnostic in enumerate(shown):

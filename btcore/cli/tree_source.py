@@ -126,7 +126,7 @@ class TreeReader:
         self.path = path
         self.options = options
         self.libraries = libraries or load_libraries(
-            options.plugins, options.models, options.confined, own_on_demand=True
+            options.plugins, options.models, options.confined, btcore_on_demand=True
         )
         self.adapt_registry = adapt_registry
 

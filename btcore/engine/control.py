@@ -63,11 +63,7 @@ def results_in_order(
 
 
 def results_of_any(cls: type[TreeNode], children: list[PossibleResults]) -> PossibleResults:
-    """Return the possible results of a node, if nothing is known but the results that its class declares.
-
-    Args:
-        cls: The class of the node.
-    """
+    """Return the possible results of a node, if nothing is known but the results that its class declares."""
     may_run = any(child.may_run for child in children)
     ends = cls.spec.results
     if not cls.spec.skips_alone and not any(SKIPPED in child.results for child in children):

@@ -28,8 +28,6 @@ _WORD: Final = {SUCCESS: "succeeds", FAILURE: "fails"}
 
 def check_child_count(node: NodePlan, format: int, reporter: NodeReporter) -> None:
     """Report *node* if the loader accepts the number of its children, but every tick raises."""
-    if node.manifest is None:
-        return
     # Unknown nodes are not in the plan, but count as children.
     count = len(node.element.node_children())
     has = f"<{node.id}> has {child_count_text(count)}"
@@ -79,7 +77,7 @@ def _thresholds(node: NodePlan, count: int) -> Iterator[tuple[str, int, str]]:
 
 def check_reachable_children(node: NodePlan, analysis: ResultAnalysis, reporter: NodeReporter) -> None:
     """Warn about children of *node* that are never ticked, or that each tick halts."""
-    if node.manifest is None or node.subtree_call is not None or len(node.children) < 2:
+    if node.subtree_call is not None or len(node.children) < 2:
         return
     cls = behaviour_of(node.manifest.cls)
     if is_mock(node.manifest.cls) or not issubclass(cls, ControlNode) or not all_children_known(node):

@@ -115,14 +115,14 @@ class DryRun(NodeCreator):
     def create_node(
         self,
         node_plan: NodePlan,
-        manifest: Manifest | None,
+        manifest: Manifest,
         config: NodeConfig,
         draft: SubtreeDraft,
-        children: Sequence[TreeNode | None],
-    ) -> TreeNode | None:
+        children: list[TreeNode],
+    ) -> TreeNode:
         """Create a built-in node; other nodes are replaced by a node without effect."""
         # Leaves of users are not created: they may need resources, and their code may have effects.
-        if manifest is None or not is_built_in(manifest.cls):
+        if not is_built_in(manifest.cls):
             return TreeNode()
         for binding in config.inputs.values():
             if binding.port.role in SCRIPT_ROLES and binding.key is not None:
@@ -136,9 +136,8 @@ class DryRun(NodeCreator):
             self._record_port(node_plan, binding, draft)
         for attribute, text in node_plan.conditions.items():
             self._record_script(node_plan, attribute, text, draft)
-        if node_plan.manifest is not None:
-            self.has_untracked_access = self.has_untracked_access or uses_whole_blackboard(node_plan.manifest)
-            self.has_mocks = self.has_mocks or is_mock(node_plan.manifest.cls)
+        self.has_untracked_access = self.has_untracked_access or uses_whole_blackboard(node_plan.manifest)
+        self.has_mocks = self.has_mocks or is_mock(node_plan.manifest.cls)
 
     def _record_port(self, node_plan: NodePlan, binding: Binding, draft: SubtreeDraft) -> None:
         document, board, port = draft.document, draft.subtree.blackboard, binding.port

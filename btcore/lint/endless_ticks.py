@@ -44,7 +44,7 @@ class EndlessTickCheck:
             nodes = [tree.root] if tree.root is not None else []
             while nodes:
                 node = nodes.pop()
-                if node.manifest is None or _CHECKED_WHILE_RUNNING in node.conditions:
+                if _CHECKED_WHILE_RUNNING in node.conditions:
                     continue
                 cls = behaviour_of(node.manifest.cls)
                 if issubclass(cls, RepeatedNode):
@@ -90,7 +90,7 @@ class EndlessTickCheck:
         if node.subtree_call is not None:
             inner = self._called(node)
             return inner is None or inner.root is None or self._may_pause(inner.root)
-        if node.manifest is None or is_mock(node.manifest.cls) or not all_children_known(node):
+        if is_mock(node.manifest.cls) or not all_children_known(node):
             return True
         if behaviour_of(node.manifest.cls).spec.never_pauses:
             # A comprehension, because `any` would recurse on the stack of C, which is small for deep trees.
@@ -108,7 +108,7 @@ class EndlessTickCheck:
         if node.subtree_call is not None:
             inner = self._called(node)
             return inner is None or inner.root is None or self._has_action(inner.root)
-        is_action = node.manifest is not None and node.manifest.spec.node_type is NodeType.ACTION
+        is_action = node.manifest.spec.node_type is NodeType.ACTION
         return is_action or True in [self._has_action(child) for child in node.children]
 
     def _called(self, node: NodePlan) -> TreePlan | None:

@@ -203,7 +203,7 @@ def _may_set_type(use: EntryUse) -> bool:
     """Return whether *use* may give the entry a type when the tree runs: a leaf writes it, or has no code."""
     if use.port is None or use.port.role is PortRole.WRITTEN_ENTRY:
         return False
-    is_unknown = use.node.manifest is None or is_mock(use.node.manifest.cls)
+    is_unknown = is_mock(use.node.manifest.cls)
     return use.access is AccessKind.WRITES or (is_unknown and not use.port.type.strong)
 
 
@@ -229,8 +229,8 @@ def _runs_before(script: EntryUse, use: EntryUse, places: Mapping[NodePlan, Chil
     common, index = places[script.node]
     while common not in indices:
         common, index = places[common]
-    cls = None if common.manifest is None else common.manifest.cls
-    is_sequence = cls is not None and issubclass(cls, ControlNode) and cls.spec.continue_on is SUCCESS
+    cls = common.manifest.cls
+    is_sequence = issubclass(cls, ControlNode) and cls.spec.continue_on is SUCCESS
     return is_sequence and index < indices[common]
 
 
@@ -294,7 +294,7 @@ def _check_constant(dry_run: DryRun, uses: list[EntryUse], entry: Entry) -> None
     use, text = constants[0], entry.value
     for reader in uses:
         manifest = reader.node.manifest
-        if reader.access is not AccessKind.READS or reader.port is None or manifest is None:
+        if reader.access is not AccessKind.READS or reader.port is None:
             continue
         reason = _rejection(reader, reader.port, manifest, text, dry_run.format)
         if not reason:

@@ -79,7 +79,7 @@ def _similar_attribute(key: str, is_subtree: bool) -> str | None:
 def check_missing_ports(node: NodePlan, reporter: NodeReporter) -> None:
     """Warn about missing ports without a default: *node* raises when it uses such a port."""
     manifest = node.manifest
-    if manifest is None or node.subtree_call is not None or is_mock(manifest.cls):
+    if node.subtree_call is not None or is_mock(manifest.cls):
         return
     set_names = {binding.name for binding in node.bindings}
     if any(is_port_name(key) and key not in manifest.ports for key in node.element.attributes):
@@ -135,7 +135,7 @@ def check_port_literals(node: NodePlan, format: int, reporter: NodeReporter) -> 
         if error is not None:
             # The planner reports it in format 4, except for statuses; in format 3 it accepts every literal.
             reported = format == 4 and port.checks_text
-            if not reported and port.reads and node.manifest and not is_mock(node.manifest.cls):
+            if not reported and port.reads and not is_mock(node.manifest.cls):
                 message = f"the {label} has the type {port.type.name}: {error}"
                 key = intended or (text if is_port_name(text) else "")
                 hint, fixes = entry_hint("use the blackboard entry", key) if key else HintAndFixes()
@@ -168,7 +168,7 @@ def check_port_literals(node: NodePlan, format: int, reporter: NodeReporter) -> 
 
 def check_literals_of_class(node: NodePlan, reporter: NodeReporter) -> None:
     """Report the problems that the class of *node* finds in literals; see `TreeNode.check_literals`."""
-    if node.manifest is None or node.subtree_call is not None:
+    if node.subtree_call is not None:
         return
     for problem in node.manifest.cls.check_literals(valid_literals(node)):
         code = UNCHECKED_LITERAL if problem.is_unchecked else INCONVERTIBLE_TEXT
@@ -203,7 +203,7 @@ def intended_key(text: str) -> str:
 
 def _literal_type(node: NodePlan, port: Port) -> ValueType:
     """Return the type that a literal of *port* has; for a queue, a vector of the output port's type."""
-    if port.role is not PortRole.QUEUE or node.manifest is None:
+    if port.role is not PortRole.QUEUE:
         return port.type
     elements = [other.type for other in node.manifest.ports.values() if not other.reads]
     return VectorType(elements[0]) if elements else port.type

@@ -60,7 +60,7 @@ class ResultAnalysis:
         if node.subtree_call is not None:
             inner = self._plans.trees.get(node.subtree_call.tree_id) if self._plans.is_finite else None
             return UNKNOWN_RESULTS if inner is None or inner.root is None else self.results_of(inner.root)
-        if node.manifest is None or is_mock(node.manifest.cls) or not all_children_known(node):
+        if is_mock(node.manifest.cls) or not all_children_known(node):
             return UNKNOWN_RESULTS
         cls = behaviour_of(node.manifest.cls)
         if len(node.children) < cls.spec.child_count_at_load[0]:

@@ -24,10 +24,12 @@ from btcore.lint.subtree_calls import check_remappings, check_unused_trees
 from btcore.lint.unwritten_keys import check_keys
 from btcore.loading.load import paused_garbage_collection
 from btcore.registry.registry import Registry
+from btcore.xml.define import define
 from btcore.xml.plan.key_uses import TreeKeys
-from btcore.xml.plan.plan import Plans, plan_document, root_trees
+from btcore.xml.plan.plan import Plans, plan, root_trees
 from btcore.xml.read.document import DiagnosticCollector, Document, sort_diagnostics
 from btcore.xml.read.positions import LineIndex
+from btcore.xml.read.read import Sources, read
 from btcore.xml.read.scan import ScannedElement
 
 # After these errors each tree can still be dry-run: no main tree is selected, or only a tick raises.
@@ -42,7 +44,7 @@ MAX_REPEATED_NODES: Final = MAX_NODES
 
 
 def validate_document(
-    document: Document,
+    document: Document | Sources,
     *,
     nodes: Registry,
     tree: str | None = None,
@@ -61,13 +63,15 @@ def validate_document(
     trees, until MAX_REPEATED_NODES is reached.
 
     Args:
+        document: The document, or its sources, if its includes were read before.
         nodes: The registered nodes.
         tree: ID of the tree to load; by default the document's main tree.
         format: 3 or 4, overriding the document's `BTCPP_format`.
         given: Keys that the main tree's blackboard holds before the first tick.
     """
     with paused_garbage_collection():
-        plans = plan_document(document, nodes, tree, format, every_tree=True)
+        sources = document if isinstance(document, Sources) else read(document, nodes.documents)
+        plans = plan(define(sources, tree, format), nodes, every_tree=True)
         collector = _check_plans(plans, tree is not None, given)
     return [*sort_diagnostics(collector.errors), *sort_diagnostics(collector.warnings)]
 

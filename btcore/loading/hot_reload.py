@@ -67,12 +67,9 @@ def _stamps(files: set[Path]) -> dict[Path, tuple[int, int]] | None:
 
 
 def rebuild_tree(tree: Tree, plans: Plans, resources: Sequence[object]) -> Tree:
-    """Return a new tree from a document, with the blackboard and the clock of the running *tree*.
+    """Return a new tree from *plans*, with the blackboard and the clock of the running *tree*.
 
     *tree* is not halted: the caller must halt it before the new tree is ticked.
-
-    Args:
-        plans: The plans of the new tree.
 
     Raises:
         TreeError: The document has errors. The blackboard is unchanged.

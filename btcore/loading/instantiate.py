@@ -39,7 +39,7 @@ from btcore.xml.read.read import Sources
 _SCRIPT_EXAMPLES: Final = {PortRole.SCRIPT: "", PortRole.CONDITION: "true"}
 """The texts with which fixes add a missing port with a script."""
 _PLACEHOLDER: Final = TreeNode()
-"""Keeps the place of a parent in a list of nodes until its children are created."""
+"""Stands for a parent until its children are created, and for a node that could not be created."""
 
 
 def instantiate(
@@ -179,13 +179,13 @@ class NodeCreator:
         self._plans.sizes[tree_plan.id].ensure_recursion_limit()
         self._create_subtree(tree_plan, "", self.blackboard)
 
-    def _create_subtree(self, tree_plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode | None:
+    def _create_subtree(self, tree_plan: TreePlan, path: str, blackboard: Blackboard) -> TreeNode:
         draft = SubtreeDraft(tree_plan, path, blackboard, self.collector)
         self.drafts.append(draft)
         assert tree_plan.root is not None
         return self._create_with_children(tree_plan.root, draft)
 
-    def _create_with_children(self, node_plan: NodePlan, draft: SubtreeDraft) -> TreeNode | None:
+    def _create_with_children(self, node_plan: NodePlan, draft: SubtreeDraft) -> TreeNode:
         document, call = draft.document, node_plan.subtree_call
         self._uid = uid = self._uid + 1
         id, line = node_plan.id, document.line(node_plan.element)
@@ -202,16 +202,15 @@ class NodeCreator:
             self.bind_ports(node_plan, config, draft)
         manifest = self._substitute(node_plan, config, draft) if self._rules else node_plan.manifest
         if call is None and not node_plan.children:
-            leaf = self.create_node(node_plan, manifest, config, draft, ())
-            if leaf is not None:
-                self.nodes.append(leaf)
-                draft.subtree.nodes.append(leaf)
+            leaf = self.create_node(node_plan, manifest, config, draft, [])
+            self.nodes.append(leaf)
+            draft.subtree.nodes.append(leaf)
             return leaf
         # Nodes are listed in pre-order, but a parent is created after its children.
         index, own_index = len(self.nodes), len(draft.subtree.nodes)
         self.nodes.append(_PLACEHOLDER)
         draft.subtree.nodes.append(_PLACEHOLDER)
-        children: list[TreeNode | None]
+        children: list[TreeNode]
         if self._rules and not takes_children(manifest):
             children = []  # a substitution rule has replaced the node by a leaf
         elif call is not None:
@@ -220,8 +219,7 @@ class NodeCreator:
         else:
             children = [self._create_with_children(child, draft) for child in node_plan.children]
         node = self.create_node(node_plan, manifest, config, draft, children)
-        if node is not None:
-            self.nodes[index] = draft.subtree.nodes[own_index] = node
+        self.nodes[index] = draft.subtree.nodes[own_index] = node
         return node
 
     def bind_ports(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> None:
@@ -286,22 +284,17 @@ class NodeCreator:
     def create_node(
         self,
         node_plan: NodePlan,
-        manifest: Manifest | None,
+        manifest: Manifest,
         config: NodeConfig,
         draft: SubtreeDraft,
-        children: Sequence[TreeNode | None],
-    ) -> TreeNode | None:
-        """Create a node. Return None if it or a child could not be created."""
-        created: list[TreeNode] = []
-        if children:
-            created += [child for child in children if child is not None]
-            if len(created) != len(children):
-                return None  # the error of the child is in the diagnostics
-        if manifest is None:
-            return None
+        children: list[TreeNode],
+    ) -> TreeNode:
+        """Create a node. Return a placeholder if it or a child could not be created, which is reported."""
+        if _PLACEHOLDER in children:
+            return _PLACEHOLDER
         try:
             board = draft.subtree.blackboard
-            return manifest.create_node(config, self.context, board, self._resources, created)
+            return manifest.create_node(config, self.context, board, self._resources, children)
         except ScriptError as error:
             if not report_invalid_scripts(node_plan, draft.document, self.enums, self.collector):
                 # The code of a leaf has compiled a script of its own.
@@ -317,14 +310,14 @@ class NodeCreator:
             if isinstance(error, TypeError) and str(error).startswith("object.__init__()"):
                 hint = "call super().__init__() without arguments: a node has its name and config already"
             draft.report(LEAF_INIT_RAISED, message, node_plan.element, hint=hint)
-        return None
+        return _PLACEHOLDER
 
     def _report_rejection(self, node_plan: NodePlan, draft: SubtreeDraft, error: BtcoreError) -> None:
         if not isinstance(error, NodeError):
             draft.report(INCONVERTIBLE_TEXT, str(error), node_plan.element)
             return
         set_names = {binding.name for binding in node_plan.bindings}
-        ports = node_plan.manifest.ports.values() if node_plan.manifest is not None else ()
+        ports = node_plan.manifest.ports.values()
         # If a node can't be created and lacks an input port, the message names the port.
         missing = [port for port in ports if port.reads and port.name not in set_names]
         code = MISSING_PORT if missing else NODE_NOT_CREATED
@@ -338,17 +331,15 @@ class NodeCreator:
         fixes = [SetAttributes(values)] if values else []
         draft.report(code, str(error), node_plan.element, hint=hint, fixes=fixes)
 
-    def _substitute(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> Manifest | None:
-        """Return the manifest after the registry's substitution rules, or None after an error."""
-        if node_plan.manifest is None:
-            return None
+    def _substitute(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> Manifest:
+        """Return the manifest after the registry's substitution rules; that of the plan after an error."""
         # A SubTree node has the root of the called tree as its only child.
         children = len(node_plan.children) if node_plan.subtree_call is None else 1
         try:
             return self._registry.apply_substitutions(config, node_plan.manifest, children)
         except NodeError as error:
             draft.report(NODE_NOT_CREATED, str(error), node_plan.element)
-            return None
+            return node_plan.manifest
 
     # --- SubTree elements
 

@@ -17,15 +17,10 @@ FLOAT_EPSILON: Final = 1.1920928955078125e-07
 
 
 def values_equal(left: str, right: str, enums: dict[str, int]) -> bool:
-    """Return whether two texts are equal as texts or as numbers.
+    """Return whether two texts are equal as texts or as numbers, which may be names of *enums*.
 
     The rules are those of BehaviorTree.CPP (src/controls/switch_node.cpp). Infinite numbers are equal only if
     their texts are equal.
-
-    Args:
-        left: A text.
-        right: Another text.
-        enums: The enum names with their numbers.
     """
     if left == right:
         return True

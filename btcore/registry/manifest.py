@@ -134,12 +134,7 @@ class Manifest:
         resources: Resources,
         children: list[TreeNode],
     ) -> TreeNode:
-        """Create a node.
-
-        Args:
-            blackboard: The scope of the node.
-            children: The children, created before.
-        """
+        """Create a node with *children*, which were created before, in the scope *blackboard*."""
         cls = self.cls
         # __init__ is called below, when the node has its ports, blackboard and children.
         node: TreeNode = cls.__new__(cls)
@@ -201,7 +196,7 @@ class Manifest:
             needed = with_article(parameter.type_name)
             message = f"<{self.id}> needs {needed} for its parameter '{parameter.name}': "
             name_hint = name_or_config_hint(parameter.name) if self.function is None else ""
-            message += name_hint or resources.remedy_for(parameter)
+            message += name_hint or resources.explain_missing(parameter)
             if parameter.looks_like_port and not name_hint:
                 message += f"; if it is a port, mark it: {parameter.name}: In[{parameter.type_name}]"
             raise NodeError(message)
@@ -215,9 +210,9 @@ class Manifest:
         return resources.find_or_create(parameter, self.id)
 
 
-def takes_children(manifest: Manifest | None) -> bool:
-    """Return whether a node of *manifest* is not a leaf; True for an unknown node (None)."""
-    return manifest is None or manifest.type not in (NodeType.ACTION, NodeType.CONDITION)
+def takes_children(manifest: Manifest) -> bool:
+    """Return whether a node of *manifest* is not a leaf."""
+    return manifest.type not in (NodeType.ACTION, NodeType.CONDITION)
 
 
 class _MissingInput(Input):

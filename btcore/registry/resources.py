@@ -26,10 +26,10 @@ class Resources(list[object]):
     A leaf gets the object that was assigned to the type of its parameter, else the first that fits.
 
     Attributes:
-        remedy: What to do if an object is missing, for messages.
+        missing_note: What messages say about a missing object: what to do, or why it is missing.
     """
 
-    remedy = "pass it in resources=[…]"
+    missing_note = "pass it in resources=[…]"
 
     # Made at its first use, so that loading a tree without resources calls no function of this file.
     @cached_property
@@ -40,7 +40,7 @@ class Resources(list[object]):
     def copy(self) -> "Resources":
         """Return a copy, to which another tree adds its own instances of `TreeResource`."""
         copied = Resources(self)
-        copied.remedy = self.remedy
+        copied.missing_note = self.missing_note
         copied._by_type.update(self._by_type)
         return copied
 
@@ -98,8 +98,8 @@ class Resources(list[object]):
             raise NodeError(problem)
         return fitting[0] if fitting else UNSET
 
-    def remedy_for(self, parameter: Parameter) -> str:
-        """Return what to do about the missing resource for *parameter*.
+    def explain_missing(self, parameter: Parameter) -> str:
+        """Return why the resource for *parameter* is missing, or what to do about it.
 
         A file that is both imported and loaded as a plugin exists as two modules, each with its own classes.
         """
@@ -116,7 +116,7 @@ class Resources(list[object]):
                     f"resources contains a {cls.__qualname__} of the module '{module}', "
                     f"but the leaf needs the class of '{resource_type.__module__}'"
                 )
-        return self.remedy
+        return self.missing_note
 
 
 def describe_ambiguity(fitting: Sequence[object], use: str) -> str:

@@ -23,7 +23,10 @@ from btcore.tree.tree import Tree
 
 
 class OpenedProvider:
-    """A provider in a run, and what it provides.
+    """A provider that was opened, and what it provides.
+
+    Args:
+        arguments: The arguments of its function.
 
     Attributes:
         provider: The provider.
@@ -31,14 +34,15 @@ class OpenedProvider:
         error: What the provider raised when it was closed, such as `OutputError`, or None.
     """
 
-    def __init__(self, provider: Provider) -> None:
+    def __init__(self, provider: Provider, arguments: Mapping[str, object]) -> None:
         self.provider = provider
         self.value: object = None
         self.error: BtcoreError | None = None
         self._context: contextlib.AbstractContextManager[object] | None = None
+        self.open(arguments)
 
     def open(self, arguments: Mapping[str, object]) -> None:
-        """Call the function with *arguments*, up to its `yield`."""
+        """Call the function with *arguments*, up to its `yield`; again after `close`."""
         function = self.provider.function
         with _convert_errors(self.provider):
             if inspect.isgeneratorfunction(function):
@@ -132,7 +136,7 @@ class RunProviders:
         self.report = report
         self.tree: Tree | None = None
         self.resources = Resources()
-        self.resources.remedy = "the run does not provide it"
+        self.resources.missing_note = "the run does not provide it"
 
     def choose(self) -> None:
         """Choose the providers."""
@@ -177,9 +181,8 @@ class RunProviders:
                 self._open(provider, stack)
 
     def _open(self, provider: Provider, stack: contextlib.ExitStack) -> list[object]:
-        opened = self._opened[provider] = OpenedProvider(provider)
+        opened = self._opened[provider] = OpenedProvider(provider, self._collect_arguments(provider))
         stack.push(opened.close)
-        opened.open(self._collect_arguments(provider))
         return opened.objects
 
     def find(self, type: TypeRef) -> object:

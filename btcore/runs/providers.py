@@ -27,15 +27,15 @@ from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from functools import cached_property
 from pathlib import Path
 from types import ModuleType, NoneType, UnionType
-from typing import Any, Final, Literal, NamedTuple, TypeGuard, Union, get_args, get_origin, overload
+from typing import Any, Final, NamedTuple, TypeGuard, Union, get_args, get_origin, overload
 
 from btcore.clock import Clock
 from btcore.errors import ProviderError
 from btcore.escaping import escape_controls
 from btcore.options import required_option_names
 from btcore.registry.resources import Resources
+from btcore.runs.run_end import EndReason
 from btcore.runs.settings import Settings
-from btcore.runs.tick_loop import LoopEnd
 from btcore.tree.tree import Tree
 
 _GENERAL_MODULES: Final = ("builtins", "typing", "abc", "typing_extensions")
@@ -44,10 +44,6 @@ _GENERAL_MODULES: Final = ("builtins", "typing", "abc", "typing_extensions")
 
 TypeRef = type | str
 """A class or protocol whose objects are provided or needed, or its full name, if it is not imported."""
-
-EndReason = Literal[LoopEnd, "raised", "program_error"]
-"""Why a run ended: as its loop ended, because a leaf raised an exception, or because another exception left
-the `with` block of the run ("interrupted", if it is a KeyboardInterrupt or SystemExit)."""
 
 
 class Report(dict[str, object]):

@@ -12,7 +12,7 @@ from typing import Self, TypeVar, Unpack
 from btcore.clock import NS_PER_S, Clock
 from btcore.engine.leaf import StatefulAction
 from btcore.errors import BtcoreError, NodeExecutionError, OutputError, ProviderError, TreeError
-from btcore.exit_codes import ExitCode, code_of_signal
+from btcore.exit_codes import ExitCode
 from btcore.loading.instantiate import create_leaf_tree, instantiate
 from btcore.loading.load import (
     LoadArguments,
@@ -25,9 +25,10 @@ from btcore.registry.resources import Resources
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice
 from btcore.runs.opening import RunProviders
-from btcore.runs.providers import EndReason, Provider, Report, TypeRef
+from btcore.runs.providers import Provider, Report, TypeRef
+from btcore.runs.run_end import EndReason, RunEnd
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
-from btcore.runs.tick_loop import LoopEnd, OnEnd, OnTick, Reload, TickLoop, Until
+from btcore.runs.tick_loop import OnEnd, OnTick, Reload, TickLoop, Until
 from btcore.signals import EndingSignals
 from btcore.status import Status
 from btcore.tree.tree import Tree
@@ -113,7 +114,6 @@ class Run:
         settings: The settings by their classes.
         run_settings: The `RunSettings`.
         report: The results that providers have added; complete after the end.
-        error: The exception that a leaf raised, or None. `replace_tree` clears it.
         elapsed_s: The duration of the ticking by the run's clock (s).
         wall_s: The duration of the ticking in real time (s).
 
@@ -156,8 +156,8 @@ class Run:
         self._prepare = prepare
         self.settings = settings if isinstance(settings, GivenSettings) else GivenSettings(settings)
         self.run_settings = self.settings.of(RunSettings)
-        self.report = Report(lambda: self.end_reason)
-        self.error: NodeExecutionError | None = None
+        self._end = RunEnd()
+        self.report = Report(lambda: self._end.reason)
         self.elapsed_s = 0.0
         self.wall_s = 0.0
         available = providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)
@@ -167,8 +167,6 @@ class Run:
         self._signals = EndingSignals()
         self._stack = ExitStack()
         self._has_exited = False
-        self._loop_end: LoopEnd | None = None  # "interrupted" also if a signal ended the waits of providers
-        self._exception: BaseException | None = None  # what left the `with` block
 
     # --- opening
 
@@ -296,7 +294,7 @@ class Run:
         began = time.perf_counter()
         try:
             with self._stop_at_signal(loop.stop), self._keep_leaf_error():
-                self._loop_end = loop.run()
+                self._end.loop_ended(loop.run())
             self._halt()
         finally:
             self.elapsed_s = loop.elapsed_ns / NS_PER_S
@@ -344,7 +342,7 @@ class Run:
 
     def replace_tree(self, tree: Tree) -> None:
         """Continue with *tree* in place of the first, which is halted already. The caller may tick it."""
-        self.error = None
+        self._end.tree_replaced()
         self._loop.replace_tree(tree)
         self._providers.replace_tree(tree)
 
@@ -353,12 +351,12 @@ class Run:
         try:
             yield
         except NodeExecutionError as error:
-            self.error = error
+            self._end.leaf_raised(error)
             raise
 
     @contextmanager
     def _stop_at_signal(self, stop: Callable[[], object]) -> Iterator[None]:
-        self._loop_end = None
+        self._end.loop_began()
         self._signals.number = 0
         self._signals.stop = stop
         try:
@@ -366,7 +364,7 @@ class Run:
         finally:
             self._signals.stop = None
             if self._signals.number:
-                self._loop_end = "interrupted"
+                self._end.signal_received(self._signals.number)
 
     def _check_open(self) -> None:
         _ = self.tree  # raises before the entry
@@ -409,15 +407,15 @@ class Run:
             NodeExecutionError: A leaf raised an exception when it was halted.
         """
         self._has_exited = True
-        self._exception = error
-        self._loop_end = self._loop_end or "done"
+        earlier_signal = self._signals.number
+        self._end.block_left(error, earlier_signal)
         try:
             self._stack.__exit__(kind, error, trace)
         except (KeyboardInterrupt, SystemExit):  # as `EndingSignals` raises them
-            # The first signal of the run has ended the waits of the providers.
-            if self.end_reason == "interrupted" or not self._signals.number:
+            if earlier_signal or not self._signals.number:
                 raise
-            self._loop_end = "interrupted"
+            # The first signal has ended the waits of the providers.
+            self._end.signal_received(self._signals.number)
 
     @property
     def closing_errors(self) -> list[BtcoreError]:
@@ -441,30 +439,19 @@ class Run:
         return self._loop.status if self.error is None else Status.IDLE
 
     @property
+    def error(self) -> NodeExecutionError | None:
+        """The exception that a leaf raised, or None. `replace_tree` clears it."""
+        return self._end.error
+
+    @property
     def end_reason(self) -> EndReason | None:
         """Why the run ended; None before its end."""
-        if self.error is not None and self._exception in (None, self.error):
-            return "raised"
-        if self._loop_end == "interrupted" or not isinstance(self._exception, Exception | None):
-            return "interrupted"
-        return self._loop_end if self._exception is None else "program_error"
+        return self._end.reason
 
     @property
     def exit_code(self) -> ExitCode:
-        """The exit code of a process for this run.
-
-        An exception of a leaf comes first, then an error of a provider or an incomplete output, then the
-        signal that ended the run, then the result of the tree.
-        """
-        if self.error is not None:
-            return ExitCode.LEAF_ERROR
-        if self.closing_errors:
-            is_output = isinstance(self._join_closing_errors(), OutputError)
-            return ExitCode.INCOMPLETE_OUTPUT if is_output else ExitCode.USER_ERROR
-        if self.end_reason == "interrupted" and self._signals.number:
-            return code_of_signal(self._signals.number)
-        failed = self.end_reason == "done" and self.status is Status.FAILURE
-        return ExitCode.FAILURE if failed else ExitCode.SUCCESS
+        """The exit code of a process for this run."""
+        return self._end.exit_code(self.status, self.closing_errors)
 
     @property
     def missed_ticks(self) -> int:

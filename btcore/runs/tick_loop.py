@@ -67,7 +67,6 @@ class TickLoop:
         self._unfinished: list[Tree] = []
         self._wake_event = threading.Event()
         self._is_stopping = False
-        self._is_waiting = False
         self.trees: list[Tree] = []
         self.is_paused = False
         self.status: Status = IDLE
@@ -153,7 +152,7 @@ class TickLoop:
                 self._due_ns += (missed + 1) * self._period_ns
             try:
                 deadline = self._due_ns if self._end_ns is None else min(self._due_ns, self._end_ns)
-                woken = self._wait_for_wake_up_or_reload(deadline)
+                woken = self._wait_for_tick(deadline)
             except EndOfTimeError:
                 return "end_of_time"
             end = self._find_end()
@@ -207,27 +206,20 @@ class TickLoop:
         can happen any more: the clock advances to the end of the duration at once, or stands still without a
         duration.
         """
-        while True:
+        context = self.trees[0].context
+        while not self._reload_if_saved():
             end = self._find_end()
             if end is not None:
                 return end
-            if self._reload_if_saved():
-                return None
-            self._is_waiting = True
-            # Checked again, because a `stop` before `_is_waiting` was set does not end the wait.
+            deadline = self._end_ns if self._settings.fast else self._find_next_poll(self._end_ns)
             try:
-                if self._is_stopping:
-                    continue
-                deadline = self._end_ns if self._settings.fast else self._find_next_poll(self._end_ns)
-                context = self.trees[0].context
                 if deadline is None:
                     context.wait_real_time(POLL_INTERVAL_S)
                 else:
                     context.wait_until(deadline)
             except EndOfTimeError:
                 return "end_of_time"
-            finally:
-                self._is_waiting = False
+        return None
 
     def _reload_if_saved(self) -> bool:
         """Let `reload` replace the first tree, unless the loop ends; return whether it did."""
@@ -238,36 +230,22 @@ class TickLoop:
         deadline = self.clock.now() + _POLL_INTERVAL_NS
         return deadline if latest is None else min(deadline, latest)
 
-    def _wait_for_wake_up_or_reload(self, deadline: int) -> list[Tree]:
-        """Wait until *deadline*, a wake-up, a stop or a reload, and return the woken trees."""
+    def _wait_for_tick(self, deadline: int) -> list[Tree]:
+        """Wait until *deadline*, a wake-up, a stop or a reload; return the woken unfinished trees."""
+        is_due = False
         while not self._is_stopping and not self._reload_if_saved():
-            step = deadline if self._reload is None else self._find_next_poll(deadline)
-            woken = self._wait_for_wake_up(step)
-            if woken or step == deadline:
+            woken = [tree for tree in self._unfinished if tree.context.consume_wake_up()]
+            if woken or is_due:
                 return woken
-        return []
-
-    def _wait_for_wake_up(self, deadline: int) -> list[Tree]:
-        """Wait until *deadline*, a stop, or a wake-up of trees that have not ended; return these trees."""
-        self._is_waiting = True
-        try:
-            while True:
-                woken = self._take_woken_trees()
-                if woken or self._is_stopping:
-                    return woken
-                first = min([tree.context.first_deadline(deadline) for tree in self._unfinished])
-                if not self.clock.wait_until(first, self._wake_event):
-                    return self._take_woken_trees()
-                if not self._wake_event.is_set():
-                    # The clock has ended the wait, as that of a simulation in lockstep may.
-                    return self._unfinished
+            latest = deadline if self._reload is None else self._find_next_poll(deadline)
+            first = min([tree.context.first_deadline(latest) for tree in self._unfinished])
+            if not self.clock.wait_until(first, self._wake_event):
+                is_due = first == deadline
+            elif self._wake_event.is_set():
                 self._wake_event.clear()  # before the trees are asked: a later wake-up sets it again
-        finally:
-            self._is_waiting = False
-
-    def _take_woken_trees(self) -> list[Tree]:
-        """Consume the wake-ups of the trees that have not ended, and return the trees that had one."""
-        return [tree for tree in self._unfinished if tree.context.consume_wake_up()]
+            else:  # the clock has ended the wait, as that of a simulation in lockstep may
+                return self._unfinished
+        return []
 
     def stop(self) -> None:
         """End the loop before the next tick, and let the present one repeat no more nodes.
@@ -277,12 +255,11 @@ class TickLoop:
         self._is_stopping = True
         for tree in self.trees:
             tree.context.interrupt()
-        # In threads, since the handler may have interrupted code that holds the locks that these calls need.
+        # In a thread, since the handler may have interrupted code that holds the locks that these calls need.
         # The access to `hooks` takes a lock, too.
-        threading.Thread(target=self._ignore_breakpoints, daemon=True).start()
-        if self._is_waiting:
-            threading.Thread(target=self.trees[0].context.wake_up, daemon=True).start()
+        threading.Thread(target=self._end_waits, daemon=True).start()
 
-    def _ignore_breakpoints(self) -> None:
+    def _end_waits(self) -> None:
+        self.trees[0].context.wake_up()
         for tree in self.trees:
             tree.hooks.ignore_breakpoints()

@@ -139,11 +139,7 @@ class Chain(Expression):
         self.tokens.append(token)
 
     def operation_error(self, index: int, left: object, right: object, error: ConversionError) -> ScriptError:
-        """Return the error of the operator with number *index*, at its position.
-
-        Args:
-            index: The number of the operator, from 0.
-        """
+        """Return the error of the operator with number *index*, from 0, at its position."""
         token = self.tokens[index]
         if left is None:
             operand = self.operands[index - 1] if index else self.first

@@ -207,12 +207,7 @@ def _find_main(
 
 
 def tree_hint(name: str, known: Iterable[str]) -> HintAndFixes:
-    """Return the hint and fixes for an unknown tree.
-
-    Args:
-        name: The unknown ID.
-        known: The IDs of the known trees.
-    """
+    """Return the hint and fixes for an unknown tree *name*, given the IDs of the known trees."""
     names = sorted(known)
     near = nearest_name(name, names)
     if near is not None:

@@ -63,15 +63,15 @@ def diagram_of_document(plans: Plans) -> DiagramNode:
             uid=next(uids),
             id=plan.id,
             name=plan.name or (plan.id if call is None else call.tree_id),
-            type=manifest.type if manifest is not None else NodeType.UNDEFINED,
+            type=manifest.type,
             ports=[
                 (binding.name, binding.text, _direction(binding.port))
                 for binding in plan.bindings
                 if binding.is_explicit
             ],
             conditions=plan.conditions,
-            about=manifest.description if manifest is not None else "",
-            symbol=manifest.spec.symbol if manifest is not None else "",
+            about=manifest.description,
+            symbol=manifest.spec.symbol,
             origin=(document, plan.element),
         )
         if call is not None:

@@ -13,7 +13,7 @@ from lxml import etree
 
 from btcore.blackboard.ports import Port
 from btcore.cli import terminal
-from btcore.cli.node_libraries import PaletteOptions, load_libraries
+from btcore.cli.node_libraries import AllNodesOptions, load_libraries
 from btcore.field_options import pass_options
 from btcore.names import POSTCONDITION_ATTRIBUTES, PRECONDITION_ATTRIBUTES
 from btcore.registry.manifest import Manifest
@@ -276,8 +276,8 @@ def _models(schema: _SchemaElement) -> None:
 
 
 @click.command(short_help="Print an XML schema (XSD) for XML editors.")
-@pass_options(PaletteOptions, "options")
-def schema(options: PaletteOptions) -> None:
+@pass_options(AllNodesOptions, "options")
+def schema(options: AllNodesOptions) -> None:
     """Print an XML schema (XSD) of trees and all available nodes.
 
     The schema covers nodes that are built-in, installed, or loaded by --plugin or --model. XML editors use it

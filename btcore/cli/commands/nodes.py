@@ -9,7 +9,7 @@ from rich.text import Text
 
 from btcore.blackboard.ports import Direction, Port
 from btcore.cli import terminal
-from btcore.cli.node_libraries import PaletteOptions, complete_node_id, load_libraries
+from btcore.cli.node_libraries import AllNodesOptions, complete_node_id, load_libraries
 from btcore.documentation_site import node_url
 from btcore.field_options import pass_options
 from btcore.registry.manifest import Manifest
@@ -24,10 +24,10 @@ _ARROW: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "�
 
 @click.command(short_help="List the available nodes and their ports.")
 @click.argument("ids", nargs=-1, metavar="[ID]…", shell_complete=complete_node_id)
-@pass_options(PaletteOptions, "options")
+@pass_options(AllNodesOptions, "options")
 @click.option("--xml", "as_xml", is_flag=True, help="Print a TreeNodesModel, which Groot can import.")
 @click.option("--json", "as_json", is_flag=True, help="Print a JSON object.")
-def nodes(ids: Sequence[str], options: PaletteOptions, as_xml: bool, as_json: bool) -> None:
+def nodes(ids: Sequence[str], options: AllNodesOptions, as_xml: bool, as_json: bool) -> None:
     """List the nodes that trees can use: built-in, installed, and loaded by --plugin or --model.
 
     With IDs, list only these nodes.

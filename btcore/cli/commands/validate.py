@@ -72,7 +72,7 @@ def validate(
     paths = [path for source in sources for path in _find_files(source)]
     if (fix or diff) and STDIN in paths:
         raise click.UsageError(f"{'--fix' if fix else '--diff'} needs a file, not stdin.")
-    libraries = load_libraries(options.plugins, options.models, options.confined, own_on_demand=True)
+    libraries = load_libraries(options.plugins, options.models, options.confined, btcore_on_demand=True)
     given = [braced_key(key) or key for key in given]  # a key may also be given as {key}
 
     def check(file: Path, text: str | None = None) -> list[Diagnostic]:
@@ -84,8 +84,8 @@ def validate(
                 document = parse_file(file, confined=options.confined, unsaved={real_path(file): text})
         except TreeError as error:
             return list(error.diagnostics)
-        nodes = libraries.nodes_for(document)
-        return validate_document(document, nodes=nodes, tree=options.tree, format=options.format, given=given)
+        sources, nodes = libraries.read(document)
+        return validate_document(sources, nodes=nodes, tree=options.tree, format=options.format, given=given)
 
     fixed = [_fix_file(path, check) for path in paths] if fix or diff else []
     if diff:
@@ -109,7 +109,7 @@ def validate(
         terminal.print_json(data)
     else:
         console = terminal.stderr_console() if diff else terminal.stdout_console()
-        _print(console, diagnostics, len(paths), fix_count, valid)
+        _print(console, diagnostics, paths, fix_count, valid)
         terminal.print_notes(libraries.missing_library_notes(diagnostics))
     return ExitCode.SUCCESS if valid else ExitCode.USER_ERROR
 
@@ -150,21 +150,22 @@ def _print_difference(fixed: Iterable[_FixedFile]) -> None:
 
 
 def _print(
-    console: Console, diagnostics: Sequence[Diagnostic], file_count: int, fix_count: int, valid: bool
+    console: Console, diagnostics: Sequence[Diagnostic], paths: Sequence[Path], fix_count: int, valid: bool
 ) -> None:
     if diagnostics:
         terminal.print_diagnostics(diagnostics, console)
         console.print()
     mark = Text("✔ ", style="bold green") if valid else Text("✘ ", style="bold red")
     error_count = sum(item.is_error for item in diagnostics)
-    counts = {"file": file_count, "error": error_count, "warning": len(diagnostics) - error_count}
+    counts = {"file": len(paths), "error": error_count, "warning": len(diagnostics) - error_count}
     parts = [terminal.counted(count, noun, zero="no") for noun, count in counts.items()]
     if fix_count:
         parts.append(f"{terminal.counted(fix_count, 'problem')} fixed")
     console.print(mark.append(", ".join(parts), style="bold"))
-    fixable = sum(any(fix.is_safe for fix in item.fixes) for item in diagnostics)
-    if fixable:
-        console.print(f"  --fix corrects {fixable} of them, --diff shows how")
+    fixable = {item.file for item in diagnostics if item.file and any(fix.is_safe for fix in item.fixes)}
+    # --fix does not change other files, which these include.
+    if not set(map(real_path, fixable)).isdisjoint(map(real_path, paths)):
+        console.print("  --fix corrects what needs no decision, --diff shows how")
 
 
 def _to_json_data(diagnostics: Iterable[Diagnostic]) -> list[dict[str, object]]:

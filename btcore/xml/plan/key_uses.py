@@ -192,8 +192,7 @@ class TreeKeys:
         return keys
 
     def _node_keys(self, node: NodePlan) -> set[str] | None:
-        manifest = node.manifest
-        if manifest is None or uses_whole_blackboard(manifest):
+        if uses_whole_blackboard(node.manifest):
             return None
         keys: set[str] = set()
         for binding in node.bindings:

@@ -74,7 +74,7 @@ class Plans(NamedTuple):
         """Return the types of the resources that the leaves of the main tree need, each once."""
         trees = () if self.main_tree is None else reachable_trees(self.trees, self.main_tree)
         nodes = (node for tree in trees for node in tree.nodes())
-        manifests = {node.id: node.manifest for node in nodes if node.manifest is not None}
+        manifests = {node.id: node.manifest for node in nodes}
         types: list[Any] = []
         for manifest in manifests.values():
             types += (resource for resource in manifest.required_resources if resource not in types)
@@ -159,12 +159,7 @@ def _plan_trees(
 
 
 def reachable_trees(trees: Mapping[str, TreePlan], tree: TreePlan) -> list[TreePlan]:
-    """Return *tree* and all trees that it calls, directly or indirectly, each once.
-
-    Args:
-        trees: The plans by the IDs of the trees.
-        tree: The tree to start with.
-    """
+    """Return *tree* and all of *trees* that it calls, directly or indirectly, each once."""
     reached: dict[str, TreePlan] = {}
     pending = [tree.id]
     while pending:
@@ -176,12 +171,7 @@ def reachable_trees(trees: Mapping[str, TreePlan], tree: TreePlan) -> list[TreeP
 
 
 def root_trees(trees: Mapping[str, TreePlan], main_tree: TreePlan | None) -> list[TreePlan]:
-    """Return the main tree and the trees that no other tree calls.
-
-    Args:
-        trees: The plans by the IDs of the trees.
-        main_tree: The main tree, or None.
-    """
+    """Return the main tree, if there is one, and those of *trees* that no other tree calls."""
     used = set() if main_tree is None else {tree.id for tree in reachable_trees(trees, main_tree)}
     unreached = [tree for tree in trees.values() if tree.id not in used]
     called = {call.tree_id for tree in unreached for call in tree.calls}

@@ -129,7 +129,7 @@ class NodePlan:
         element: The element of the node.
         depth: The depth of the element; that of the `<BehaviorTree>` is 0.
         id: The ID of the node.
-        manifest: The registration of the node; None if it is unknown.
+        manifest: The registration of the node. The second pass removes the plans of unknown nodes.
         name: The name of the node; None = its ID.
         conditions: The texts of the pre- and post-conditions, by attribute.
         attributes: The attributes that are neither ports nor conditions.
@@ -143,11 +143,12 @@ class NodePlan:
         "name", "subtree_call",
     )  # fmt: skip
 
+    manifest: Manifest
+
     def __init__(self, element: Element, depth: int) -> None:
         self.element = element
         self.depth = depth
         self.id = ""
-        self.manifest: Manifest | None = None
         self.name: str | None = None
         self.conditions = EMPTY_MAPPING
         self.attributes = EMPTY_MAPPING

@@ -505,11 +505,14 @@ class TreePlanner:
     # --- SubTree elements
 
     def _plan_call(self, tag: str, node: NodePlan, tree: TreePlan) -> bool:
-        """Complete the plan of a SubTree element; return whether the called tree is known."""
-        element = node.element
+        """Complete the plan of a SubTree element; return whether its node and the called tree are known."""
+        element, manifest = node.element, self._context.manifest(tag)
+        if manifest is None:
+            hint, fixes = self._context.name_hints.for_node(tag)
+            self._report(UNKNOWN_NODE, f"unknown node <{tag}>", element, hint=hint, fixes=fixes)
+            return False
         format, definitions = self._dialect.format, self._definitions
-        node.id = tag
-        node.manifest = self._context.manifest(tag)
+        node.id, node.manifest = tag, manifest
         id = element.get("ID") or ""
         model = definitions.subtree_models.get(id, {})
         node.subtree_call = call = SubtreeCall(element, format, model)

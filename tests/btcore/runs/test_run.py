@@ -476,6 +476,16 @@ def test_a_signal_ends_a_pause() -> None:
     assert (run.end_reason, run.tree.ticks) == ("interrupted", 0)
 
 
+def test_a_run_that_a_signal_has_interrupted_can_continue() -> None:
+    times: list[int] = []
+    with Run(program(ticks=5), settings=[FAST]) as run:
+        run.tick_to_end(on_tick=lambda status: signal.raise_signal(signal.SIGINT))
+        assert run.tree.context.wake_event.wait(10.0)  # a thread sets it
+        run.tick_to_end(on_tick=lambda status: times.append(run.clock.now()))
+    assert (run.end_reason, run.exit_code) == ("done", 0)
+    assert len(set(times)) == len(times) == 4
+
+
 def test_a_leaf_cannot_get_what_follows_the_tree(tmp_path: Path) -> None:
     @provider
     def torch(tree: btcore.Tree) -> Torch:

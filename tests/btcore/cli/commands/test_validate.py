@@ -149,7 +149,9 @@ def test_fix_changes_only_what_needs_no_decision(cli: Cli, tmp_path: Path) -> No
     path = tmp_path / "broken.xml"
     path.write_bytes(BROKEN.encode())
     result = cli("validate", "broken.xml")
-    assert "--fix corrects 3 of them" in result.stdout
+    assert "--fix corrects what needs no decision" in result.stdout
+    (tmp_path / "outer.xml").write_text('<root BTCPP_format="4"><include path="broken.xml"/></root>')
+    assert "--fix" not in cli("validate", "outer.xml").stdout
     result = cli("validate", "--diff", "broken.xml")
     assert path.read_bytes() == BROKEN.encode()
     assert result.exit_code == 2

@@ -6,7 +6,7 @@ from textwrap import dedent
 
 import pytest
 
-from btcore import Registry, loads
+from btcore import Registry, action, loads
 from btcore.errors import TreeError, UnknownNodeError, XmlSyntaxError
 from btcore.lint.validate import validate_document
 from btcore.loading.instantiate import instantiate
@@ -28,6 +28,13 @@ def test_all_errors_are_reported_together_in_document_order(nodes: Registry, doc
     assert [(one.code, one.line) for one in caught.value.diagnostics] == [
         ("E101", 4), ("E201", 5), ("E202", 5), ("E104", 6), ("E206", 6), ("E101", 9),
     ]  # fmt: skip
+
+
+def test_a_call_is_an_error_in_a_registry_without_the_node_of_calls(document: Write) -> None:
+    nodes = Registry()
+    nodes.add(action(lambda: True), ID="Leaf")
+    with pytest.raises(UnknownNodeError, match="E101 unknown node <SubTree>"):
+        loads(document('<SubTree ID="Inner"/>', {"Inner": "<Leaf/>"}), nodes=nodes)
 
 
 # --- warnings

@@ -1,0 +1,83 @@
+"""How a run ends: the events that end it, the reason, and the exit code."""
+
+from collections.abc import Sequence
+from typing import Literal
+
+from btcore.errors import BtcoreError, NodeExecutionError, OutputError
+from btcore.exit_codes import ExitCode, code_of_signal
+from btcore.runs.tick_loop import LoopEnd
+from btcore.status import Status
+
+EndReason = Literal[LoopEnd, "raised", "program_error"]
+"""Why a run ended: as its loop ended, because a leaf raised an exception, or because another exception left
+the `with` block of the run ("interrupted", if it is a KeyboardInterrupt or SystemExit)."""
+
+
+class RunEnd:
+    """The end of a run, which calls a method for each event that may end it.
+
+    Of several events, the first in this list is the reason:
+
+    1. An exception has left the `with` block, and no leaf has raised it: "interrupted" or "program_error".
+    2. A leaf has raised an exception: "raised".
+    3. A signal has ended the loop, or the waits of providers: "interrupted".
+    4. The loop has ended: its reason. Without a loop, the `with` block was left: "done".
+
+    The exit code is that of a leaf's exception, else of the errors of providers and outputs that were closed,
+    else of the signal, else of the result of the tree.
+    """
+
+    def __init__(self) -> None:
+        self.error: NodeExecutionError | None = None
+        self._block_end: EndReason | None = None
+        self._signal = 0
+        self._loop_end: LoopEnd | None = None
+
+    def loop_began(self) -> None:
+        """Continue the run, which an earlier loop or signal has not ended."""
+        self._signal, self._loop_end = 0, None
+
+    def loop_ended(self, reason: LoopEnd) -> None:
+        """Note why the loop has ended, unless it was by an exception."""
+        self._loop_end = reason
+
+    def leaf_raised(self, error: NodeExecutionError) -> None:
+        """Note the exception of a leaf, in a tick or when it was halted."""
+        self.error = error
+
+    def tree_replaced(self) -> None:
+        """Continue the run with another tree, whose leaves have raised nothing."""
+        self.error = None
+
+    def signal_received(self, number: int) -> None:
+        """Note that the signal *number* has ended the loop, or the waits of providers that are closed."""
+        self._signal = number
+
+    def block_left(self, error: BaseException | None, signal: int) -> None:
+        """Note the exception that has left the `with` block; *signal* has raised KeyboardInterrupt."""
+        self._loop_end = self._loop_end or "done"
+        if isinstance(error, (KeyboardInterrupt, SystemExit)):
+            self._block_end, self._signal = "interrupted", signal
+        elif error is not None and error is not self.error:
+            self._block_end = "program_error"
+
+    @property
+    def reason(self) -> EndReason | None:
+        """Why the run ended; None before its end."""
+        if self._block_end is not None:
+            return self._block_end
+        if self.error is not None:
+            return "raised"
+        return "interrupted" if self._signal else self._loop_end
+
+    def exit_code(self, status: Status, closing_errors: Sequence[BtcoreError]) -> ExitCode:
+        """Return the exit code of a process for the run, whose tree has a *status*."""
+        if self.error is not None:
+            return ExitCode.LEAF_ERROR
+        if closing_errors:
+            are_outputs = all(isinstance(error, OutputError) for error in closing_errors)
+            return ExitCode.INCOMPLETE_OUTPUT if are_outputs else ExitCode.USER_ERROR
+        if self._signal:
+            return code_of_signal(self._signal)
+        failed = self.reason == "done" and status is Status.FAILURE
+        return ExitCode.FAILURE if failed else ExitCode.SUCCESS
