@@ -38,7 +38,8 @@ LANES := $(addprefix test-,core monitor robot sim tools docs)
 # the others execute hardly a compiled line that these do not.
 COMPILED_TESTS := $(addprefix tests/btcore/,blackboard engine loading nodes registry script test_builds.py \
 	test_status.py tree values xml/plan xml/read/test_element.py) tests/conformance tests/fuzz tests/properties \
-	tests/regressions/btcore tests/tools/btcore_batch tests/tools/btcore_recorder tests/docs/test_docstring_examples.py
+	tests/regressions/btcore tests/tools/btcore_batch tests/tools/btcore_recorder/test_replay.py \
+	tests/tools/btcore_recorder/test_what_if.py tests/docs/test_docstring_examples.py
 # Tests that wait for other processes run first: meanwhile other tests use the cores, and the last tests do not wait.
 WAITING := $(wildcard tests/test_*.py) tests/tools/
 ALL_TESTS := $(WAITING) $(filter-out $(WAITING) tests/__pycache__/,$(wildcard tests/*/))
@@ -142,7 +143,7 @@ setup-core: .venv/core
 		.venv-compiled/bin/python $(PIP) wheel --verbose --no-build-isolation --no-deps --wheel-dir out/wheel .
 	@.venv-compiled/bin/python $(PIP) install --quiet --force-reinstall --no-deps out/wheel/btcore-*.whl
 	@$(PROGRESS) 'installing the compiled engine into .venv-compiled' \
-		.venv-compiled/bin/python $(PIP) install "$$(echo out/wheel/btcore-*.whl)[batch,testing]" pytest-xdist
+		.venv-compiled/bin/python $(PIP) install "$$(echo out/wheel/btcore-*.whl)[batch,record,testing]" pytest-xdist
 	@touch $@
 
 .venv-compiled/bench: .venv-compiled/ready
