@@ -50,11 +50,11 @@ class CommandLine(click.Group):
             ctx.meta[_LOADED_COMMAND] = loaded[0]
             command: click.Command = loaded[0].value
             return command
-        return _make_placeholder(unavailable[0]) if unavailable else None
+        return _create_placeholder(unavailable[0]) if unavailable else None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the commands with the first sentences of their help, without importing them."""
-        outlines = self._make_outlines(ctx)
+        outlines = self._create_outlines(ctx)
         limit = formatter.width - 6 - max(len(name) for name in outlines)
         with formatter.section("Commands"):
             formatter.write_dl([(name, item.get_short_help_str(limit)) for name, item in outlines.items()])
@@ -63,17 +63,17 @@ class CommandLine(click.Group):
         """Return the commands and options that begin with *incomplete*, without importing commands."""
         from click.shell_completion import CompletionItem
 
-        outlines = self._make_outlines(ctx).items()
+        outlines = self._create_outlines(ctx).items()
         matching = {name: outline for name, outline in outlines if name.startswith(incomplete)}
         commands = [CompletionItem(name, help=item.get_short_help_str()) for name, item in matching.items()]
         return [*commands, *click.Command.shell_complete(self, ctx, incomplete)]
 
-    def _make_outlines(self, ctx: click.Context) -> dict[str, click.Command]:
+    def _create_outlines(self, ctx: click.Context) -> dict[str, click.Command]:
         """Return commands that have the help of the real commands, by name."""
         targets = {name: f"btcore.cli.commands.{name}:{name}" for name in OWN_COMMANDS}
         for point in entry_points.find(entry_points.COMMANDS_GROUP):
             targets.setdefault(point.name, point.value)
-        return {name: _make_outline(name, target) for name, target in targets.items()}
+        return {name: _create_outline(name, target) for name, target in targets.items()}
 
     def invoke(self, ctx: click.Context) -> Any:
         """Invoke the command; if it fails to import an optional module, explain what to install."""
@@ -170,7 +170,7 @@ def _exit_for_error(error: Exception) -> NoReturn:
     sys.exit(ExitCode.INTERNAL_ERROR)
 
 
-def _make_outline(name: str, target: str) -> click.Command:
+def _create_outline(name: str, target: str) -> click.Command:
     """Return a command with the help of *target*, `module:function`, which is read from the source.
 
     Importing all commands would take most of the time of `btcore --help`. The help is empty if there is no
@@ -206,7 +206,7 @@ def _find_source(module: str) -> "Path | None":
     return None
 
 
-def _make_placeholder(unavailable: entry_points.UnavailableEntryPoint) -> click.Command:
+def _create_placeholder(unavailable: entry_points.UnavailableEntryPoint) -> click.Command:
     """Return a command that takes the place of a command that cannot be imported, and explains why."""
 
     def explain() -> None:

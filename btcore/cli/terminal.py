@@ -68,12 +68,12 @@ def _escape(text: Text) -> Text:
 
 def stdout_console() -> Console:
     """Return the console for results, on stdout."""
-    return _make_console(stderr=False)
+    return _create_console(stderr=False)
 
 
 def stderr_console() -> Console:
     """Return the console for progress and errors, on stderr."""
-    return _make_console(stderr=True)
+    return _create_console(stderr=True)
 
 
 def print_json(data: object, indent: int | None = None) -> None:
@@ -101,7 +101,7 @@ def print_xml(document: str | bytes) -> None:
         click.echo(document.encode() if isinstance(document, str) else document, nl=False)
 
 
-def _make_console(stderr: bool) -> Console:
+def _create_console(stderr: bool) -> Console:
     console = _EscapingConsole(stderr=stderr, highlight=False, emoji=False)
     if not console.is_terminal and "COLUMNS" not in os.environ:
         console.width = 140  # in a pipe or a file rich would assume 80, which is too narrow for the tables

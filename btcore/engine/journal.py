@@ -188,9 +188,9 @@ class Journal(WriteRecorder):
         self._repeats = 0
 
     @property
-    def runs_external_code(self) -> bool:
-        """Whether the thread that ticks executes external code; also between ticks and halts."""
-        return self._inside != self._tick_thread
+    def is_inside(self) -> bool:
+        """Whether the thread that ticks executes built-in code: not an external node, nor between ticks."""
+        return self._inside == self._tick_thread
 
     @property
     def record_count(self) -> int:
@@ -205,24 +205,24 @@ class Journal(WriteRecorder):
 
     def begin_halt(self) -> None:
         """Go inside for a halt of the whole tree, unless it is a part of a tick."""
-        if self.runs_external_code:
+        if not self.is_inside:
             self._begin(HaltBegan(), -1)
 
     def _begin(self, event: TickBegan | HaltBegan, time: int) -> None:
         self._tick_thread = threading.get_ident()
-        self.end_external_code()
+        self.enter()
         self._time = time
         self._repeats = 0
         self._add(event)
 
     def end_step(self, status: Status) -> None:
         """End the tick or halt, unless it has ended, and deliver the records."""
-        if self.runs_external_code:
+        if not self.is_inside:
             return
         self._add(StepEnded(status))
         records = self._records
         self._records = []
-        self.begin_external_code()
+        self.leave()
         self._deliver(records)
 
     def capture(self, capture: Callable[[], T]) -> T:
@@ -233,26 +233,26 @@ class Journal(WriteRecorder):
 
     # --- inside and outside
 
-    def end_external_code(self) -> None:
-        """Go inside: until `begin_external_code`, no other thread can write to the blackboard."""
+    def enter(self) -> None:
+        """Go inside: until `leave`, no other thread can write to the blackboard."""
         self._lock.acquire()
         self._inside = self._tick_thread
         transitions = self._observers.records
         if len(transitions) != self._transition_count or transitions is not self._transitions:
             self._add_status_changes(transitions)
 
-    def begin_child_tick(self, uid: int) -> None:
+    def enter_for_tick(self, uid: int) -> None:
         """Go inside, because an external node ticks a child."""
-        self.end_external_code()
+        self.enter()
         self._add(ChildTicked(uid))
 
-    def begin_child_halt(self, uid: int) -> None:
+    def enter_for_halt(self, uid: int) -> None:
         """Go inside, because an external node halts a child."""
-        self.end_external_code()
+        self.enter()
         self._add(ChildHalted(uid))
 
-    def begin_external_code(self) -> None:
-        """Go outside, because code follows that is not built in."""
+    def leave(self) -> None:
+        """Go outside, because external code follows."""
         transitions = self._observers.records
         self._transitions = transitions
         self._transition_count = len(transitions)

@@ -458,7 +458,7 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
 def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
     """Call `tick` of *node* unless a pre-condition or callback decides, then what *extras* adds after it."""
     journal = extras.journal
-    if journal is not None and journal.runs_external_code:
+    if journal is not None and not journal.is_inside:
         return _tick_for_external_parent(node, extras, journal)
     conditions = extras.conditions
     counts = extras.tick_counts
@@ -579,7 +579,7 @@ def halt_node(node: TreeNode) -> None:
     """Halt *node*, whatever its status; see `TreeNode.halt_node`."""
     extras = node._tick_extras
     journal = None if extras is None else extras.journal
-    if journal is not None and journal.runs_external_code:
+    if journal is not None and not journal.is_inside:
         _halt_for_external_parent(node, journal)
         return
     try:
@@ -606,46 +606,44 @@ def halt_node(node: TreeNode) -> None:
 
 # --- ticks and halts while the tree is recorded
 #
-# A journal records what external nodes (that are not built in) and callbacks do. Their code is called between
-# `begin_external_code` and `end_external_code`; in between, an external parent may tick and halt children.
 
 
 def _tick_for_external_parent(node: TreeNode, extras: TickExtras, journal: "Journal") -> Status:
     """Tick *node*, and record that its external parent ticks it."""
-    journal.begin_child_tick(node.config.uid)
+    journal.enter_for_tick(node.config.uid)
     try:
         return _tick_with_extras(node, extras)  # as built-in code now
     finally:
-        journal.begin_external_code()
+        journal.leave()
 
 
 def _tick_external(node: TreeNode, journal: "Journal") -> Status:
     """Call `tick` of *node*, which is external, and record its result."""
-    journal.begin_external_code()
+    journal.leave()
     try:
         status = _as_status(node, node.tick())
     except BaseException as error:
-        journal.end_external_code()
+        journal.enter()
         journal.add_error(node.config.uid, error)
         raise
-    journal.end_external_code()
+    journal.enter()
     journal.add_result(node.config, status)
     return status
 
 
 def _halt_for_external_parent(node: TreeNode, journal: "Journal") -> None:
     """Halt *node*, and record that its external parent halts it."""
-    journal.begin_child_halt(node.config.uid)
+    journal.enter_for_halt(node.config.uid)
     try:
         halt_node(node)  # as built-in code now
     finally:
-        journal.begin_external_code()
+        journal.leave()
 
 
 def _halt_external(node: TreeNode, journal: "Journal") -> None:
     """Call `halt` of *node*, which is external. Record what it does, unless it only resets the node."""
     start = journal.record_count
-    journal.begin_external_code()
+    journal.leave()
     raised: BaseException | None = None
     try:
         node.halt()
@@ -653,7 +651,7 @@ def _halt_external(node: TreeNode, journal: "Journal") -> None:
         raised = error
         raise
     finally:
-        journal.end_external_code()
+        journal.enter()
         journal.add_halt(node.config.uid, start, raised, node._status is IDLE)
 
 
@@ -662,11 +660,11 @@ def _call_callback(node: TreeNode, is_pre_tick: bool, callback: Callable[[], Sta
     journal = node._context.journal
     assert journal is not None
     start = journal.record_count
-    journal.begin_external_code()
+    journal.leave()
     try:
         forced = callback()
     finally:
-        journal.end_external_code()
+        journal.enter()
     journal.add_callback(node.config.uid, start, is_pre_tick, forced)
     return forced
 

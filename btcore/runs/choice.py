@@ -169,7 +169,7 @@ class _Candidates(NamedTuple):
         if missing:
             options = [name for cls in missing for name in required_option_names(cls)]
             return f"is not used without {join_names(options)}"
-        for request in _make_requests(provider, chain):
+        for request in _create_requests(provider, chain):
             if not request.is_optional and self.find_object(request.type) is None:
                 problem = self.find(request).problem
                 if problem:
@@ -252,7 +252,7 @@ class _Attempt:
 
     def _use(self, provider: Provider, chain: tuple[Provider, ...]) -> None:
         self._used[provider] = None
-        self._pending += map(self._candidates.find, _make_requests(provider, chain))
+        self._pending += map(self._candidates.find, _create_requests(provider, chain))
 
     def _select_best(self, request: _Request, candidates: Sequence[Provider]) -> Provider:
         ranks = {provider: self._rank(provider) for provider in candidates}
@@ -324,7 +324,7 @@ class _Attempt:
         order.append(provider)
 
 
-def _make_requests(provider: Provider, chain: tuple[Provider, ...]) -> list[_Request]:
+def _create_requests(provider: Provider, chain: tuple[Provider, ...]) -> list[_Request]:
     needs = provider.object_needs
     return [_Request(need.type, need.is_optional, (*chain, provider)) for need in needs]
 

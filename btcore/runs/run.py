@@ -294,7 +294,7 @@ class Run:
         began = time.perf_counter()
         try:
             with self._stop_at_signal(loop.stop), self._keep_leaf_error():
-                self._end.loop_ended(loop.run())
+                self._end.note_loop_end(loop.run())
             self._halt()
         finally:
             self.elapsed_s = loop.elapsed_ns / NS_PER_S
@@ -342,7 +342,7 @@ class Run:
 
     def replace_tree(self, tree: Tree) -> None:
         """Continue with *tree* in place of the first, which is halted already. The caller may tick it."""
-        self._end.tree_replaced()
+        self._end.forget_leaf_error()
         self._loop.replace_tree(tree)
         self._providers.replace_tree(tree)
 
@@ -351,12 +351,12 @@ class Run:
         try:
             yield
         except NodeExecutionError as error:
-            self._end.leaf_raised(error)
+            self._end.note_leaf_error(error)
             raise
 
     @contextmanager
     def _stop_at_signal(self, stop: Callable[[], object]) -> Iterator[None]:
-        self._end.loop_began()
+        self._end.restart()
         self._signals.number = 0
         self._signals.stop = stop
         try:
@@ -364,7 +364,7 @@ class Run:
         finally:
             self._signals.stop = None
             if self._signals.number:
-                self._end.signal_received(self._signals.number)
+                self._end.note_signal(self._signals.number)
 
     def _check_open(self) -> None:
         _ = self.tree  # raises before the entry
@@ -408,14 +408,14 @@ class Run:
         """
         self._has_exited = True
         earlier_signal = self._signals.number
-        self._end.block_left(error, earlier_signal)
+        self._end.note_exit(error, earlier_signal)
         try:
             self._stack.__exit__(kind, error, trace)
         except (KeyboardInterrupt, SystemExit):  # as `EndingSignals` raises them
             if earlier_signal or not self._signals.number:
                 raise
             # The first signal has ended the waits of the providers.
-            self._end.signal_received(self._signals.number)
+            self._end.note_signal(self._signals.number)
 
     @property
     def closing_errors(self) -> list[BtcoreError]:

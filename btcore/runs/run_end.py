@@ -33,27 +33,27 @@ class RunEnd:
         self._signal = 0
         self._loop_end: LoopEnd | None = None
 
-    def loop_began(self) -> None:
-        """Continue the run, which an earlier loop or signal has not ended."""
+    def restart(self) -> None:
+        """Forget an earlier end by a loop or a signal, because the program ticks again."""
         self._signal, self._loop_end = 0, None
 
-    def loop_ended(self, reason: LoopEnd) -> None:
+    def note_loop_end(self, reason: LoopEnd) -> None:
         """Note why the loop has ended, unless it was by an exception."""
         self._loop_end = reason
 
-    def leaf_raised(self, error: NodeExecutionError) -> None:
+    def note_leaf_error(self, error: NodeExecutionError) -> None:
         """Note the exception of a leaf, in a tick or when it was halted."""
         self.error = error
 
-    def tree_replaced(self) -> None:
+    def forget_leaf_error(self) -> None:
         """Continue the run with another tree, whose leaves have raised nothing."""
         self.error = None
 
-    def signal_received(self, number: int) -> None:
+    def note_signal(self, number: int) -> None:
         """Note that the signal *number* has ended the loop, or the waits of providers that are closed."""
         self._signal = number
 
-    def block_left(self, error: BaseException | None, signal: int) -> None:
+    def note_exit(self, error: BaseException | None, signal: int) -> None:
         """Note the exception that has left the `with` block; *signal* has raised KeyboardInterrupt."""
         self._loop_end = self._loop_end or "done"
         if isinstance(error, (KeyboardInterrupt, SystemExit)):

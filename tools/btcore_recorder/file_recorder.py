@@ -17,7 +17,7 @@ from btcore.status import Status
 from btcore.tree.tree import Tree
 from btcore_recorder.files import form_for
 from btcore_recorder.inputs import TreeState
-from btcore_recorder.lines import Line, head_lines, segment_lines, step_lines
+from btcore_recorder.lines import Line, head_lines, segment_lines
 from btcore_recorder.recorder import RawStep, Recorder
 
 WRITE_INTERVAL_S: Final = 0.5
@@ -47,6 +47,7 @@ class _SegmentBegun(NamedTuple):
 
     gap: str
     state: TreeState
+    time: int
 
 
 class FileRecorder:
@@ -87,7 +88,6 @@ class FileRecorder:
             self._recorder.close()
             raise
         self._size = len(data)  # of what is complete in the file
-        self._time = head.wall_time
         self._unwritten = b""
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="btcore recorder", daemon=True)
@@ -117,16 +117,15 @@ class FileRecorder:
         if not self._loss:
             self._added_values += len(step.records)
             self._queue.put(step)
-            now = self._tree.context.tick_start
-            if now - self._segment_time > SEGMENT_DURATION_S * NS_PER_S:
-                self._begin_segment("")
-                self._segment_time = now
+            if step.time - self._segment_time > SEGMENT_DURATION_S * NS_PER_S:
+                self._begin_segment("", step.time)
+                self._segment_time = step.time
         elif not queued:  # try again, from the end of this step on
             loss, self._loss = self._loss, ""
-            self._begin_segment(loss)
+            self._begin_segment(loss, step.time)
 
-    def _begin_segment(self, gap: str) -> None:
-        self._queue.put(_SegmentBegun(gap, self._recorder.capture()))
+    def _begin_segment(self, gap: str, time: int) -> None:
+        self._queue.put(_SegmentBegun(gap, self._recorder.capture(), time))
 
     def _add_type(self, name: str, description: Any) -> None:
         self._queue.put(_TypeFound(name, description))
@@ -155,21 +154,21 @@ class FileRecorder:
                 break
             if isinstance(item, RawStep):
                 values += len(item.records)
-                step = self._recorder.step(item)
-                if step.tick:
-                    head = self._recorder.head
-                    self._time = max(self._time, head.wall_time + step.time - head.time)
-                self._form.add([*self._types, *step_lines(step)], self._time)
+                self._form.add(self._types + self._recorder.lines(item), self._wall_time(item.time))
                 self._types.clear()
             elif isinstance(item, _TypeFound):
-                self._types.append(("type", list(item)))
+                self._types.append(["type", *item])
             else:
-                self._form.add(segment_lines(*item), self._time)
+                self._form.add(segment_lines(item.gap, item.state), self._wall_time(item.time))
         if self._write(self._form.take()):
             self._taken_values += self._unwritten_values + values
             self._unwritten_values = 0
         else:
             self._unwritten_values += values
+
+    def _wall_time(self, time: int) -> int:
+        head = self._recorder.head
+        return head.wall_time + time - head.time
 
     def _write(self, data: bytes) -> bool:
         """Write *data*, and what could not be written before; return whether it was possible."""
@@ -221,7 +220,6 @@ class RingRecorder:
         self._types: dict[str, Any] = {}
         self._recorder = Recorder(tree, self._add_step, self._types.__setitem__, exclude)
         head = self._recorder.head
-        self._time = head.time
         self._value_count = 0
         self._segments = deque([_Segment(head.state, head.time)])
 
@@ -248,10 +246,8 @@ class RingRecorder:
             time = head.wall_time + segment.time - head.time
             if segment is not self._segments[0]:
                 form.add(segment_lines("", segment.state), time)
-            for raw in segment.steps:
-                step = self._recorder.step(raw)
-                time = max(time, head.wall_time + step.time - head.time)
-                form.add(step_lines(step), time)
+            for step in segment.steps:
+                form.add(self._recorder.lines(step), head.wall_time + step.time - head.time)
         try:
             write_file(self.path, form.take_end())
         except OSError as error:
@@ -263,15 +259,14 @@ class RingRecorder:
         count = self._recorder.value_count
         last.size += _BYTES_OF_RECORD * len(step.records) + _BYTES_OF_VALUE * (count - self._value_count)
         self._value_count = count
-        self._time = max(self._time, self._tree.context.tick_start)
         if (
             last.size > RING_BYTES / _RING_SEGMENTS
-            or self._time - last.time > RING_DURATION_S * NS_PER_S / _RING_SEGMENTS
+            or step.time - last.time > RING_DURATION_S * NS_PER_S / _RING_SEGMENTS
         ):
-            segments.append(_Segment(self._recorder.capture(), self._time))
+            segments.append(_Segment(self._recorder.capture(), step.time))
             while len(segments) > 2 and (
                 sum(segment.size for segment in segments) > RING_BYTES
-                or self._time - segments[1].time > RING_DURATION_S * NS_PER_S
+                or step.time - segments[1].time > RING_DURATION_S * NS_PER_S
             ):
                 segments.popleft()
 

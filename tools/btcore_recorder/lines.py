@@ -43,7 +43,7 @@ FORMAT: Final = 1
 END_WORDS: Final = ("head", "end", "state_end")
 """The words of the last lines of the head, of a step, and of the state of a segment."""
 
-Line = tuple[str, list[Any]]
+Line = list[Any]
 """A word, and its values as data of JSON."""
 
 _INPUTS: Final[dict[str, type[Input]]] = {
@@ -70,46 +70,46 @@ _WORDS: Final = {cls: word for word, cls in _INPUTS.items()}
 
 def head_lines(head: Head, paths: Iterable[str]) -> Iterator[Line]:
     """Yield the lines of the head; *paths* are the paths of the nodes, for readers."""
-    yield "btrec", [FORMAT]
-    yield "tree", [head.tree_id, head.format]
-    yield "clock", [head.time, head.wall_time]
-    yield "versions", [head.versions]
+    yield ["btrec", FORMAT]
+    yield ["tree", head.tree_id, head.format]
+    yield ["clock", head.time, head.wall_time]
+    yield ["versions", head.versions]
     for document in head.documents:
-        yield "document", [*document]
+        yield ["document", *document]
     for name, number in head.enums.items():
-        yield "enum", [name, number]
+        yield ["enum", name, number]
     for name, description in head.types.items():
-        yield "type", [name, description]
+        yield ["type", name, description]
     for recorded in head.classes:
-        yield "class", [*recorded]
+        yield ["class", *recorded]
     for uid, recorded in head.replaced.items():
-        yield "replaced", [uid, *recorded]
+        yield ["replaced", uid, *recorded]
     for uid, path in enumerate(paths, start=1):
-        yield "node", [uid, path]
+        yield ["node", uid, path]
     for outer in head.outer:
-        yield "outer", [*outer]
+        yield ["outer", *outer]
     yield from _state_lines(head.state)
-    yield "head", []
+    yield ["head"]
 
 
 def segment_lines(gap: str, state: TreeState) -> Iterator[Line]:
     """Yield the lines with which a segment begins; *gap* says why steps are missing before it."""
-    yield "segment", [gap]
+    yield ["segment", gap]
     yield from _state_lines(state)
-    yield "state_end", []
+    yield ["state_end"]
 
 
 def step_lines(step: Step) -> Iterator[Line]:
     """Yield the lines of a step."""
     for event in step.before:
-        yield _WORDS[type(event)], _names(event)
+        yield input_line(event)
     if step.tick:
-        yield "tick", [step.tick, step.time]
+        yield ["tick", step.tick, step.time]
     else:
-        yield "halt", []
+        yield ["halt"]
     for event in step.inputs:
-        yield _WORDS[type(event)], _names(event)
-    yield "end", [step.status.name, step.checksum]
+        yield input_line(event)
+    yield ["end", step.status.name, step.checksum]
 
 
 def recording_lines(recording: RunRecording, paths: Iterable[str] = ()) -> Iterator[list[Line]]:
@@ -122,14 +122,19 @@ def recording_lines(recording: RunRecording, paths: Iterable[str] = ()) -> Itera
         yield list(step_lines(step))
 
 
+def input_line(event: Input) -> Line:
+    """Return the line of an input."""
+    return [_WORDS[type(event)], *_names(event)]
+
+
 def _state_lines(state: TreeState) -> Iterator[Line]:
     for entry in state.entries:
-        yield "entry", [*entry]
+        yield ["entry", *entry]
     for keys in state.scopes:
-        yield "scope", [keys]
+        yield ["scope", keys]
     for node in state.nodes:
-        yield "state", _names(node)
-    yield "ticks", [state.ticks]
+        yield ["state", *_names(node)]
+    yield ["ticks", state.ticks]
 
 
 def _names(values: Iterable[object]) -> list[object]:
@@ -151,8 +156,8 @@ class LineSource(Protocol):
     def place(self) -> str:
         """The place of the last line, such as "line 3"."""
 
-    def next(self) -> Line | None:
-        """Return the next line, or None at the end of the file.
+    def next(self) -> tuple[str, list[Any]] | None:
+        """Return the word and the values of the next line, or None at the end of the file.
 
         Raises:
             DamageError: The file is truncated or damaged at this place.

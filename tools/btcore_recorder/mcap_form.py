@@ -50,16 +50,15 @@ class McapForm:
 
     def add(self, lines: Iterable[Line], time: int = 0) -> None:
         """Add a message with *lines*; *time* is in ns since 1970."""
-        rows = [[word, *values] for word, values in lines]
-        message: dict[str, Any] = {}
-        for word, *values in rows:
-            if word == "tick":
-                message["tick"] = values[0]
-            elif word == "end":
-                message["status"] = values[0]
-            elif word == "document":
-                self._writer.add_attachment(time, time, values[0], "application/xml", _encode(values[1]))
-        message["lines"] = rows
+        rows = list(lines)
+        message: dict[str, Any] = {"lines": rows}
+        for row in rows:
+            if row[0] == "tick":
+                message["tick"] = row[1]
+            elif row[0] == "document":
+                self._writer.add_attachment(time, time, row[1], "application/xml", _encode(row[2]))
+        if rows[-1][0] == "end":
+            message["status"] = rows[-1][1]
         text = json.dumps(message, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
         self._writer.add_message(self._channel, time, _encode(text), time, self._count)
         self._count += 1
@@ -127,8 +126,8 @@ class McapLines:
         """The position in the file up to which it was read."""
         return f"byte {self._stream.tell()}"
 
-    def next(self) -> Line | None:
-        """Return the next line, or None at the end of the file.
+    def next(self) -> tuple[str, list[Any]] | None:
+        """Return the word and the values of the next line, or None at the end of the file.
 
         Raises:
             DamageError: The file is truncated or damaged.

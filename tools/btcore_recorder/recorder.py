@@ -4,7 +4,7 @@ import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
 from fnmatch import fnmatchcase
-from typing import Any, NamedTuple, cast
+from typing import Any, Final, NamedTuple, cast
 
 import btcore
 from btcore.blackboard.blackboard import Blackboard
@@ -28,24 +28,32 @@ from btcore_recorder.inputs import (
     RecordedError,
     Removed,
     Replaced,
-    Result,
     ScriptRun,
-    Step,
     TreeState,
     Written,
     is_external,
     scopes_of,
     with_parents,
 )
+from btcore_recorder.lines import Line, input_line
 from btcore_recorder.tree_state import capture, recorded_entry
 from btcore_recorder.values import EXCLUDED, Encoder
 
+_NAMES: Final = {status: status.name for status in Status}
+
 
 class RawStep(NamedTuple):
-    """What the journal recorded up to the end of a tick or halt, with the checksum of all transitions."""
+    """What the journal recorded up to the end of a tick or halt.
+
+    Attributes:
+        records: The pairs of the journal.
+        checksum: The checksum of all transitions.
+        time: The time (ns) at which the tick began; of a halt, that of the last tick.
+    """
 
     records: list[object]
     checksum: int
+    time: int
 
 
 class Recorder(Observer):
@@ -53,7 +61,7 @@ class Recorder(Observer):
 
     Args:
         tree: The tree, between two ticks.
-        deliver: Called with each step, on the thread that ticks. `step` converts it, on any thread.
+        deliver: Called with each step, on the thread that ticks. `lines` converts it, on any thread.
         found: Called with the name and description of each user's type that is met later than in the head.
         exclude: Patterns of keys; the values of these entries are not recorded.
 
@@ -85,6 +93,7 @@ class Recorder(Observer):
         self._boards = scopes_of(tree)
         self._scopes = {id(board): index for index, board in enumerate(self._boards)}
         self.last_result = IDLE
+        self._time = tree.clock.now()
         self._checksum = 0
         self._records: list[object] | None = None
         if not tree.documents:
@@ -103,7 +112,7 @@ class Recorder(Observer):
             board.recorder = self._journal
         tree.context.uses_time = True  # each tick has a time
         tree.context.journal = self._journal
-        self.head = self._make_head(types)
+        self.head = self._create_head(types)
         self._encoder.found = found
 
     def close(self) -> None:
@@ -144,7 +153,7 @@ class Recorder(Observer):
 
     # --- the head
 
-    def _make_head(self, types: Mapping[str, Any]) -> Head:
+    def _create_head(self, types: Mapping[str, Any]) -> Head:
         """Return the head. Encoding the entries adds to *types*."""
         tree = self._tree
         texts = [text for _, text, _ in tree.documents]
@@ -191,38 +200,38 @@ class Recorder(Observer):
     def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
         """Deliver the step, now that its transitions are known."""
         self.last_result = status
+        self._time = self._tree.context.tick_start
         if self._records is not None:
             records, self._records = self._records, None
-            self._deliver(RawStep(records, self._checksum))
+            self._deliver(RawStep(records, self._checksum, self._time))
 
     def _end_step(self, records: list[object]) -> None:
         end = records[-1]
         assert isinstance(end, journal.StepEnded)
         # After an exception and in a halt, the transitions are known already.
         if end.status is IDLE:
-            self._deliver(RawStep(records, self._checksum))
+            self._deliver(RawStep(records, self._checksum, self._time))
         else:
             self._records = records
 
-    def step(self, raw: RawStep) -> Step:
-        """Return *raw* in the form that does not depend on the tree. Thread-safe."""
-        before: list[Input] = []
-        inputs: list[Input] = []
-        tick, time, status = 0, -1, IDLE
+    def lines(self, raw: RawStep) -> list[Line]:
+        """Return the lines of a step, which do not depend on the tree. Thread-safe."""
+        lines: list[Line] = []
         for first, second in zip(raw.records[::2], raw.records[1::2], strict=True):
             if first is not None:
-                inputs.append(Result(cast(NodeConfig, first).uid, cast(Status, second)))
+                config = cast(NodeConfig, first)
+                lines.append(["result", config.uid, _NAMES[cast(Status, second)]])
                 continue
             event = cast(journal.Event, second)
-            if isinstance(event, (journal.TickBegan, journal.HaltBegan)):
-                before, inputs = inputs, []
-                if isinstance(event, journal.TickBegan):
-                    tick, time = event
+            if isinstance(event, journal.TickBegan):
+                lines.append(["tick", *event])
+            elif isinstance(event, journal.HaltBegan):
+                lines.append(["halt"])
             elif isinstance(event, journal.StepEnded):
-                status = event.status
+                lines.append(["end", _NAMES[event.status], raw.checksum])
             else:
-                inputs.append(self._input(event))
-        return Step(tick, time, tuple(before), tuple(inputs), status, raw.checksum)
+                lines.append(input_line(self._input(event)))
+        return lines
 
     def _input(self, event: journal.Event) -> Input:
         match event:

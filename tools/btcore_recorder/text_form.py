@@ -27,7 +27,7 @@ class TextForm:
 
     def add(self, lines: Iterable[Line], time: int = 0) -> None:
         """Add lines; *time* (ns since 1970) is not a part of the text."""
-        for word, values in lines:
+        for word, *values in lines:
             if word == "document":
                 file, text, is_shared = values
                 self._add(f"document {_json([file, is_shared])}\n")
@@ -83,8 +83,8 @@ class TextLines:
         """The number of the last line."""
         return f"line {self._number}"
 
-    def next(self) -> Line | None:
-        """Return the next line, or None at the end of the file.
+    def next(self) -> tuple[str, list[Any]] | None:
+        """Return the word and the values of the next line, or None at the end of the file.
 
         Raises:
             DamageError: The line is truncated or damaged.

@@ -16,31 +16,31 @@ PROVIDER_ERROR, OUTPUT_ERROR = ProviderError("no power"), OutputError("disk full
 
 
 def done(end: RunEnd) -> None:
-    end.loop_ended("done")
+    end.note_loop_end("done")
 
 
 def over(end: RunEnd) -> None:
-    end.loop_ended("duration")
+    end.note_loop_end("duration")
 
 
 def leaf(end: RunEnd) -> None:
-    end.leaf_raised(LEAF_ERROR)
+    end.note_leaf_error(LEAF_ERROR)
 
 
 def replaced(end: RunEnd) -> None:
-    end.tree_replaced()
+    end.forget_leaf_error()
 
 
 def again(end: RunEnd) -> None:
-    end.loop_began()
+    end.restart()
 
 
 def signal(number: int) -> Event:
-    return lambda end: end.signal_received(number)
+    return lambda end: end.note_signal(number)
 
 
 def left(error: BaseException | None = None, signal: int = 0) -> Event:
-    return lambda end: end.block_left(error, signal)
+    return lambda end: end.note_exit(error, signal)
 
 
 @pytest.mark.parametrize(

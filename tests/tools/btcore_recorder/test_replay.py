@@ -35,9 +35,9 @@ from btcore.tree.hooks import Hook, HookMode, HookPosition
 from btcore_recorder import Replay
 from btcore_recorder.files import form_for, read_recording
 from btcore_recorder.inputs import RunRecording, scopes_of
-from btcore_recorder.lines import recording_lines
+from btcore_recorder.lines import head_lines, read_lines, recording_lines
 from btcore_recorder.recorder import Recorder
-from btcore_recorder.text_form import to_text
+from btcore_recorder.text_form import TextForm, TextLines, to_text
 from tests.conformance.recorded_cases import CallLog, conformance_registry, read_cases
 from tests.tools.btcore_recorder.random_leaves import NODE_IDS, Spot, random_registry
 
@@ -80,7 +80,11 @@ class Run(Observer):
         self._recorder.close()
         head = self._recorder.head
         head = head._replace(types={**head.types, **self._types})
-        return RunRecording(head, tuple(self._recorder.step(step) for step in self._raw))
+        form = TextForm()
+        form.add(head_lines(head, ()))
+        for step in self._raw:
+            form.add(self._recorder.lines(step))
+        return read_lines(TextLines(form.take()), "the run")
 
 
 def entries_of(tree: Tree, ignored: str = "") -> Entries:

@@ -64,7 +64,7 @@ def stats(log: str, sort: str, top: int | None, as_json: bool) -> None:
     length = (recording.end - recording.start) / NS_PER_S
     head = f"{len(recording.transitions)} transitions of {len(rows)} nodes in {length:.3f} s"
     terminal.stdout_console().print(Text.assemble((log, "bold"), "  ", head))
-    terminal.stdout_console().print(_make_table(ordered[:top]))
+    terminal.stdout_console().print(_create_table(ordered[:top]))
     slowest = _format_slowest(rows)
     if slowest:
         terminal.stdout_console().print(Text.assemble(("slowest leaves  ", "bold"), slowest))
@@ -74,7 +74,7 @@ def stats(log: str, sort: str, top: int | None, as_json: bool) -> None:
         terminal.stdout_console().print(Text.assemble(("the tree failed at  ", "bold"), place))
 
 
-def _make_table(rows: Sequence[RecordedStatistics]) -> Table:
+def _create_table(rows: Sequence[RecordedStatistics]) -> Table:
     table = terminal.new_table()
     table.add_column("node", overflow="fold", ratio=1)
     for name in ("success", "failure", "skipped", "halted", "rate", "total s", "mean s", "max s"):
