@@ -207,7 +207,7 @@ def _find_node_ids(documents: Iterable[Document]) -> Iterator[str]:
     for document in documents:
         for top in document.root.iterchildren("BehaviorTree"):
             for element in islice(top.iter(), 1, None):
-                yield element.get("ID") or "" if element.tag in EXPLICIT_TAGS else element.tag
+                yield (element.get("ID") or "") if element.tag in EXPLICIT_TAGS else element.tag
 
 
 def complete_node_id(ctx: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:

@@ -50,7 +50,7 @@ class TreelessProgram:
         self.name = name
         self.keep_running = keep_running
 
-    def make_tree(self, clock: Clock) -> Tree:
+    def create_tree(self, clock: Clock) -> Tree:
         """Return the tree that viewers show."""
         program = self  # its `keep_running` may be replaced until the first tick
 
@@ -251,7 +251,7 @@ class Run:
 
     def _create_tree(self, source: Plans | TreelessProgram) -> Tree:
         if isinstance(source, TreelessProgram):
-            return source.make_tree(self.clock)
+            return source.create_tree(self.clock)
         arguments = self._load_arguments
         blackboard, tick_limit = arguments.get("blackboard"), arguments.get("tick_limit")
         try:

@@ -514,7 +514,7 @@ def _tick(tree: Tree, repeat: bool) -> Status:
         tree._in_tick = False
         context.tick_start = -1
         if context.journal is not None:
-            context.journal.end_step(IDLE)
+            context.journal.end_step(IDLE)  # without effect, unless the tick has raised
         if limit is not None:
             context.clear_tick_limit()
     tree.status = status

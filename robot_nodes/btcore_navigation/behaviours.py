@@ -266,7 +266,8 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
                 return
             if self._collides(v, remaining, odometry):
                 handle.abort(
-                    self._codes.collision, f"{self.name} would touch something within the next metre"
+                    self._codes.collision,
+                    f"{self.name} would touch something within {self.parameters.simulate_ahead_time:g} s",
                 )
                 return
         self._smoother.send_command(v, w, now, self.period)

@@ -315,7 +315,7 @@ def test_a_new_tree_is_passed_on_or_the_provider_is_opened_again(follows: bool) 
         log.append("close")
 
     with run_with(output, settings=[OutputSettings("a.txt")]) as run:
-        run.replace_tree(TreelessProgram("Next").make_tree(run.clock))
+        run.replace_tree(TreelessProgram("Next").create_tree(run.clock))
     reopened = ["follow NextAlone"] if follows else ["close", "open NextAlone"]
     assert log == ["open TestAlone", *reopened, "close"]
 
@@ -480,7 +480,7 @@ def test_a_provider_that_needs_what_is_opened_after_the_tree_is_opened_after_it(
         log.append("close watcher")
 
     with run_with(alarm, watcher, settings=[OutputSettings("a.txt")]) as run:
-        run.replace_tree(TreelessProgram("Other").make_tree(run.clock))
+        run.replace_tree(TreelessProgram("Other").create_tree(run.clock))
     assert log == [
         "open TestAlone",
         "close TestAlone",
@@ -533,4 +533,4 @@ def test_mistakes_of_programs_are_explained() -> None:
     with pytest.raises(SettingsError, match="OutputSettings are given 2 times"):
         run_with(settings=[OutputSettings("a"), OutputSettings("b")])
     with pytest.raises(TypeError, match="there is no run of a Tree: write the XML to a file"):
-        Run(TreelessProgram("Other").make_tree(SimClock()))  # type: ignore[arg-type]
+        Run(TreelessProgram("Other").create_tree(SimClock()))  # type: ignore[arg-type]

@@ -227,7 +227,7 @@ def test_a_tree_that_was_reloaded_is_ticked_at_once() -> None:
         if not next(attempts, False):
             return False
         run.tree.halt()
-        run.replace_tree(program(ticks=2).make_tree(run.clock))
+        run.replace_tree(program(ticks=2).create_tree(run.clock))
         return True
 
     with Run(program(ticks=9), settings=[RunSettings(fast=True, duration=9.0)]) as run:

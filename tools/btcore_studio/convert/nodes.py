@@ -45,7 +45,7 @@ _RENAMED_PORTS: Final = {"success_threshold": "success_count", "failure_threshol
 def convert_node(changes: ConversionChanges, element: Element, parent: Element) -> None:
     """Convert a node with its ports, and report how its behavior differs in format 4."""
     tag = element.tag
-    id = element.get("ID") or "" if tag in EXPLICIT_TAGS else tag
+    id = (element.get("ID") or "") if tag in EXPLICIT_TAGS else tag
     new = _convert_behavior(changes, element, id)
     if new != id:
         changes.note(NODE_RENAMED, f"<{id}> becomes <{new}>", element)

@@ -211,7 +211,7 @@ class FileSymbols:
 
 def node_id(element: ScannedElement) -> str:
     """Return the ID of the node that *element* names: its tag, or the ID of an explicit tag."""
-    return element.get("ID") or "" if element.tag in EXPLICIT_TAGS else element.tag
+    return (element.get("ID") or "") if element.tag in EXPLICIT_TAGS else element.tag
 
 
 def is_call(element: ScannedElement) -> bool:
