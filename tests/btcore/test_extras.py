@@ -23,7 +23,7 @@ def test_extra_of_the_table_installs_the_module(module: str) -> None:
     if distributions is None:
         pytest.skip(f"{module} is not installed")
     required = requirements(EXTRA_OF[module])
-    transitive = {"anyio": "mcp", "distributed": "dask", "lsprotocol": "pygls"}
+    transitive = {"anyio": "mcp", "distributed": "dask", "lsprotocol": "pygls", "zstandard": "mcap"}
     assert {normalised(name) for name in (*distributions, transitive.get(module, ""))} & required
 
 

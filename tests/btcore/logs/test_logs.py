@@ -208,7 +208,7 @@ def test_file_extension_selects_the_log_class(
             "a: logs that can be written end in .btlog, .btdb, .db3, .json or .mcap; did you mean a.btlog?",
         ),
         ("", ".: logs that can be written end in .btlog, .btdb, .db3, .json or .mcap; for example run.btlog"),
-        ("a.fbl", "a.fbl: btcore reads but does not write .fbl; use a.btlog"),
+        ("a.fbl", "a.fbl: a log in this format can be read, but not written; use a.btlog"),
     ],
 )
 def test_unknown_file_extension_is_refused(small: Callable[..., Tree], name: str, message: str) -> None:
@@ -290,7 +290,7 @@ def test_missing_log_is_reported(tmp_path: Path, name: str) -> None:
 
 def test_reading_a_trace_as_a_log_is_refused(tmp_path: Path) -> None:
     with pytest.raises(
-        LogError, match=r"logs that can be read end in \.btlog, \.btdb, \.db3, \.fbl or \.mcap"
+        LogError, match=r"logs that can be read end in \.btlog, \.btdb, \.btrec\.txt, \.db3, \.fbl or \.mcap"
     ):
         read_log(tmp_path / "run.json")
 
