@@ -17,6 +17,7 @@ from btcore.engine.journal import (
     StatusSet,
     TimeRead,
 )
+from btcore.json_text import load_json
 from btcore.logs.files import LogError
 from btcore.status import NodeType, Status
 from btcore_recorder.inputs import (
@@ -66,6 +67,11 @@ _WORDS: Final = {cls: word for word, cls in _INPUTS.items()}
 
 
 # --- writing
+
+
+def encode_text(text: str) -> bytes:
+    """Return the bytes of *text*, which may have lone surrogates, in a file."""
+    return text.encode("utf-8", "surrogatepass")
 
 
 def head_lines(head: Head, paths: Iterable[str]) -> Iterator[Line]:
@@ -147,6 +153,19 @@ def _names(values: Iterable[object]) -> list[object]:
 
 class DamageError(Exception):
     """A part of a file that is not a part of a recording."""
+
+
+def load_data(text: str) -> Any:
+    """Return the data of a JSON text, in which `NaN` and infinities are errors.
+
+    Raises:
+        ValueError: The text is not JSON.
+    """
+    return load_json(text, parse_constant=_refuse)
+
+
+def _refuse(constant: str) -> Any:
+    raise ValueError(constant)
 
 
 class LineSource(Protocol):

@@ -18,8 +18,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import Writer
 from zstandard import decompress, frame_content_size
 
-from btcore.json_text import load_json
-from btcore_recorder.lines import DamageError, Line
+from btcore_recorder.lines import DamageError, Line, encode_text, load_data
 
 MAGIC: Final = b"\x89MCAP0\r\n"
 TOPIC: Final = "/btcore/recording"
@@ -56,11 +55,11 @@ class McapForm:
             if row[0] == "tick":
                 message["tick"] = row[1]
             elif row[0] == "document":
-                self._writer.add_attachment(time, time, row[1], "application/xml", _encode(row[2]))
+                self._writer.add_attachment(time, time, row[1], "application/xml", encode_text(row[2]))
         if rows[-1][0] == "end":
             message["status"] = rows[-1][1]
         text = json.dumps(message, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
-        self._writer.add_message(self._channel, time, _encode(text), time, self._count)
+        self._writer.add_message(self._channel, time, encode_text(text), time, self._count)
         self._count += 1
 
     def take(self) -> bytes:
@@ -72,10 +71,6 @@ class McapForm:
         """Return the bytes since the last call, and the end of the file."""
         self._writer.finish()  # type: ignore[no-untyped-call]
         return self._file.take()
-
-
-def _encode(text: str) -> bytes:
-    return text.encode("utf-8", "surrogatepass")
 
 
 class _Buffer(io.BytesIO):
@@ -198,14 +193,10 @@ def _break_up(chunk: Chunk) -> list[McapRecord]:
 def _parse(message: bytes) -> list[list[Any]]:
     """Return the lines of a message, the last first."""
     try:
-        data = load_json(message.decode("utf-8", "surrogatepass"), parse_constant=_refuse)
+        data = load_data(message.decode("utf-8", "surrogatepass"))
         rows = data["lines"]
         if all(isinstance(row, list) and row and isinstance(row[0], str) for row in rows):
             return list(reversed(rows))
     except (ValueError, RecursionError, TypeError, KeyError):
         pass
     raise DamageError("a message has no lines of a recording")
-
-
-def _refuse(constant: str) -> Any:
-    raise ValueError(constant)

@@ -26,8 +26,8 @@ class RecordingSettings(Settings):
     record: Annotated[
         Path,
         option(
-            "Record to FILE (….btrec.txt) what the ticks depend on: results and outputs of leaves, times, "
-            "writes. btcore replay runs such a recording again.",
+            "Record to FILE (….btrec.txt or ….mcap) what the ticks depend on: results and outputs of leaves, "
+            "times, writes. btcore replay runs such a recording again.",
             metavar="FILE",
             one_run_only=True,
         ),

@@ -140,11 +140,11 @@ class Recorder(Observer):
 
     def _is_excluded(self, key: str, board: Blackboard | None = None) -> bool:
         """Return whether the entry of a key is excluded, by the key or by a key that *board* remaps it to."""
-        while board is not None:
-            if self._is_excluded(key):
-                return True
+        while not any(fnmatchcase(key.removeprefix("@"), pattern) for pattern in self._exclude):
+            if board is None:
+                return False
             key, board = board.remappings().get(key, key).strip("{}"), board.parent
-        return any(fnmatchcase(key.removeprefix("@"), pattern) for pattern in self._exclude)
+        return True
 
     @property
     def value_count(self) -> int:

@@ -6,9 +6,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from btcore.clock import NS_PER_S
-from btcore.engine.journal import (
-    TimeRead,
-)
+from btcore.engine.journal import TimeRead
 from btcore.engine.observers import Observer
 from btcore.engine.transition_records import Transitions
 from btcore.errors import NodeExecutionError, TickInterrupt
@@ -16,11 +14,7 @@ from btcore.logs.files import LogError
 from btcore.status import IDLE
 from btcore.tree.tree import Tree
 from btcore_recorder.files import read_recording
-from btcore_recorder.inputs import (
-    RunRecording,
-    Segment,
-    TreeState,
-)
+from btcore_recorder.inputs import RunRecording, Segment, TreeState
 from btcore_recorder.recorded_tree import ExternalCode, Inputs, StandInClock, add_callbacks, load_recorded
 from btcore_recorder.tree_state import capture, describe_difference, restore_entries, restore_nodes
 from btcore_recorder.values import Encoder

@@ -11,9 +11,8 @@ import zlib
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
-from btcore.json_text import load_json
 from btcore_recorder.inputs import RunRecording
-from btcore_recorder.lines import END_WORDS, DamageError, Line, recording_lines
+from btcore_recorder.lines import END_WORDS, DamageError, Line, encode_text, load_data, recording_lines
 
 MAGIC: Final = b"btrec "
 
@@ -40,12 +39,12 @@ class TextForm:
                 self._add(f"{word} {_json(values)}\n")
 
     def _add(self, text: str) -> None:
-        self._crc = zlib.crc32(_encode(text), self._crc)
+        self._crc = zlib.crc32(encode_text(text), self._crc)
         self._parts.append(text)
 
     def take(self) -> bytes:
         """Return the text since the last call."""
-        data = _encode("".join(self._parts))
+        data = encode_text("".join(self._parts))
         self._parts.clear()
         return data
 
@@ -64,10 +63,6 @@ def to_text(recording: RunRecording, paths: Iterable[str] = ()) -> str:
 
 def _json(values: Sequence[object]) -> str:
     return json.dumps(values, ensure_ascii=False, separators=(", ", ":"), allow_nan=False)
-
-
-def _encode(text: str) -> bytes:
-    return text.encode("utf-8", "surrogatepass")
 
 
 class TextLines:
@@ -97,7 +92,7 @@ class TextLines:
         line = self._take()
         word, _, data = line.partition(b" ")
         try:
-            values = load_json(data.decode("utf-8"), parse_constant=_refuse)
+            values = load_data(data.decode("utf-8"))
         except (ValueError, RecursionError):
             raise DamageError("this is not a line of a recording") from None
         if not isinstance(values, list):
@@ -134,7 +129,3 @@ class TextLines:
         expected, self._crc = zlib.crc32(_json(values).encode(), self._crc), 0
         if crc is not None and crc != expected:
             raise DamageError("the lines before it were changed: their checksum differs")
-
-
-def _refuse(constant: str) -> Any:
-    raise ValueError(constant)
