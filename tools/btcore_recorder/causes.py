@@ -1,7 +1,7 @@
 """The causes of what nodes did in a recorded run, from replays of single ticks.
 
-A cause leads from a result down to the leaves and conditions that it depends on, and from the entries that these
-have read to the nodes that wrote them, also in earlier ticks.
+A cause leads from a result down to the leaves and conditions that it depends on, and from the entries that
+these have read to the nodes that wrote them, also in earlier ticks.
 """
 
 import reprlib
@@ -55,6 +55,7 @@ class Cause:
         return (self.position, self.uid, self.because) == (other.position, other.uid, other.because)
 
     def walk(self) -> "Iterator[Cause]":
+        """Yield the cause and its own causes, each before the next."""
         yield self
         for cause in self.causes:
             yield from cause.walk()
@@ -77,10 +78,16 @@ class CauseFinder:
         self._count = 0
 
     def seek(self, position: int) -> None:
+        """Run the replay to the end of *position* steps.
+
+        Raises:
+            BtcoreError: It differs from the recording.
+        """
         if not self._replay.seek(position):
             raise BtcoreError(f"the replay differs from the recording: {self._replay.difference}")
 
     def trace(self, position: int) -> TickTrace:
+        """Return what happens in the step with the index *position*."""
         if position not in self._traces:
             self.seek(position)
             trace = TickTrace(self._replay.tree)
@@ -96,11 +103,13 @@ class CauseFinder:
         return next((step.tick for step in self._steps[position::-1] if step.tick), 0)
 
     def time(self, position: int) -> float:
+        """Return the time of a tick (s since the recording began); for a halt that of the tick before it."""
         head = self._replay.recording.head
         time = next((step.time for step in self._steps[position::-1] if step.tick), head.time)
         return (time - head.time) / NS_PER_S
 
     def path(self, uid: int) -> str:
+        """Return the path of a node; "" for 0."""
         return self.keys[uid - 1] if uid else ""
 
     def _names(self, visits: Iterable[Visit]) -> str:
@@ -143,7 +152,8 @@ class CauseFinder:
 
     def _add_children(self, cause: Cause, children: Sequence[Visit], result: Status | None) -> None:
         """Add the results of children, those first that are equal to *result*, the last ones first."""
-        ordered = sorted(children[::-1], key=lambda each: (each.result is not result, each.result is SKIPPED))
+        last_first = children[::-1]
+        ordered = sorted(last_first, key=lambda each: (each.result is not result, each.result is SKIPPED))
         seen: set[tuple[int, Status | None]] = set()
         for child in ordered:
             if not self._is_full and (child.uid, child.result) not in seen:
@@ -391,6 +401,7 @@ def _literals(script: str) -> Iterator[object]:
 
 
 def name_of(status: Status | None) -> str:
+    """Return the name of a result for a sentence; None = the node raised."""
     return "nothing" if status is None else status.name
 
 

@@ -151,6 +151,7 @@ class TickTrace(Observer):
     # --- the events
 
     def transition(self, change: Transition) -> None:
+        """Note a halt."""
         if change.previous is RUNNING and change.status is IDLE:
             self.halts.append(Halt(change.uid, self._unfinished[-1] if self._unfinished else None))
 

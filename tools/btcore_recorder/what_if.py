@@ -166,6 +166,7 @@ class PathTransitions(Observer):
         self._keys = keys_of(tree)
 
     def transition(self, change: Transition) -> None:
+        """Add a transition."""
         self.found.append(_PathTransition(change.tick, self._keys[change.uid - 1], change.status))
 
 

@@ -28,10 +28,10 @@ _MOMENT = re.compile(r"(\d{1,15})|(\d{1,12}(?:\.\d{1,9})?)s")
 def why(file: str, node: str, moment: str | None, other: str | None, as_json: bool) -> int:
     """Explain why a node of the recorded run FILE (.btrec.txt or .mcap) did what it did, from a replay.
 
-    NODE is the path of a node: why did it have its result, why was it halted, or why was it not ticked? Without
-    NODE it is the root: why did the tree fail? {KEY} in place of NODE asks who wrote this entry. The answer is a
-    chain from the result to a smallest set of leaf results and entries that would change it; this is tried
-    by running the recording again. The leaves themselves are not run.
+    NODE is the path of a node: why did it have its result, why was it halted, or why was it not ticked?
+    Without NODE it is the root: why did the tree fail? {KEY} in place of NODE asks who wrote this entry. The
+    answer is a chain from the result to a smallest set of leaf results and entries that would change it,
+    which is tried by running the recording again. The leaves themselves are not run.
     """
     from btcore_recorder.why import Explainer
 
