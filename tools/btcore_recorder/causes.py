@@ -17,11 +17,11 @@ from btcore.errors import BtcoreError, ScriptError
 from btcore.script.expressions import Literal as ScriptLiteral
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.suggestions import join_names
-from btcore.xml.plan.key_uses import iter_subexpressions, parse_statements
+from btcore.xml.plan.key_uses import WRITING, find_name_uses, iter_subexpressions, parse_statements
 from btcore_recorder.inputs import Raised
 from btcore_recorder.recorded_tree import is_stand_in
 from btcore_recorder.replay import Replay
-from btcore_recorder.tick_trace import EntryName, Halt, Read, TickTrace, Visit, Write
+from btcore_recorder.tick_trace import EntryName, Halt, Read, TickTrace, Visit, Write, scripts_of
 from btcore_recorder.values import NotReplayable
 from btcore_recorder.what_if import Change, HoldEntry, SetResult, keys_of
 
@@ -40,6 +40,7 @@ class Cause:
     Attributes:
         changes: Other values of the input that the cause is; empty if it is none.
         is_passed_on: Whether the node only passes on the result of a child.
+        is_context: Whether it only explains how the tick came to what follows it.
     """
 
     position: int
@@ -47,6 +48,7 @@ class Cause:
     because: str
     changes: Sequence[Change] = ()
     is_passed_on: bool = False
+    is_context: bool = False
     causes: "list[Cause]" = field(default_factory=list)
     tried: str = ""
 
@@ -159,6 +161,7 @@ class CauseFinder:
             if not self._is_full and (child.uid, child.result) not in seen:
                 seen.add((child.uid, child.result))
                 cause.causes.append(self.explain_result(cause.position, child))
+                cause.causes[-1].is_context = child.result is not ordered[0].result or result is None
 
     def _describe(self, node: TreeNode, visit: Visit, reads: Sequence[Read]) -> str:
         """Return why a built-in node had its result."""
@@ -329,11 +332,22 @@ class CauseFinder:
 
     def _describe_write(self, position: int, at: int, read: Read, write: Write) -> str:
         what = f"{read.key} = {SHOWN.repr(read.value)}"
+        script = self._writing_script(write.uid, {read.key, write.entry.key}) if write.uid else ""
         if at == position:
-            return f"wrote {what} in this tick" if write.uid else f"wrote {what} before this tick"
+            return f"wrote {what}{script} {'in' if write.uid else 'before'} this tick"
         ticks = self.tick(position) - self.tick(at)
         seconds = self.time(position) - self.time(at)
-        return f"wrote {what}, {ticks:,} {'tick' if ticks == 1 else 'ticks'} before ({seconds:g} s)"
+        before = f"{ticks:,} {'tick' if ticks == 1 else 'ticks'} before ({seconds:g} s)"
+        return f"wrote {what}{script}, {before}"
+
+    def _writing_script(self, uid: int, keys: set[str]) -> str:
+        """Return the script of a node that writes one of *keys*, for a sentence; "" if none does."""
+        node = self._nodes[uid - 1]
+        for by, text in scripts_of(node):
+            uses = find_name_uses(text, node.config.enums)
+            if any(use.access in WRITING and use.name.lstrip("@") in keys for use in uses):
+                return f' by {by}="{_one_line(text)}"'
+        return ""
 
     def _value_before(self, at: int, entry: EntryName, write: Write) -> object:
         """Return the value that an entry had before a write in step *at*; None if it is not known."""

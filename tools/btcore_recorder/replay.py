@@ -256,7 +256,11 @@ class Replay:
         return self.position == position and self.difference is None
 
     def cut(self, begin: int, end: int) -> RunRecording:
-        """Return the recording of the steps *begin* to *end* (exclusive), which begins with a saved state.
+        """Return a part of the recording, which begins with a saved state.
+
+        Args:
+            begin: The index of the first step.
+            end: The index of the step after the last one.
 
         Raises:
             BtcoreError: The replay differs from the recording before *end*.
@@ -303,7 +307,15 @@ class Replay:
         return self._find_change(count, position)
 
     def find_end(self, uid: int, position: int) -> int | None:
-        """Return the last of the first *position* steps in which a node succeeded or failed, or None."""
+        """Return the last of the first *position* steps in which a node succeeded or failed; None if none is.
+
+        Args:
+            uid: The UID of the node.
+            position: The number of steps.
+
+        Returns:
+            The index of the step.
+        """
         ends = _Ends(uid)
         unsubscribe = self.tree.subscribe(ends)
         try:

@@ -159,9 +159,7 @@ class TickTrace(Observer):
         self._note_writes()
         uid = node.config.uid
         parent = self._parents.get(uid, 0)
-        # A node that raised was not ended.
-        while self._unfinished and self._unfinished[-1].uid != parent:
-            self._unfinished.pop()
+        self._drop_above(parent)
         above = self._unfinished[-1] if self._unfinished else None
         reads = [self._read(*reading) for reading in self._reads.get(uid, ())]
         visit = Visit(uid, node._status, above, reads)
@@ -182,14 +180,22 @@ class TickTrace(Observer):
     ) -> Status:
         self._note_writes()
         forced = IDLE if callback is None else callback(node, status)
-        while self._unfinished and self._unfinished[-1].uid != node.config.uid:
-            self._unfinished.pop()
+        self._drop_above(node.config.uid)
         visit = self._unfinished.pop()
         visit.result = status
         if forced in (SUCCESS, FAILURE):
             visit.result, visit.decided_by = forced, "callback"
         self.ended.append(visit)
         return forced
+
+    def _drop_above(self, uid: int) -> None:
+        """Drop the visits of nodes that raised, which did not end, above that of the node *uid*.
+
+        A node may also tick a child while it is halted, and not ticked.
+        """
+        if any(visit.uid == uid for visit in self._unfinished):
+            while self._unfinished[-1].uid != uid:
+                self._unfinished.pop()
 
     # --- entries
 
@@ -238,21 +244,22 @@ def readings(tree: Tree) -> Mapping[int, list[tuple[Blackboard, str, str, str]]]
         outer = node._blackboard
         if extras is not None and extras.conditions is not None:
             outer = extras.conditions.blackboard
-        for attribute, script in config.conditions.items():
-            own += _names(outer, attribute, script, config.enums)
+        for attribute, script in scripts_of(node):
+            names = {use.name for use in find_name_uses(script, config.enums) if use.access in READING}
+            board = outer if attribute in config.conditions else node._blackboard
+            own += [(board, name, attribute, script) for name in sorted(names)]
         for binding in config.inputs.values():
             key, accesses = port_uses(binding.port, binding.text, binding.is_explicit, config.format)
             if key is not None and any(access in READING for access in accesses):
                 own.append((node._blackboard, key, binding.name, ""))
-            elif key is None and binding.port.role in SCRIPT_ROLES:
-                own += _names(node._blackboard, binding.name, binding.text, config.enums)
         if own:
             found[config.uid] = own
     return found
 
 
-def _names(
-    board: Blackboard, attribute: str, script: str, enums: Mapping[str, int]
-) -> list[tuple[Blackboard, str, str, str]]:
-    names = {use.name for use in find_name_uses(script, enums) if use.access in READING}
-    return [(board, name, attribute, script) for name in sorted(names)]
+def scripts_of(node: TreeNode) -> Iterator[tuple[str, str]]:
+    """Yield the scripts of *node*, with the attributes that they are in."""
+    yield from node.config.conditions.items()
+    for binding in node.config.inputs.values():
+        if binding.key is None and binding.port.role in SCRIPT_ROLES:
+            yield binding.name, binding.text

@@ -122,14 +122,14 @@ class Explainer:
         >>> tree = b.build(b.Sequence(b.Script(code="d := 3"), b.ScriptCondition(code="d < 1", name="near")))
         >>> with record(tree, "run.btrec.txt"):
         ...     _ = tree.tick_once()
-        >>> [link.because for link in Explainer("run.btrec.txt").why().chain]
-        ["its child 'near' returned FAILURE", 'code="d < 1" is false: d = 3', 'wrote d = 3 in this tick']
+        >>> [link.because for link in Explainer("run.btrec.txt").why().chain][1:]
+        ['code="d < 1" is false: d = 3', 'wrote d = 3 by code="d := 3" in this tick']
     """
 
     def __init__(self, recording: RunRecording | str) -> None:
-        self.replay = Replay(recording)
-        self._steps = self.replay.steps
-        self._causes = CauseFinder(self.replay)
+        self._replay = Replay(recording)
+        self._steps = self._replay.steps
+        self._causes = CauseFinder(self._replay)
         self._runs: dict[tuple[int, int], RecordedRun] = {}
         self._trials = 0
 
@@ -143,6 +143,9 @@ class Explainer:
                 explained, if there is one.
             tick: The number of the tick; by default the last one.
             time: Instead of *tick*, a time (s since the recording began).
+
+        Returns:
+            The answer.
 
         Raises:
             BtcoreError: There is no such node or tick, or the replay differs from the recording.
@@ -174,12 +177,15 @@ class Explainer:
             tick: The number of the tick; by default the last one.
             time: Instead of *tick*, a time (s since the recording began).
 
+        Returns:
+            The answer, without changes.
+
         Raises:
             BtcoreError: There is no such entry or tick, or the replay differs from the recording.
         """
         position = self._find_step(tick, time, prefers_failure=False)
         self._causes.seek(position + 1)
-        boards = self.replay.external.boards
+        boards = self._replay.external.boards
         name = next(
             (EntryName(i, key) for i, board in enumerate(boards) if key in board.local_entries()), None
         )
@@ -199,21 +205,24 @@ class Explainer:
 
         Args:
             other: The other run, of the same tree or a similar one.
+
+        Returns:
+            The answer, without changes.
         """
         question = "what is the first decision that differs between the runs?"
         sides = (self, other)
         found = []
         for side in sides:
             side._causes.seek(0)
-            found.append(PathTransitions(side.replay.tree))
-            side.replay.tree.subscribe(found[-1])
+            found.append(PathTransitions(side._replay.tree))
+            side._replay.tree.subscribe(found[-1])
         length = min(len(side._steps) for side in sides)
         position = 0
         while position < length and found[0].found == found[1].found:
             for side, transitions in zip(sides, found, strict=True):
                 transitions.found.clear()
-                side.replay.step()
-                side.replay.tree.flush_observers()
+                side._replay.step()
+                side._replay.tree.flush_observers()
             position += 1
         if found[0].found == found[1].found:
             text = f"The runs are the same in all {length:,} ticks and halts"
@@ -273,7 +282,7 @@ class Explainer:
                 raise BtcoreError(f"the recording has no tick {tick}; its ticks are {first} to {last}")
             return found
         if time is not None:
-            start = self.replay.recording.head.time + round(time * NS_PER_S)
+            start = self._replay.recording.head.time + round(time * NS_PER_S)
             return max((index for index in ticks if steps[index].time <= start), default=ticks[0])
         if prefers_failure:
             failed = [index for index in ticks if steps[index].status in (FAILURE, IDLE)]
@@ -328,7 +337,7 @@ class Explainer:
 
     def _run_from(self, start: int, end: int) -> RecordedRun:
         if (start, end) not in self._runs:
-            self._runs[start, end] = RecordedRun(self.replay.cut(start, end + 1))
+            self._runs[start, end] = RecordedRun(self._replay.cut(start, end + 1))
         return self._runs[start, end]
 
     def _outcome(self, question: _Question, changed: ChangedReplay, last: int) -> str:
@@ -382,7 +391,7 @@ class Explainer:
                 "from the tree."
             )
         else:
-            answer = "No leaf result or entry of the recording was found that could be changed to try this."
+            answer = "It follows from the tree: no leaf result, and no entry from outside, has led to it."
         chosen = [each for each, _ in found]
         return Answer(asked, answer, self._chain(cause, chosen), [change for _, change in found])
 
@@ -400,12 +409,13 @@ class Explainer:
             passing = next((each for each in kept[1:] if each.is_passed_on and each not in chosen), kept[-2])
             kept = [each for each in kept if each is not passing]
         for each in order:
-            if len(kept) < MAX_LINKS and not any(each.is_like(one) for one in kept):
+            is_new = not each.is_context and not any(each.is_like(one) for one in kept)
+            if is_new and len(kept) < MAX_LINKS:
                 kept.append(each)
         return [self._link(each) for each in order if any(each is one for one in kept)]
 
     def _link(self, cause: Cause) -> Link:
-        place = self.replay.tree.nodes[cause.uid - 1].config.where if cause.uid else ""
+        place = self._replay.tree.nodes[cause.uid - 1].config.where if cause.uid else ""
         time = round(self._causes.time(cause.position), 9)
         return Link(
             self._causes.tick(cause.position),
