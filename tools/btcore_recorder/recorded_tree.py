@@ -360,6 +360,11 @@ def add_callbacks(tree: Tree, external: ExternalCode, steps: Iterable[Step]) -> 
             node.set_post_tick_function(external.post_tick)
 
 
+def is_stand_in(node: TreeNode) -> bool:
+    """Return whether *node* stands for an external node."""
+    return type(node).__module__ == __name__
+
+
 def _stand_in_class(recorded: RecordedClass, external: ExternalCode) -> type[TreeNode]:
     ports = [
         Port(name, Direction[direction], external.type(type_name), default)

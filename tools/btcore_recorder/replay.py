@@ -9,9 +9,9 @@ from btcore.clock import NS_PER_S
 from btcore.engine.journal import TimeRead
 from btcore.engine.observers import Observer
 from btcore.engine.transition_records import Transitions
-from btcore.errors import NodeExecutionError, TickInterrupt
+from btcore.errors import BtcoreError, NodeExecutionError, TickInterrupt
 from btcore.logs.files import LogError
-from btcore.status import IDLE
+from btcore.status import FAILURE, IDLE, SUCCESS
 from btcore.tree.tree import Tree
 from btcore_recorder.files import read_recording
 from btcore_recorder.inputs import RunRecording, Segment, TreeState
@@ -78,6 +78,18 @@ class _Checksum(Observer):
 
     def transitions(self, changes: Transitions) -> None:
         self.value = changes.checksum(self.value)
+
+
+class _Ends(Observer):
+    """Counts how often a node succeeds or fails."""
+
+    def __init__(self, uid: int) -> None:
+        self.count = 0
+        self._uid = uid
+
+    def transitions(self, changes: Transitions) -> None:
+        for change in changes:
+            self.count += change.uid == self._uid and change.status in (SUCCESS, FAILURE)
 
 
 class Replay:
@@ -242,6 +254,90 @@ class Replay:
         while self.position < position and self.step():
             pass
         return self.position == position and self.difference is None
+
+    def cut(self, begin: int, end: int) -> RunRecording:
+        """Return a part of the recording, which begins with a saved state.
+
+        Args:
+            begin: The index of the first step.
+            end: The index of the step after the last one.
+
+        Raises:
+            BtcoreError: The replay differs from the recording before *end*.
+        """
+        if not self.seek(begin):
+            raise BtcoreError(f"the replay differs from the recording: {self.difference}")
+        state = capture(self.tree, self.external.boards, self._encoder.encode)
+        head = self.recording.head
+        time = next((step.time for step in self.steps[begin::-1] if step.time >= 0), head.time)
+        head = head._replace(state=state, time=time, wall_time=head.wall_time + time - head.time)
+        segments = {each.position: each for each in self.recording.segments if begin < each.position < end}
+        steps = []
+        checksum = _Checksum()
+        unsubscribe = self.tree.subscribe(checksum)
+        for position in range(begin, end):
+            if position in segments:
+                checksum.value = 0
+            if not self.step():
+                break
+            steps.append(self.steps[position]._replace(checksum=checksum.value))
+        unsubscribe()
+        if self.difference is not None:
+            raise BtcoreError(f"the replay differs from the recording: {self.difference}")
+        moved = tuple(each._replace(position=each.position - begin) for each in segments.values())
+        return RunRecording(head, tuple(steps), moved)
+
+    def find_write(self, scope: int, key: str, position: int) -> int | None:
+        """Return the last of the first *position* steps that wrote an entry; None if none did.
+
+        Args:
+            scope: The index of the scope that holds the entry.
+            key: The key of the entry there.
+            position: The number of steps.
+
+        Returns:
+            The index of the step.
+        """
+        boards = self.external.boards
+
+        def count() -> int:
+            entry = boards[scope].local_entries().get(key)
+            return -1 if entry is None else entry.sequence_id
+
+        return self._find_change(count, position)
+
+    def find_end(self, uid: int, position: int) -> int | None:
+        """Return the last of the first *position* steps in which a node succeeded or failed; None if none is.
+
+        Args:
+            uid: The UID of the node.
+            position: The number of steps.
+
+        Returns:
+            The index of the step.
+        """
+        ends = _Ends(uid)
+        unsubscribe = self.tree.subscribe(ends)
+        try:
+            return self._find_change(lambda: ends.count, position)
+        finally:
+            unsubscribe()
+
+    def _find_change(self, count: Callable[[], int], position: int) -> int | None:
+        """Return the last of the first *position* steps that changed *count*, or None."""
+        end = position
+        while end > 0:
+            begin = (end - 1) // STATE_INTERVAL * STATE_INTERVAL
+            self.seek(begin)
+            found = None
+            before = count()
+            while self.position < end and self.step():
+                if count() != before:
+                    found, before = self.position - 1, count()
+            if found is not None:
+                return found
+            end = begin
+        return None
 
     def _find_tick(self, tick: int) -> int:
         return next((index for index, step in enumerate(self.steps, 1) if step.tick == tick), -1)
