@@ -147,6 +147,7 @@ class CauseFinder:
             cause = self._new(position, visit.uid, self._describe(node, visit, own))
             cause.is_passed_on = bool(children) and not own
             self._add_children(cause, children, visit.result)
+            self._add_earlier_child(cause, visit)
             self._add_reads(cause, own, is_input=True)
             return cause
         self._add_children(cause, children, visit.result)
@@ -163,6 +164,19 @@ class CauseFinder:
                 cause.causes.append(self.explain_result(cause.position, child))
                 cause.causes[-1].is_context = child.result is not ordered[0].result or result is None
 
+    def _add_earlier_child(self, cause: Cause, visit: Visit) -> None:
+        """Add the result, in an earlier tick, of the child before the first one that was ticked."""
+        siblings = self._nodes[visit.uid - 1].children
+        if visit.before is not RUNNING or not visit.children or self._is_full:
+            return
+        first = next(i for i, each in enumerate(siblings) if each.config.uid == visit.children[0].uid)
+        at = self._replay.find_end(siblings[first - 1].config.uid, cause.position) if first else None
+        if at is None:
+            return
+        end = self.trace(at).visits_of(siblings[first - 1].config.uid)[-1]
+        cause.causes.append(self.explain_result(at, end))
+        cause.causes[-1].is_context = end.result is not visit.result
+
     def _describe(self, node: TreeNode, visit: Visit, reads: Sequence[Read]) -> str:
         """Return why a built-in node had its result."""
         values = _describe_reads(reads)
@@ -172,9 +186,10 @@ class CauseFinder:
             if script is not None and node.config.id == "ScriptCondition":
                 truth = "true" if visit.result is SUCCESS else "false"
                 return f'code="{_one_line(script.script)}" is {truth}: {values}'
-            if values:
-                return f"it returned {name_of(visit.result)}, with {values}"
-            return f"<{node.config.id}> returned {name_of(visit.result)}"
+            values = ", ".join(filter(None, (_describe_literals(node), values)))
+            return (
+                f"<{node.config.id}> returned {name_of(visit.result)}{f', with {values}' if values else ''}"
+            )
         last = min(children[::-1], key=lambda each: each.result is not visit.result)
         same = [child for child in children if child.result is last.result]
         verb = "raised an exception" if last.result is None else f"returned {name_of(last.result)}"
@@ -202,6 +217,7 @@ class CauseFinder:
     def _explain_external(self, position: int, visit: Visit) -> Cause:
         """Explain the result of an external node: an input."""
         step = self._steps[position]
+        node = self._nodes[visit.uid - 1]
         key = self.path(visit.uid)
         error = next(
             (each.error for each in step.inputs if isinstance(each, Raised) and each.uid == visit.uid), None
@@ -210,7 +226,7 @@ class CauseFinder:
             because = f"it raised {error.type}: {_one_line(error.text)}"
         else:
             because = f"it returned {name_of(visit.result)}"
-        values = _describe_reads(visit.reads)
+        values = ", ".join(filter(None, (_describe_literals(node), _describe_reads(visit.reads))))
         if values:
             because += f", with {values}"
         others = {SUCCESS: (FAILURE,), RUNNING: (SUCCESS, FAILURE)}.get(visit.result or IDLE, (SUCCESS,))
@@ -392,6 +408,12 @@ class CauseFinder:
             if fits and each != value and each not in others:
                 others.append(each)
         return [HoldEntry(tick, *read.entry, other) for other in others[:_VALUES_TRIED]]
+
+
+def _describe_literals(node: TreeNode) -> str:
+    """Return the ports of *node* that are literals in the document, for a sentence."""
+    ports = [port for port in node.config.inputs.values() if port.key is None and port.is_explicit]
+    return ", ".join(f'{port.name}="{_one_line(port.text)}"' for port in ports[:6])
 
 
 def _describe_reads(reads: Sequence[Read]) -> str:
