@@ -41,8 +41,8 @@ from btcore_proof.state_graph import StateGraph
 from btcore_proof.state_graph_pictures import MAX_STATES, draw_graph, graph_to_dot
 from btcore_proof.tree_files import MEMORY_MB, declarations_of, fault_in_run, prover_of
 
-LOGGED_CYCLES: Final = 3
-"""How often a log repeats a cycle."""
+RECORDED_CYCLES: Final = 3
+"""How often a recording repeats a cycle."""
 _INTERVAL_S: Final = 0.2
 
 
@@ -104,8 +104,8 @@ _INTERVAL_S: Final = 0.2
     "--save",
     type=click.Path(file_okay=False, path_type=Path),
     metavar="FOLDER",
-    help="Write each counterexample to FOLDER: a log for `btcore replay`, and a test for pytest that fails "
-    "until the tree is mended.",
+    help="Write each counterexample to FOLDER: a recording for `btcore replay`, and a test for pytest that "
+    "fails until the tree is mended.",
 )
 @click.option(
     "--dot",
@@ -234,7 +234,7 @@ def _save(
     plans: Plans,
     declared: Declarations,
 ) -> None:
-    """Write the counterexample of *answer* as a log and as a test."""
+    """Write the counterexample of *answer* as a recording and as a test."""
     run = answer.counterexample
     assert run is not None
     ticks = outcomes_of_ticks(run)
@@ -243,8 +243,8 @@ def _save(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise click.ClickException(f"cannot create '{folder}': {error.strerror}") from error
-    log = folder / f"{name}.btlog"
-    with ExitStack() as open_logs:
+    log = folder / f"{name}.btrec.txt"
+    with ExitStack() as recordings:
         fault = fault_in_run(
             plans,
             answer.question,
@@ -252,8 +252,8 @@ def _save(
             cycle,
             run.given,
             declared,
-            lambda tree: open_logs.enter_context(open_log(tree, log)),
-            LOGGED_CYCLES,
+            lambda tree: recordings.enter_context(open_log(tree, log)),
+            RECORDED_CYCLES,
         )
     if fault is None:
         # Nodes that are no leaves, such as a ManualSelector, have no outcomes.

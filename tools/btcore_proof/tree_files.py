@@ -16,7 +16,7 @@ from btcore.xml.read.read import parse_file, read
 from btcore_proof.answer_text import lines_of_answer
 from btcore_proof.counterexample import TreeMaker
 from btcore_proof.declarations import Declarations, declarations_beside, read_declarations
-from btcore_proof.model_leaves import Choices, ModelPrompt, with_model_leaves
+from btcore_proof.model_leaves import Choices, ModelPrompt, RecordableUnknownValue, with_model_leaves
 from btcore_proof.outcome_replay import CYCLES, ReplayChoices, TickOutcomes, replay_outcomes
 from btcore_proof.propositions import parse_question
 from btcore_proof.prover import PROVED, Prover, Report, beginnings_of, write_entries
@@ -275,7 +275,7 @@ def fault_in_run(
         cycle: The cycle.
         set_before: The entries that the program sets.
         declared: The declarations.
-        attach: Called with the tree before its first tick.
+        attach: Called with the tree before its first tick, to record it.
         cycles: How often the cycle is run.
 
     Raises:
@@ -283,6 +283,8 @@ def fault_in_run(
         QuestionError: The question is invalid.
     """
     choices = ReplayChoices(ticks, None if cycle is None else cycle[0], declared.entries)
+    if attach is not None:
+        choices.unknown_class = RecordableUnknownValue
     return replay_outcomes(_maker(plans, set_before), choices, ticks, question, cycle, attach, cycles)
 
 

@@ -58,22 +58,23 @@ class Encoder:
     def _encode(self, value: object) -> Any:
         cls = type(value)
         self.count += 1
-        if isinstance(value, (str, bytes, list, tuple, dict, deque, set)) and len(value) > MAX_ITEMS:
+        # By the class only: a value may raise if it is used.
+        if issubclass(cls, (str, bytes, list, tuple, dict, deque, set)) and len(value) > MAX_ITEMS:  # type: ignore[arg-type]
             return {"__text": f"{cls.__qualname__} of {len(value):,} items"}
         if cls is int or cls is str or cls is bool or value is None:
             return value
         if cls is float:
             return value if math.isfinite(value) else {"__float": repr(value)}  # type: ignore[arg-type]
-        if isinstance(value, Enum):
-            return {"__enum": self.name(cls), "name": value.name}
+        if issubclass(cls, Enum):
+            return {"__enum": self.name(cls), "name": value.name}  # type: ignore[attr-defined]
         if cls is list:
             return [self._encode(item) for item in value]  # type: ignore[attr-defined]
         if cls is NotReplayable:
             return {"__text": value.text}  # type: ignore[attr-defined]
         if cls is tuple:
             return {"__tuple": [self._encode(item) for item in value]}  # type: ignore[attr-defined]
-        if isinstance(value, dict) and cls is dict:
-            return {"__dict": [[self._encode(key), self._encode(item)] for key, item in value.items()]}
+        if cls is dict:
+            return {"__dict": [[self._encode(key), self._encode(item)] for key, item in value.items()]}  # type: ignore[attr-defined]
         if cls is deque:
             return {"__deque": [self._encode(item) for item in value]}  # type: ignore[attr-defined]
         if cls is set:
@@ -81,8 +82,8 @@ class Encoder:
             return {"__set": sorted(items, key=repr)}  # equal sets have equal forms
         if cls is bytes:
             return {"__bytes": base64.b64encode(value).decode()}  # type: ignore[arg-type]
-        if is_dataclass(value) and not isinstance(value, type):
-            encoded = {field.name: self._encode(getattr(value, field.name)) for field in fields(value)}
+        if is_dataclass(cls):
+            encoded = {field.name: self._encode(getattr(value, field.name)) for field in fields(cls)}
             return {"__type": self.name(cls), **encoded}
         return {"__text": repr(value)[:MAX_TEXT]}
 
