@@ -85,7 +85,7 @@ class RecordableUnknownValue(UnknownValue):
 
     __slots__ = ()
 
-    def __repr__(self) -> str:
+    def __repr__(self) -> str:  # type: ignore[override]
         return "?"
 
 

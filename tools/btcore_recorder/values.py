@@ -20,6 +20,7 @@ MAX_ITEMS: Final = 100_000
 """Maximum length of a text, list or dictionary that is replayable."""
 MAX_TEXT: Final = 1_000
 """Maximum length of the text of a value that is not replayable."""
+_SIZED: Final = (str, bytes, list, tuple, dict, deque, set)
 EXCLUDED: Final = {"__text": "excluded"}
 """Stands for the value of an entry that is not recorded."""
 _BUILTIN_ENUMS: Final[dict[str, type[Enum]]] = {
@@ -59,7 +60,7 @@ class Encoder:
         cls = type(value)
         self.count += 1
         # By the class only: a value may raise if it is used.
-        if issubclass(cls, (str, bytes, list, tuple, dict, deque, set)) and len(value) > MAX_ITEMS:  # type: ignore[arg-type]
+        if issubclass(cls, _SIZED) and len(value) > MAX_ITEMS:  # type: ignore[arg-type]
             return {"__text": f"{cls.__qualname__} of {len(value):,} items"}
         if cls is int or cls is str or cls is bool or value is None:
             return value
