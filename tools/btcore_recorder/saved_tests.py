@@ -207,7 +207,7 @@ def _wrap(text: str) -> list[str]:
     """Return the lines of a text in a docstring."""
     printable = "".join(letter if letter.isprintable() else " " for letter in text)
     plain = printable.replace("\\", "/").replace('"', "'")
-    return textwrap.wrap(plain, _LINE_LENGTH - 4, max_lines=4, break_long_words=False)
+    return textwrap.wrap(plain, _LINE_LENGTH - 4, max_lines=4)
 
 
 def _text(text: str) -> str:

@@ -170,7 +170,10 @@ class RerunOptions(Options):
         for existing in (test, file):
             if existing.exists():
                 raise click.UsageError(f"{existing} exists already; --save-test does not overwrite it.")
-        recording = cut(read_recording(log), from_s, to_s)
+        recording = read_recording(log)
+        if recording.damage:
+            terminal.print_warning(f"{log}: {recording.damage}")
+        recording = cut(recording, from_s, to_s)
         if self.shrink:
             shrunk = shrink(recording)
             recording = shrunk.recording
