@@ -61,18 +61,17 @@ def cut(recording: RunRecording, from_s: float | None = None, to_s: float | None
             the recording.
     """
     head, steps = recording.head, recording.steps
-    times = [(step.time - head.time) / NS_PER_S if step.tick else None for step in steps]
-    first = last = 0
+    ticks = [(at, (step.time - head.time) / NS_PER_S) for at, step in enumerate(steps) if step.tick]
+    first, last = 0, len(steps)
     if from_s is not None:
-        first = next((at for at, time in enumerate(times) if time is not None and time >= from_s), len(steps))
-    last = len(steps)
+        first = next((at for at, time in ticks if time >= from_s), last)
     if to_s is not None:
-        last = next((at for at, time in enumerate(times) if time is not None and time > to_s), last)
-    if not any(step.tick for step in steps[first:last]):
-        known = [time for time in times if time is not None] or [0.0]
-        raise LogError(
-            f"there are no ticks in this time range; the ticks are at {known[0]:.3f} s to {known[-1]:.3f} s"
+        last = next((at for at, time in ticks if time > to_s), last)
+    if not any(first <= at < last for at, _ in ticks):
+        known = (
+            f"the ticks are at {ticks[0][1]:.3f} s to {ticks[-1][1]:.3f} s" if ticks else "there is no tick"
         )
+        raise LogError(f"there are no ticks in this time range; {known}")
     gaps = {segment.position: segment for segment in recording.segments if segment.gap}
     inner = next((steps[at].tick for at in sorted(gaps) if first < at < last), None)
     if inner is not None:

@@ -111,14 +111,14 @@ def find_failure(recording: RunRecording, run: ChangedRun) -> str:
     if run.failure is not None:
         return str(run.failure)
     failed = (step.tick for step in recording.steps if step.tick and step.status in (FAILURE, IDLE))
-    last = next(failed, 0)
-    if run.end == "no result is recorded" and (run.ticks < last or run.unmatched):
+    failed_in = next(failed, 0)
+    if run.end == "no result is recorded" and (run.ticks < failed_in or run.unmatched):
         unmatched = join_names(run.unmatched, "and")
         removed = f", and the tree has no {unmatched}, whose results are recorded" if unmatched else ""
         return (
-            f"the run ends in tick {run.ticks} (the recorded failure is in tick {last}), because no result "
-            f"is recorded for '{run.ended_at}'{removed}: if a node was renamed, pass matches={{old path: new "
-            "path}; otherwise record the run again"
+            f"the run ends in tick {run.ticks} (the recorded failure is in tick {failed_in}), because no "
+            f"result is recorded for '{run.ended_at}'{removed}: if a node was renamed, pass matches={{old path: "
+            "new path}; otherwise record the run again"
         )
     return ""
 
@@ -156,8 +156,10 @@ def source_of_test(
     ticks = [step.tick for step in recording.steps if step.tick]
     began = _date(recording.head.wall_time)
     about = [f"A recorded run of '{recording.head.tree_id}'{began}, ticks {ticks[0]} to {ticks[-1]}."]
-    assertion = "assert_runs_as_recorded"
-    if recorded.failure is not None:
+    if recorded.failure is None:
+        assertion = "assert_runs_as_recorded"
+        about.append("The test fails if the tree does anything else.")
+    else:
         assertion = "assert_does_not_fail"
         about += [f"What happened: {recorded.failure}.", "The test fails until the tree is mended."]
     arguments = [f"FOLDER / {_text(file.name)}"]
@@ -175,7 +177,7 @@ def source_of_test(
         f'"""{first}',
         "",
         *others,
-        *([""] if others else []),
+        "",
         "Saved by `btcore replay --save-test`.",
         '"""',
         "",
