@@ -117,8 +117,8 @@ def find_failure(recording: RunRecording, run: ChangedRun) -> str:
         removed = f", and the tree has no {unmatched}, whose results are recorded" if unmatched else ""
         return (
             f"the run ends in tick {run.ticks} (the recorded failure is in tick {failed_in}), because no "
-            f"result is recorded for '{run.ended_at}'{removed}: if a node was renamed, pass matches={{old path: "
-            "new path}; otherwise record the run again"
+            f"result is recorded for '{run.ended_at}'{removed}: if a node was renamed, pass "
+            "matches={old path: new path}; otherwise record the run again"
         )
     return ""
 
