@@ -38,8 +38,8 @@ LANES := $(addprefix test-,core monitor robot sim tools docs)
 # the others execute hardly a compiled line that these do not.
 COMPILED_TESTS := $(addprefix tests/btcore/,blackboard engine loading nodes registry script test_builds.py \
 	test_status.py tree values xml/plan xml/read/test_element.py) tests/conformance tests/fuzz tests/properties \
-	tests/regressions/btcore tests/tools/btcore_batch tests/tools/btcore_recorder/test_replay.py \
-	tests/tools/btcore_recorder/test_what_if.py tests/docs/test_docstring_examples.py
+	tests/regressions/btcore tests/tools/btcore_batch tests/docs/test_docstring_examples.py \
+	$(addprefix tests/tools/btcore_recorder/,test_excerpts.py test_replay.py test_what_if.py)
 # Tests that wait for other processes run first: meanwhile other tests use the cores, and the last tests do not wait.
 WAITING := $(wildcard tests/test_*.py) tests/tools/
 ALL_TESTS := $(WAITING) $(filter-out $(WAITING) tests/__pycache__/,$(wildcard tests/*/))

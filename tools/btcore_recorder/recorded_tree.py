@@ -311,7 +311,7 @@ def load_recorded(head: Head, external: ExternalCode, clock: StandInClock) -> Tr
     registry = external.registry
     registry.add_enum(head.enums)
     for recorded in head.classes:
-        if recorded.id in registry:
+        if registry.get(recorded.id, head.format) is not None:
             registry.remove(recorded.id)
         registry.add(_stand_in_class(recorded, external), ID=recorded.id)
     for uid, recorded in head.replaced.items():

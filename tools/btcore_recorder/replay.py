@@ -11,10 +11,10 @@ from btcore.engine.observers import Observer
 from btcore.engine.transition_records import Transitions
 from btcore.errors import BtcoreError, NodeExecutionError, TickInterrupt
 from btcore.logs.files import LogError
-from btcore.status import FAILURE, IDLE, SUCCESS
+from btcore.status import FAILURE, IDLE, SUCCESS, Status
 from btcore.tree.tree import Tree
 from btcore_recorder.files import read_recording
-from btcore_recorder.inputs import RunRecording, Segment, TreeState
+from btcore_recorder.inputs import RunRecording, Segment, Step, TreeState
 from btcore_recorder.recorded_tree import ExternalCode, Inputs, StandInClock, add_callbacks, load_recorded
 from btcore_recorder.tree_state import capture, describe_difference, restore_entries, restore_nodes
 from btcore_recorder.values import Encoder
@@ -175,7 +175,7 @@ class Replay:
         self.external.begin_step()
         inputs, external = self._inputs, self.external
         status = IDLE
-        raised = ""
+        error: NodeExecutionError | None = None
         try:
             inputs.begin(step.before)
             while (event := inputs.take()) is not None:
@@ -188,8 +188,8 @@ class Replay:
                 status = self.tree.tick_exactly_once()
             else:
                 self.tree.halt()
-        except NodeExecutionError as error:
-            raised = f": {error.cause}"
+        except NodeExecutionError as raised:
+            error = raised
         except TickInterrupt:
             pass
         left = inputs.next
@@ -197,15 +197,23 @@ class Replay:
         if external.difference is None:
             if left is not None:
                 external.difference = external.words(left), "the step ends"
-            elif status is not step.status:
-                now = f"the result is {status.name}{raised}"
-                external.difference = f"the result is {step.status.name}", now
-            elif self._checksum.value != step.checksum:
-                external.difference = "other transitions", "transitions with another checksum"
+            else:
+                external.difference = self._compare(step, status, error)
         if external.difference is not None:
             place = ("", "") if node is None else (node.path, node.config.where)
             self.difference = Difference(self.position, step.tick, *external.difference, *place)
         return self.difference is None
+
+    def _compare(
+        self, step: Step, status: Status, error: NodeExecutionError | None
+    ) -> tuple[str, str] | None:
+        """Return the difference between the recorded and the present end of *step*, or None."""
+        if status is not step.status:
+            raised = "" if error is None else f": {error.cause}"
+            return f"the result is {step.status.name}", f"the result is {status.name}{raised}"
+        if self._checksum.value != step.checksum:
+            return "other transitions", "transitions with another checksum"
+        return None
 
     def _begin_segment(self, segment: Segment) -> None:
         self._checksum.value = 0
@@ -268,6 +276,8 @@ class Replay:
         if not self.seek(begin):
             raise BtcoreError(f"the replay differs from the recording: {self.difference}")
         state = capture(self.tree, self.external.boards, self._encoder.encode)
+        if begin in self._segments and self._segments[begin].gap:
+            state = self._segments[begin].state
         head = self.recording.head
         time = next((step.time for step in self.steps[begin::-1] if step.time >= 0), head.time)
         head = head._replace(state=state, time=time, wall_time=head.wall_time + time - head.time)

@@ -6,22 +6,28 @@ begins in another tick than the recorded one is an assumption: the robot might h
 """
 
 from collections import Counter, defaultdict, deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
+from btcore.blackboard.ports import Port
 from btcore.engine.journal import ExternalHaltBegan, Paused, StatusForced, TimeRead
 from btcore.engine.node import TreeNode, reset_status
 from btcore.engine.observers import Observer
 from btcore.errors import BtcoreError, NodeExecutionError, TickInterrupt
+from btcore.registry.registry import Registry
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status, Transition
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
+from btcore.xml.models.model_file import collect_ports
+from btcore.xml.read.read import parse_text, read
+from btcore_recorder.failures import Failure, FailureObserver
 from btcore_recorder.inputs import (
     ExternalHaltEnded,
     Head,
     Input,
     Raised,
+    RecordedClass,
     Result,
     RunRecording,
     ScriptRun,
@@ -84,6 +90,8 @@ class ChangedRun(NamedTuple):
         recorded: The first transition that differs, as recorded; "" if there is none.
         now: The same in the changed run.
         assumed_from: The first tick that rests on an assumption; None if there is none.
+        failure: Where it failed first; None if it did not.
+        unmatched: The paths of the nodes whose results are recorded, but which the tree does not have.
     """
 
     ticks: int
@@ -94,6 +102,8 @@ class ChangedRun(NamedTuple):
     recorded: str
     now: str
     assumed_from: int | None
+    failure: Failure | None
+    unmatched: Sequence[str]
 
     @property
     def is_same(self) -> bool:
@@ -127,7 +137,8 @@ class ChangedRun(NamedTuple):
 
     def as_data(self) -> dict[str, object]:
         """Return the run as data of JSON."""
-        return {**self._asdict(), "status": self.status.name, "same": self.is_same}
+        failure = None if self.failure is None else self.failure._asdict()
+        return {**self._asdict(), "status": self.status.name, "failure": failure, "same": self.is_same}
 
 
 @dataclass
@@ -192,6 +203,8 @@ class _Tracer(ExternalCode):
 
     def halt(self, node: TreeNode) -> None:
         known = self.activations[node.config.uid]
+        if not known and node.status is RUNNING:  # since before the recording
+            known.append(_Activation(self.present_tick))
         self._taken.append(known[-1].halt if known else [])
         try:
             super().halt(node)
@@ -282,7 +295,11 @@ class _Activations(ExternalCode):
     def halt(self, node: TreeNode) -> None:
         key = self.keys[node.config.uid - 1]
         present = self._present.pop(key, None)
-        for event in () if present is None else present[0].halt:
+        activation = None if present is None else present[0]
+        left = self._left.get(key)
+        if activation is None and node.status is RUNNING and left and not left[0].ticks:
+            activation = left.popleft()
+        for event in () if activation is None else activation.halt:
             if isinstance(event, ExternalHaltEnded):
                 if event.error is not None:
                     self.raise_error(event.error)
@@ -389,6 +406,7 @@ class ChangedReplay:
         status: The result of the last tick.
         end: Why the run ended; "the recording ended" until then.
         ended_at: The path of the node that raised or lacks a result; else "".
+        unmatched: The paths of the recorded nodes that the other tree does not have.
 
     Raises:
         TreeError: The other tree cannot be loaded.
@@ -407,9 +425,8 @@ class ChangedReplay:
         if any(segment.gap for segment in recording.segments):
             raise BtcoreError("the recording has a gap: what follows it cannot be changed")
         if document is not None:
-            if any(node.status is not IDLE for node in head.state.nodes):
-                raise BtcoreError("the recording begins within a run: it has no start for another tree")
             head = head._replace(documents=_exchange(head, document))
+            head = head._replace(classes=(*head.classes, *_new_leaves(head, run.tree)))
         matches = matches or {}
         for old in matches:
             _check_node(old, run.keys, "the recorded tree")
@@ -430,9 +447,15 @@ class ChangedReplay:
         recorded_uids = {uid: matches.get(key, key) for uid, key in enumerate(run.keys, start=1)}
         external.uids = {uid: uids[key] for uid, key in recorded_uids.items() if key in uids}
         external.scopes = _match_scopes(run.tree, tree, len(head.outer))
-        if document is None:
+        if document is None or _nodes(tree) == _nodes(run.tree):
             entries = restore_entries(head.state, external.boards, external.entry)
             restore_nodes(head.state, tree, entries, external.decode)
+        elif any(node.status is not IDLE for node in head.state.nodes):
+            raise BtcoreError(
+                "the recording begins within a run: it has no start for a tree with other nodes; use a "
+                "recording that begins earlier"
+            )
+        self.unmatched = [key for key in activations if key not in external.keys]
         self.position = 0
         self.status = IDLE
         self.end: EndReason = "the recording ended"
@@ -508,8 +531,9 @@ def run_changed(
     """Run a recording again with changes, and compare it with the recorded run; see `ChangedReplay`."""
     run = RecordedRun(recording)
     changed = ChangedReplay(run, changes, document, matches)
-    collected = PathTransitions(changed.tree)
+    collected, failures = PathTransitions(changed.tree), FailureObserver(changed.tree)
     changed.tree.subscribe(collected)
+    changed.tree.subscribe(failures)
     while changed.step():
         pass
     changed.tree.flush_observers()
@@ -527,15 +551,42 @@ def run_changed(
         "" if first is None else str(first),
         "" if second is None else str(second),
         changed.assumed_from,
+        failures.found,
+        changed.unmatched,
     )
 
 
 def _exchange(head: Head, document: tuple[str, str]) -> tuple[tuple[str, str, bool], ...]:
-    """Return the documents of *head* with another main document."""
-    main = next(index for index, (_, _, is_shared) in enumerate(head.documents) if not is_shared)
-    exchanged = list(head.documents)
-    exchanged[main] = (*document, False)
-    return tuple(exchanged)
+    """Return the documents of *head* with another main document, and the files that it includes."""
+    file, text = document
+    sources = read(parse_text(text, file))
+    if sources.diagnostics.errors:  # an included file is elsewhere
+        return *head.documents[:-1], (*document, False)
+    shared = (each for each in head.documents if each[2])
+    return *shared, *((each.file, each.text, False) for each in sources.documents)
+
+
+def _new_leaves(head: Head, recorded: Tree) -> Iterator[RecordedClass]:
+    """Yield the classes of leaves that are neither built in nor recorded, and have no recorded name."""
+    nodes = Registry.standard()
+    roots = [parse_text(text, file).root for file, text, _ in head.documents]
+    trees = [tree for root in roots for tree in root.iterchildren("BehaviorTree")]
+    known = {each.id for each in head.classes} | {tree.get("ID") for tree in trees}
+    names = {node.name for node in recorded.nodes}
+    found: dict[str, dict[str, Port]] = {}
+    for element in (element for tree in trees for child in tree.children for element in child.iter()):
+        id = element.get("ID") if element.tag in ("Action", "Condition") else element.tag
+        is_known = id is None or id in known or nodes.get(id, head.format) is not None
+        if not (is_known or element.children or element.get("name") in names):
+            collect_ports(element, found.setdefault(str(id), {}), head.format)
+    for id, ports in found.items():
+        described = [(port.name, port.direction.name, "BT::AnyTypeAllowed", None) for port in ports.values()]
+        yield RecordedClass(id, "leaf", "ACTION", False, tuple(described))
+
+
+def _nodes(tree: Tree) -> list[tuple[str, str]]:
+    """Return the keys and the IDs of the nodes."""
+    return [(key, node.config.id) for key, node in zip(keys_of(tree), tree.nodes, strict=True)]
 
 
 def _check_node(key: str, keys: Sequence[str], where: str) -> None:
