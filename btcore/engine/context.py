@@ -58,8 +58,7 @@ class TreeContext:
         has_timed_out: Whether the limit of `set_tick_limit` ended the tick.
         stopped_ns: How long breakpoints have stopped the present tick (ns of real time).
         uses_time: Whether a node has read the clock, so that the tree reads it at the start of each tick.
-        tick_start: The time (ns) at which the present tick began, by which its timers are judged; -1 = not
-            known.
+        tick_start: The time (ns) at which the present tick began, by which its timers are judged, or -1.
         journal: Records what the ticks depend on; None = nothing is recorded.
         recorded_pause: In a replay, answers `must_pause` as in the recorded run.
     """

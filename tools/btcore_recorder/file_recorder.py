@@ -4,7 +4,7 @@ import logging
 import os
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -13,10 +13,9 @@ from typing import Any, Final, NamedTuple, Self
 from btcore.clock import NS_PER_S
 from btcore.logs.files import LogError, create, ensure_writable, write_whole
 from btcore.output_files import write_file
-from btcore.status import Status
 from btcore.tree.tree import Tree
 from btcore_recorder.files import form_for
-from btcore_recorder.inputs import TreeState
+from btcore_recorder.inputs import Head, TreeState
 from btcore_recorder.lines import Line, head_lines, segment_lines
 from btcore_recorder.recorder import RawStep, Recorder
 
@@ -196,6 +195,33 @@ class _Segment:
         self.steps: list[RawStep] = []
 
 
+class KeptSteps(NamedTuple):
+    """What a `RingRecorder` has kept. Any thread may write it, also while the tree is ticked."""
+
+    head: Head
+    paths: Sequence[str]
+    segments: Sequence[_Segment]
+    lines: Callable[[RawStep], list[Line]]
+
+    def write(self, path: Path) -> None:
+        """Write a recording.
+
+        Raises:
+            LogError: The file cannot be written.
+        """
+        form, head, first = form_for(path), self.head, self.segments[0]
+        form.add(head_lines(head._replace(state=first.state), self.paths), head.wall_time)
+        for segment in self.segments:
+            if segment is not first:
+                form.add(segment_lines("", segment.state), head.wall_time + segment.time - head.time)
+            for step in segment.steps:
+                form.add(self.lines(step), head.wall_time + step.time - head.time)
+        try:
+            write_file(path, form.take_end())
+        except OSError as error:
+            raise LogError(f"{path}: cannot write the recording: {error.strerror or error}") from None
+
+
 class RingRecorder:
     """Keeps the last ticks and halts of *tree* in memory: of `RING_DURATION_S`, and at most `RING_BYTES`.
 
@@ -203,30 +229,51 @@ class RingRecorder:
         tree: The tree, between two ticks.
         path: The file to which `save` writes, `….btrec.txt` or `….mcap`.
         exclude: Patterns of keys; the values of these entries are not recorded.
+        on_halt: Called after each halt of the whole tree that is not a part of a tick.
+        gives_way: Whether another recorder of the tree ends this recording.
+
+    Attributes:
+        path: The file.
+        is_halted: Whether the last step was such a halt.
 
     Raises:
         BtcoreError: The tree is in a tick, is being recorded, or is not from a document.
         LogError: The file cannot be written, or its name has another extension.
     """
 
-    def __init__(self, tree: Tree, path: str | os.PathLike[str], exclude: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        tree: Tree,
+        path: str | os.PathLike[str],
+        exclude: Sequence[str] = (),
+        on_halt: Callable[[], object] = lambda: None,
+        gives_way: bool = False,
+    ) -> None:
         self.path = Path(path)
         form_for(self.path)  # checks the name
         is_new = not self.path.exists()
         ensure_writable(self.path)
         if is_new:
             self.path.unlink()
+        self.is_halted = False
         self._tree = tree
+        self._on_halt = on_halt
         self._types: dict[str, Any] = {}
         self._recorder = Recorder(tree, self._add_step, self._types.__setitem__, exclude)
+        self._recorder.gives_way = gives_way
         head = self._recorder.head
         self._value_count = 0
         self._segments = deque([_Segment(head.state, head.time)])
 
     @property
-    def last_result(self) -> Status:
-        """The result of the last tick that raised no exception."""
-        return self._recorder.last_result
+    def has_failed(self) -> bool:
+        """Whether the last tick ended in FAILURE or raised an exception, and is kept here."""
+        return self._recorder.has_failed and self.has_steps
+
+    @property
+    def has_steps(self) -> bool:
+        """Whether a tick or halt is kept."""
+        return any(segment.steps for segment in self._segments)
 
     def close(self) -> None:
         """End the recording. Call it while no tick is in progress."""
@@ -239,19 +286,19 @@ class RingRecorder:
             LogError: The file cannot be written.
         """
         self.close()
-        form, head = form_for(self.path), self._recorder.head
-        head = head._replace(state=self._segments[0].state, types={**head.types, **self._types})
-        form.add(head_lines(head, [node.path for node in self._tree.nodes]), head.wall_time)
-        for segment in self._segments:
-            time = head.wall_time + segment.time - head.time
-            if segment is not self._segments[0]:
-                form.add(segment_lines("", segment.state), time)
-            for step in segment.steps:
-                form.add(self._recorder.lines(step), head.wall_time + step.time - head.time)
-        try:
-            write_file(self.path, form.take_end())
-        except OSError as error:
-            raise LogError(f"{self.path}: cannot write the recording: {error.strerror or error}") from None
+        self._kept_steps().write(self.path)
+
+    def take(self) -> KeptSteps:
+        """Return what is kept, and begin again with the present state. Call it between two ticks."""
+        kept = self._kept_steps()
+        self._segments = deque([_Segment(self._recorder.capture(), self._segments[-1].time)])
+        return kept
+
+    def _kept_steps(self) -> KeptSteps:
+        head = self._recorder.head
+        head = head._replace(types={**head.types, **self._types})
+        paths = [node.path for node in self._tree.nodes]
+        return KeptSteps(head, paths, self._segments, self._recorder.lines)
 
     def _add_step(self, step: RawStep) -> None:
         segments, last = self._segments, self._segments[-1]
@@ -269,6 +316,9 @@ class RingRecorder:
                 or step.time - segments[1].time > RING_DURATION_S * NS_PER_S
             ):
                 segments.popleft()
+        self.is_halted = step.is_halt
+        if step.is_halt:
+            self._on_halt()
 
 
 def record(tree: Tree, path: str | os.PathLike[str], exclude: Sequence[str] = ()) -> FileRecorder:

@@ -1,6 +1,7 @@
 """The provider of `btcore run --record`: it records what the ticks of a run's tree depend on."""
 
 import logging
+import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal
@@ -10,11 +11,10 @@ from btcore.options import option
 from btcore.output_files import numbered_file
 from btcore.runs.providers import Report, provider
 from btcore.runs.settings import Settings
-from btcore.status import FAILURE
 from btcore.tree.tree import Tree
 
 if TYPE_CHECKING:
-    from btcore_recorder.file_recorder import FileRecorder, RingRecorder
+    from btcore_recorder.file_recorder import FileRecorder, KeptSteps, RingRecorder
 
 _FAILED_ENDS: Final = ("raised", "interrupted", "program_error")
 _log = logging.getLogger("btcore")
@@ -27,16 +27,18 @@ class RecordingSettings(Settings):
         Path,
         option(
             "Record to FILE (….btrec.txt or ….mcap) what the ticks depend on: results and outputs of leaves, "
-            "times, writes. btcore replay runs such a recording again.",
-            metavar="FILE",
+            "times, writes. btcore replay runs such a recording again. In a folder, each tree gets a file, "
+            "and the oldest files beyond 500 MB are removed.",
+            metavar="FILE|FOLDER",
             one_run_only=True,
+            may_be_folder=True,
         ),
     ]
     record_on: Annotated[
-        Literal["always", "failure"],
+        Literal["always", "failure", "never"],
         option(
             "Write the recording always; or only if the run fails, by a result or an exception, or is "
-            "interrupted: then its last 10 minutes (at most 50 MB), which are kept in memory.",
+            "interrupted: then its last 10 minutes (at most 50 MB), which are kept in memory; or never.",
             one_run_only=True,
         ),
     ] = "always"
@@ -54,31 +56,43 @@ class TreeRecordings:
     """The recordings of a tree, and of those that replace it."""
 
     def __init__(self, settings: RecordingSettings, report: Report) -> None:
+        from btcore_recorder.files import RecordingFiles
+
         self._settings = settings
         self._report = report
-        self._number = 0
+        self._files = RecordingFiles(settings.record)
         self._recorder: FileRecorder | RingRecorder | None = None
+        self._tree: Tree | None = None
+        self._is_over = False  # whether the program has halted the tree before the end of the run
+        self._writers: list[threading.Thread] = []
         self.incomplete: list[Path] = []
 
     def open(self, tree: Tree) -> None:
-        """Begin to record *tree*."""
+        """Begin to record *tree*.
+
+        Raises:
+            BtcoreError: The tree cannot be recorded, or the file cannot be written.
+        """
         from btcore_recorder.file_recorder import FileRecorder, RingRecorder
 
-        self._number += 1
-        file = numbered_file(self._settings.record, self._number)
-        recorder_class = FileRecorder if self._settings.record_on == "always" else RingRecorder
-        self._recorder = recorder_class(tree, file, self._settings.record_exclude)
+        self._tree = tree
+        file, exclude = self._files.next(tree.id), self._settings.record_exclude
+        if self._settings.record_on == "always":
+            self._recorder = FileRecorder(tree, file, exclude)
+        else:
+            self._recorder = RingRecorder(tree, file, exclude, self._note_halt)
 
     def replace_tree(self, tree: Tree) -> None:
         """End the recording, and record *tree* to a file with the next number in its name.
 
         A tree that cannot be recorded gets a warning, so that the run continues.
         """
-        self.close()
         try:
+            self.close()
             self.open(tree)
         except BtcoreError as error:
-            self.incomplete.append(numbered_file(self._settings.record, self._number))
+            if not self._files.is_folder:
+                self.incomplete.append(numbered_file(self._settings.record, self._files.count))
             _log.warning("%s", error)
 
     def close(self) -> None:
@@ -92,25 +106,65 @@ class TreeRecordings:
         if not isinstance(recorder, RingRecorder):
             if recorder.is_incomplete:
                 self.incomplete.append(recorder.path)
-        elif recorder.last_result is FAILURE or self._report.end_reason in _FAILED_ENDS:
+            self._files.remove_oldest()
+        elif recorder.has_failed or (
+            self._report.end_reason in _FAILED_ENDS and not (self._is_over and recorder.is_halted)
+        ):
             recorder.save()
-            _log.warning("the end of the run is recorded in %s", recorder.path)
+            self._report_file(recorder.path)
+
+    def wait(self) -> None:
+        """Wait until the recordings are written that threads write."""
+        for writer in self._writers:
+            writer.join()
+
+    def _note_halt(self) -> None:
+        """Write the recording of a tree that a server has halted at its end, if it failed.
+
+        The server continues, so that a thread writes the file.
+        """
+        recorder, tree = self._recorder, self._tree
+        assert tree is not None
+        is_interrupted = tree.context.is_interrupted
+        self._is_over = self._report.end_reason is None and not is_interrupted
+        if self._files.is_folder and recorder is not None and (recorder.has_failed or is_interrupted):
+            file, kept = self._files.next(tree.id), recorder.take()
+            writer = threading.Thread(target=self._write, args=(kept, file), daemon=True)
+            self._writers = [*(other for other in self._writers if other.is_alive()), writer]
+            writer.start()
+
+    def _write(self, kept: "KeptSteps", file: Path) -> None:
+        try:
+            kept.write(file)
+        except BtcoreError as error:
+            _log.warning("%s", error)
+        else:
+            self._report_file(file)
+
+    def _report_file(self, file: Path) -> None:
+        _log.warning("the end of the run is recorded in %s", file)
+        self._files.remove_oldest()
 
 
 @provider
 def recorder(settings: RecordingSettings, tree: Tree, report: Report) -> Iterator[object]:
-    """Record the tree to a file.
+    """Record the tree to a file. A program without a tree is not recorded, but the trees that replace it are.
 
     Raises:
         BtcoreError: The tree cannot be recorded, or the file cannot be written.
         OutputError: At the end: steps are missing in the recording.
     """
+    if settings.record_on == "never":
+        yield None
+        return
     recordings = TreeRecordings(settings, report)
-    recordings.open(tree)
+    if tree.documents:
+        recordings.open(tree)
     try:
         yield recordings
     finally:
         recordings.close()
+        recordings.wait()
         if recordings.incomplete:
             names = ", ".join(map(str, recordings.incomplete))
             raise OutputError(f"recordings are incomplete: {names}")

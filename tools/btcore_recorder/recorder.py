@@ -15,9 +15,9 @@ from btcore.engine.node import start_recording, stop_recording
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.observers import Observer
 from btcore.engine.transition_records import Transitions
-from btcore.errors import BtcoreError
+from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.registry.manifest import Manifest
-from btcore.status import IDLE, Status
+from btcore.status import FAILURE, IDLE, Status
 from btcore.tree.tree import Tree
 from btcore_recorder.inputs import (
     ExternalHaltEnded,
@@ -55,6 +55,17 @@ class RawStep(NamedTuple):
     checksum: int
     time: int
 
+    @property
+    def is_halt(self) -> bool:
+        """Whether the step is a halt that is not a part of a tick."""
+        end = self.records[-1]
+        # What other threads wrote before the step comes first.
+        return (
+            isinstance(end, journal.StepEnded)
+            and end.status is IDLE
+            and any(type(event) is journal.HaltBegan for event in self.records[1::2])
+        )
+
 
 class Recorder(Observer):
     """Records the ticks and halts of *tree* until it is closed.
@@ -67,7 +78,8 @@ class Recorder(Observer):
 
     Attributes:
         head: The head of the recording.
-        last_result: The result of the last tick that raised no exception; at first IDLE.
+        has_failed: Whether the last tick ended in FAILURE, or raised an exception.
+        gives_way: Whether another recorder of the tree ends this recording.
 
     Raises:
         BtcoreError: The tree is in a tick, is being recorded, or is not from a document, or the substitution
@@ -83,6 +95,10 @@ class Recorder(Observer):
     ) -> None:
         if tree._in_tick:
             raise BtcoreError(f"tree '{tree.id}' is in a tick: begin to record it between two ticks")
+        observers = tree.context.observers
+        for other in () if observers is None else observers.observers:
+            if isinstance(other, Recorder) and other.gives_way:
+                other.close()
         if tree.context.journal is not None:
             raise BtcoreError(f"tree '{tree.id}' is being recorded already")
         self._tree = tree
@@ -92,7 +108,8 @@ class Recorder(Observer):
         self._encoder = Encoder(types.__setitem__)
         self._boards = scopes_of(tree)
         self._scopes = {id(board): index for index, board in enumerate(self._boards)}
-        self.last_result = IDLE
+        self.has_failed = False
+        self.gives_way = False
         self._time = tree.clock.now()
         self._checksum = 0
         self._records: list[object] | None = None
@@ -199,11 +216,15 @@ class Recorder(Observer):
 
     def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
         """Deliver the step, now that its transitions are known."""
-        self.last_result = status
+        self.has_failed = status is FAILURE
         self._time = self._tree.context.tick_start
         if self._records is not None:
             records, self._records = self._records, None
             self._deliver(RawStep(records, self._checksum, self._time))
+
+    def raised(self, error: NodeExecutionError, stamp: int) -> None:
+        """Note that the tick, or a halt, has failed."""
+        self.has_failed = True
 
     def _end_step(self, records: list[object]) -> None:
         end = records[-1]
