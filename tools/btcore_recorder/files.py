@@ -96,7 +96,7 @@ class RecordingFiles:
         self._path = path
 
     def next(self, tree_id: str) -> Path:
-        """Return the name of the next recording; its folder is created.
+        """Return the name of the next recording. A folder is created, and its oldest recordings are removed.
 
         Raises:
             LogError: The folder cannot be created.
@@ -108,18 +108,16 @@ class RecordingFiles:
             self._path.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise LogError(f"{self._path}: cannot create the folder: {error.strerror or error}") from None
+        self._remove_oldest()
         tree = re.sub(r"[^\w-]", "_", tree_id)[:60]
         now = datetime.now().strftime("%Y-%m-%dT%H-%M-%S")
         return self._path / f"{now}_{tree}_{os.getpid()}-{self.count}{TEXT}"
 
-    def remove_oldest(self) -> None:
-        """Remove the oldest recordings of a folder whose size exceeds `FOLDER_BYTES`; the newest remains."""
-        if not self.is_folder:
-            return
+    def _remove_oldest(self) -> None:
         with suppress(OSError):  # another process may remove the same files
             named = [file for file in self._path.iterdir() if re.fullmatch(_NAME_IN_FOLDER, file.name)]
             left = FOLDER_BYTES
-            for number, file in enumerate(sorted(named, reverse=True)):
+            for file in sorted(named, reverse=True):
                 left -= file.stat().st_size
-                if left < 0 and number:
+                if left < 0:
                     file.unlink(missing_ok=True)

@@ -17,6 +17,9 @@ if TYPE_CHECKING:
     from btcore_recorder.file_recorder import FileRecorder, KeptSteps, RingRecorder
 
 _FAILED_ENDS: Final = ("raised", "interrupted", "program_error")
+MAX_FILE_SIZE: Final = 50.0
+"""The size (MB) after which a recording in a folder continues in a new file, unless it is given."""
+
 _log = logging.getLogger("btcore")
 
 
@@ -42,6 +45,30 @@ class RecordingSettings(Settings):
             one_run_only=True,
         ),
     ] = "always"
+    record_max_size: (
+        Annotated[
+            float,
+            option(
+                "Continue the recording in a new file, such as run.2.btrec.txt, beyond MB megabytes.",
+                metavar="MB",
+                gt=0,
+                one_run_only=True,
+            ),
+        ]
+        | None
+    ) = None
+    record_max_time: (
+        Annotated[
+            float,
+            option(
+                "Continue the recording in a new file after S seconds of the tree's clock.",
+                metavar="S",
+                gt=0,
+                one_run_only=True,
+            ),
+        ]
+        | None
+    ) = None
     record_exclude: Annotated[
         tuple[str, ...],
         option(
@@ -61,7 +88,8 @@ class TreeRecordings:
         self._settings = settings
         self._report = report
         self._files = RecordingFiles(settings.record)
-        self._recorder: FileRecorder | RingRecorder | None = None
+        self._file_recorder: FileRecorder | None = None
+        self._ring: RingRecorder | None = None
         self._tree: Tree | None = None
         self._is_over = False  # whether the program has halted the tree before the end of the run
         self._writers: list[threading.Thread] = []
@@ -73,14 +101,19 @@ class TreeRecordings:
         Raises:
             BtcoreError: The tree cannot be recorded, or the file cannot be written.
         """
-        from btcore_recorder.file_recorder import FileRecorder, RingRecorder
+        from btcore_recorder.file_recorder import FileRecorder, RingRecorder, Rotation
 
         self._tree = tree
-        file, exclude = self._files.next(tree.id), self._settings.record_exclude
-        if self._settings.record_on == "always":
-            self._recorder = FileRecorder(tree, file, exclude)
+        settings, files = self._settings, self._files
+        file, exclude = files.next(tree.id), settings.record_exclude
+        if settings.record_on == "always":
+            max_size = settings.record_max_size or (MAX_FILE_SIZE if files.is_folder else None)
+            rotation = Rotation(
+                lambda: files.next(tree.id), max_size and max_size * 1e6, settings.record_max_time
+            )
+            self._file_recorder = FileRecorder(tree, file, exclude, rotation)
         else:
-            self._recorder = RingRecorder(tree, file, exclude, self._note_halt)
+            self._ring = RingRecorder(tree, file, exclude, self._note_halt)
 
     def replace_tree(self, tree: Tree) -> None:
         """End the recording, and record *tree* to a file with the next number in its name.
@@ -91,27 +124,21 @@ class TreeRecordings:
             self.close()
             self.open(tree)
         except BtcoreError as error:
-            if not self._files.is_folder:
-                self.incomplete.append(numbered_file(self._settings.record, self._files.count))
-            _log.warning("%s", error)
+            self._note_error(error, numbered_file(self._settings.record, self._files.count))
 
     def close(self) -> None:
         """End the recording. The end of a failed run is written now."""
-        recorder, self._recorder = self._recorder, None
-        if recorder is None:
-            return
-        recorder.close()
-        from btcore_recorder.file_recorder import RingRecorder
-
-        if not isinstance(recorder, RingRecorder):
+        recorder, self._file_recorder = self._file_recorder, None
+        if recorder is not None:
+            recorder.close()
             if recorder.is_incomplete:
                 self.incomplete.append(recorder.path)
-            self._files.remove_oldest()
-        elif recorder.has_failed or (
-            self._report.end_reason in _FAILED_ENDS and not (self._is_over and recorder.is_halted)
-        ):
-            recorder.save()
-            self._report_file(recorder.path)
+        ring, self._ring = self._ring, None
+        if ring is not None:
+            ring.close()
+            is_end = self._report.end_reason in _FAILED_ENDS and not (self._is_over and ring.is_halted)
+            if ring.has_failed or is_end:
+                self._write(ring.take(), "", ring.path)
 
     def wait(self) -> None:
         """Wait until the recordings are written that threads write."""
@@ -123,27 +150,28 @@ class TreeRecordings:
 
         The server continues, so that a thread writes the file.
         """
-        recorder, tree = self._recorder, self._tree
+        ring, tree = self._ring, self._tree
         assert tree is not None
         is_interrupted = tree.context.is_interrupted
         self._is_over = self._report.end_reason is None and not is_interrupted
-        if self._files.is_folder and recorder is not None and (recorder.has_failed or is_interrupted):
-            file, kept = self._files.next(tree.id), recorder.take()
-            writer = threading.Thread(target=self._write, args=(kept, file), daemon=True)
+        if self._files.is_folder and ring is not None and (ring.has_failed or is_interrupted):
+            writer = threading.Thread(target=self._write, args=(ring.take(), tree.id), daemon=True)
             self._writers = [*(other for other in self._writers if other.is_alive()), writer]
             writer.start()
 
-    def _write(self, kept: "KeptSteps", file: Path) -> None:
+    def _write(self, kept: "KeptSteps", tree_id: str, file: Path | None = None) -> None:
         try:
+            file = file or self._files.next(tree_id)
             kept.write(file)
         except BtcoreError as error:
-            _log.warning("%s", error)
+            self._note_error(error, file)
         else:
-            self._report_file(file)
+            _log.warning("the end of the run is recorded in %s", file)
 
-    def _report_file(self, file: Path) -> None:
-        _log.warning("the end of the run is recorded in %s", file)
-        self._files.remove_oldest()
+    def _note_error(self, error: BtcoreError, file: Path | None) -> None:
+        _log.warning("%s", error)
+        if file is not None and not self._files.is_folder:
+            self.incomplete.append(file)
 
 
 @provider

@@ -49,7 +49,9 @@ def pytest_runtest_makereport(
     """Write the recordings of a failed test, and name their files in its report."""
     report = yield
     if report.when == "call" and report.failed:
-        for ring in filter(lambda ring: ring.has_steps, item.stash.get(_RINGS, [])):
+        for ring in item.stash.get(_RINGS, []):
+            if not ring.has_steps:
+                continue
             try:
                 ring.save()
             except BtcoreError as error:

@@ -95,6 +95,7 @@ class Recorder(Observer):
     ) -> None:
         if tree._in_tick:
             raise BtcoreError(f"tree '{tree.id}' is in a tick: begin to record it between two ticks")
+        self.gives_way = False
         observers = tree.context.observers
         for other in () if observers is None else observers.observers:
             if isinstance(other, Recorder) and other.gives_way:
@@ -109,7 +110,6 @@ class Recorder(Observer):
         self._boards = scopes_of(tree)
         self._scopes = {id(board): index for index, board in enumerate(self._boards)}
         self.has_failed = False
-        self.gives_way = False
         self._time = tree.clock.now()
         self._checksum = 0
         self._records: list[object] | None = None

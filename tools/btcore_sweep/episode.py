@@ -82,7 +82,9 @@ def run_episode(
             result = _fault_result(ExitCode.USER_ERROR, "\n".join([str(error), *notes]))
         except (Exception, SystemExit) as error:
             result = _internal_error(error)
-    lines = [warning.partition("\n")[0] for warning in warnings]
+    # The sweep prints where the recordings are.
+    others = [warning for warning in warnings if not (recording and recording in warning)]
+    lines = [warning.partition("\n")[0] for warning in others]
     result["warnings"] = list(dict.fromkeys(lines))[:_MAX_WARNINGS]
     result["wall_s"] = round(time.perf_counter() - began, 4)
     return result

@@ -100,7 +100,7 @@ def test_a_folder_gets_a_file_for_each_tree_that_fails(
             tree.halt()
     files = sorted(folder.iterdir())
     assert 1 < len(files) < 5
-    assert sum(file.stat().st_size for file in files) <= 3000
+    assert sum(file.stat().st_size for file in files[:-1]) <= 3000
     assert "_Raises_" in files[-1].name
     for file in files:
         replay = Replay(file)
