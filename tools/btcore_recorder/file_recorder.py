@@ -17,7 +17,7 @@ from btcore.tree.tree import Tree
 from btcore_recorder.files import RecordingFiles, form_for
 from btcore_recorder.inputs import Head, TreeState
 from btcore_recorder.lines import Line, head_lines, segment_lines
-from btcore_recorder.recorder import RawStep, Recorder
+from btcore_recorder.recorder import NO_OPTIONS, RawStep, Recorder, RecorderOptions
 
 WRITE_INTERVAL_S: Final = 0.5
 """The time (s, wall clock) between two writes: what a process that is killed may lose."""
@@ -82,6 +82,7 @@ class FileRecorder:
         path: As in `record`.
         exclude: As in `record`.
         rotation: When the recording continues in a new file; None = never.
+        options: What is recorded besides what the ticks depend on.
 
     Attributes:
         path: The file, or the last of several.
@@ -94,6 +95,7 @@ class FileRecorder:
         path: str | os.PathLike[str],
         exclude: Sequence[str] = (),
         rotation: Rotation | None = None,
+        options: RecorderOptions = NO_OPTIONS,
     ) -> None:
         self.path = Path(path)
         self._rotation = rotation
@@ -106,7 +108,7 @@ class FileRecorder:
         self._unwritten_values = 0
         self._is_rotating = False  # whether the first segment of another file is in the queue
         self._loss = ""  # why steps are being lost
-        self._recorder = Recorder(tree, self._add_step, self._add_type, exclude)
+        self._recorder = Recorder(tree, self._add_step, self._add_type, exclude, options)
         self._types: dict[str, Any] = {}  # found since the last step
         self._head = head = self._recorder.head
         self._segment_time = self._file_time = head.time
@@ -297,6 +299,7 @@ class RingRecorder:
         exclude: Patterns of keys; the values of these entries are not recorded.
         on_halt: Called after each halt of the whole tree that is not a part of a tick.
         gives_way: Whether another recorder of the tree ends this recording.
+        options: As in `FileRecorder`.
 
     Attributes:
         path: The file.
@@ -314,6 +317,7 @@ class RingRecorder:
         exclude: Sequence[str] = (),
         on_halt: Callable[[], object] = lambda: None,
         gives_way: bool = False,
+        options: RecorderOptions = NO_OPTIONS,
     ) -> None:
         self.path = Path(path)
         form_for(self.path)  # checks the name
@@ -325,7 +329,7 @@ class RingRecorder:
         self._tree = tree
         self._on_halt = on_halt
         self._types: dict[str, Any] = {}
-        self._recorder = Recorder(tree, self._add_step, self._types.__setitem__, exclude)
+        self._recorder = Recorder(tree, self._add_step, self._types.__setitem__, exclude, options)
         self._recorder.gives_way = gives_way
         head = self._recorder.head
         self._value_count = 0
@@ -394,6 +398,7 @@ def record(
     *,
     max_bytes: float | None = None,
     max_duration_s: float | None = None,
+    keeps_transitions: bool = False,
 ) -> FileRecorder:
     """Record what the ticks of *tree* depend on to a file, so that `Replay` runs them again.
 
@@ -404,6 +409,8 @@ def record(
         exclude: Patterns of keys, such as `password*`; the values of these entries are not recorded.
         max_bytes: The size after which another file begins, `run.2.btrec.txt`; None = any.
         max_duration_s: The time (s of the tree's clock) after which another file begins; None = any.
+        keeps_transitions: Whether to record all transitions, not only their checksum, so that a difference of
+            a replay is located to the transition.
 
     Returns:
         The recorder. Close it after the last tick, or use it as a context manager.
@@ -436,4 +443,5 @@ def record(
         files.next(tree.id),
         exclude,
         Rotation(lambda: files.next(tree.id), max_bytes, max_duration_s),
+        RecorderOptions(keeps_transitions),
     )

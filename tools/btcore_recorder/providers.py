@@ -5,6 +5,7 @@ import threading
 from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Final, Literal
+from uuid import uuid4
 
 from btcore.errors import BtcoreError, OutputError
 from btcore.options import option
@@ -69,6 +70,13 @@ class RecordingSettings(Settings):
         ]
         | None
     ) = None
+    record_transitions: Annotated[
+        bool,
+        option(
+            "Record all transitions, too, so that a difference of a replay is located to the transition.",
+            one_run_only=True,
+        ),
+    ] = False
     record_exclude: Annotated[
         tuple[str, ...],
         option(
@@ -86,6 +94,7 @@ class TreeRecordings:
         from btcore_recorder.files import RecordingFiles
 
         self._settings = settings
+        self._run = uuid4().hex  # the same for all trees of the run
         self._report = report
         self._files = RecordingFiles(settings.record)
         self._file_recorder: FileRecorder | None = None
@@ -102,18 +111,20 @@ class TreeRecordings:
             BtcoreError: The tree cannot be recorded, or the file cannot be written.
         """
         from btcore_recorder.file_recorder import FileRecorder, RingRecorder, Rotation
+        from btcore_recorder.recorder import RecorderOptions
 
         self._tree = tree
         settings, files = self._settings, self._files
         file, exclude = files.next(tree.id), settings.record_exclude
+        options = RecorderOptions(settings.record_transitions, self._run)
         if settings.record_on == "always":
             max_size = settings.record_max_size or (MAX_FILE_SIZE if files.is_folder else None)
             rotation = Rotation(
                 lambda: files.next(tree.id), max_size and max_size * 1e6, settings.record_max_time
             )
-            self._file_recorder = FileRecorder(tree, file, exclude, rotation)
+            self._file_recorder = FileRecorder(tree, file, exclude, rotation, options)
         else:
-            self._ring = RingRecorder(tree, file, exclude, self._note_halt)
+            self._ring = RingRecorder(tree, file, exclude, self._note_halt, options=options)
 
     def replace_tree(self, tree: Tree) -> None:
         """End the recording, and record *tree* to a file with the next number in its name.

@@ -4,7 +4,9 @@ import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
 from fnmatch import fnmatchcase
+from itertools import chain
 from typing import Any, Final, NamedTuple, cast
+from uuid import uuid4
 
 import btcore
 from btcore.blackboard.blackboard import Blackboard
@@ -17,8 +19,9 @@ from btcore.engine.observers import Observer
 from btcore.engine.transition_records import Transitions
 from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.registry.manifest import Manifest
-from btcore.status import FAILURE, IDLE, Status
+from btcore.status import FAILURE, IDLE, Status, Transition
 from btcore.tree.tree import Tree
+from btcore_recorder.facts import collect_facts
 from btcore_recorder.inputs import (
     ExternalHaltEnded,
     Head,
@@ -35,7 +38,7 @@ from btcore_recorder.inputs import (
     scopes_of,
     with_parents,
 )
-from btcore_recorder.lines import Line, input_line
+from btcore_recorder.lines import Line, input_line, transitions_line
 from btcore_recorder.tree_state import capture, recorded_entry
 from btcore_recorder.values import EXCLUDED, Encoder
 
@@ -49,11 +52,13 @@ class RawStep(NamedTuple):
         records: The pairs of the journal.
         checksum: The checksum of all transitions.
         time: The time (ns) at which the tick began; of a halt, that of the last tick.
+        transitions: The transitions, or None if they are not recorded.
     """
 
     records: list[object]
     checksum: int
     time: int
+    transitions: list[list[Transition]] | None
 
     @property
     def is_halt(self) -> bool:
@@ -67,6 +72,21 @@ class RawStep(NamedTuple):
         )
 
 
+class RecorderOptions(NamedTuple):
+    """What a `Recorder` records besides what the ticks depend on.
+
+    Attributes:
+        keeps_transitions: Whether it records all transitions, besides their checksum.
+        run: Identifies the run in all recordings of its trees; "" = a new run.
+    """
+
+    keeps_transitions: bool = False
+    run: str = ""
+
+
+NO_OPTIONS: Final = RecorderOptions()
+
+
 class Recorder(Observer):
     """Records the ticks and halts of *tree* until it is closed.
 
@@ -75,6 +95,7 @@ class Recorder(Observer):
         deliver: Called with each step, on the thread that ticks. `lines` converts it, on any thread.
         found: Called with the name and description of each user's type that is met later than in the head.
         exclude: Patterns of keys; the values of these entries are not recorded.
+        options: What is recorded besides what the ticks depend on.
 
     Attributes:
         head: The head of the recording.
@@ -92,6 +113,7 @@ class Recorder(Observer):
         deliver: Callable[[RawStep], object],
         found: Callable[[str, Any], object],
         exclude: Sequence[str] = (),
+        options: RecorderOptions = NO_OPTIONS,
     ) -> None:
         if tree._in_tick:
             raise BtcoreError(f"tree '{tree.id}' is in a tick: begin to record it between two ticks")
@@ -105,6 +127,8 @@ class Recorder(Observer):
         self._tree = tree
         self._exclude = exclude
         self._deliver = deliver
+        self._transitions: list[list[Transition]] | None = [] if options.keeps_transitions else None
+        self._run = options.run or uuid4().hex
         types: dict[str, Any] = {}
         self._encoder = Encoder(types.__setitem__)
         self._boards = scopes_of(tree)
@@ -128,6 +152,7 @@ class Recorder(Observer):
         for board in self._boards:
             board.recorder = self._journal
         tree.context.uses_time = True  # each tick has a time
+        tree.context.cause = 0
         tree.context.journal = self._journal
         self.head = self._create_head(types)
         self._encoder.found = found
@@ -175,8 +200,8 @@ class Recorder(Observer):
         tree = self._tree
         texts = [text for _, text, _ in tree.documents]
         # Also those of trees that are not used: a document with an unknown node cannot be loaded.
-        classes = [
-            _describe(manifest)
+        manifests = [
+            manifest
             for manifest in tree.registry.manifests_of(tree.format).values()
             if is_external(manifest.cls) and any(manifest.id in text for text in texts)
         ]
@@ -186,13 +211,14 @@ class Recorder(Observer):
             tree.documents,
             dict(tree.registry.types.enums),
             types,
-            tuple(classes),
+            tuple(map(_describe, manifests)),
             self._find_replaced(),
             tuple((board.autoremap, dict(board.remappings())) for board in with_parents(tree.blackboard)),
             self.capture(),
             tree.clock.now(),
             time.time_ns(),
             {"btcore": btcore.__version__, "build": active_build(), "python": platform.python_version()},
+            collect_facts(self._run, tree.documents, manifests),
         )
 
     def _find_replaced(self) -> dict[int, RecordedClass]:
@@ -213,6 +239,8 @@ class Recorder(Observer):
     def transitions(self, changes: Transitions) -> None:
         """Add the transitions to the checksum."""
         self._checksum = changes.checksum(self._checksum)
+        if self._transitions is not None:
+            self._transitions.append(changes.to_list())
 
     def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
         """Deliver the step, now that its transitions are known."""
@@ -220,7 +248,7 @@ class Recorder(Observer):
         self._time = self._tree.context.tick_start
         if self._records is not None:
             records, self._records = self._records, None
-            self._deliver(RawStep(records, self._checksum, self._time))
+            self._deliver(self._raw_step(records))
 
     def raised(self, error: NodeExecutionError, stamp: int) -> None:
         """Note that the tick, or a halt, has failed."""
@@ -231,9 +259,15 @@ class Recorder(Observer):
         assert isinstance(end, journal.StepEnded)
         # After an exception and in a halt, the transitions are known already.
         if end.status is IDLE:
-            self._deliver(RawStep(records, self._checksum, self._time))
+            self._deliver(self._raw_step(records))
         else:
             self._records = records
+
+    def _raw_step(self, records: list[object]) -> RawStep:
+        transitions = self._transitions
+        if transitions is not None:
+            self._transitions = []
+        return RawStep(records, self._checksum, self._time, transitions)
 
     def lines(self, raw: RawStep) -> list[Line]:
         """Return the lines of a step, which do not depend on the tree. Thread-safe."""
@@ -249,6 +283,9 @@ class Recorder(Observer):
             elif isinstance(event, journal.HaltBegan):
                 lines.append(["halt"])
             elif isinstance(event, journal.StepEnded):
+                if raw.transitions is not None:
+                    changes = chain.from_iterable(raw.transitions)
+                    lines.append(transitions_line((change.uid, change.status) for change in changes))
                 lines.append(["end", _NAMES[event.status], raw.checksum])
             else:
                 lines.append(input_line(self._input(event)))
