@@ -53,13 +53,13 @@ class TreeContext:
         on_wake_up: Called by each wake-up, on any thread; set by an event loop that runs the tree.
         lock: Held while the callbacks and counters of a node change, which any thread may do.
         woken_by: The last node that requested another tick at once.
+        cause: The UID of the node that requested the next tick, −1 for `Tree.wake`, 0 for no request.
         is_interrupted: Whether ticks that repeat nodes end as soon as possible.
         must_check_end: Whether nodes that repeat others call `must_pause` after each repetition.
         has_timed_out: Whether the limit of `set_tick_limit` ended the tick.
         stopped_ns: How long breakpoints have stopped the present tick (ns of real time).
         uses_time: Whether a node has read the clock, so that the tree reads it at the start of each tick.
-        tick_start: The time (ns) at which the present tick began, by which its timers are judged; -1 = not
-            known.
+        tick_start: The time (ns) at which the present tick began, by which its timers are judged, or -1.
         journal: Records what the ticks depend on; None = nothing is recorded.
         recorded_pause: In a replay, answers `must_pause` as in the recorded run.
     """
@@ -73,6 +73,7 @@ class TreeContext:
         self.deadlines: dict[int, int] = {}
         self.on_wake_up: Callable[[], object] | None = None
         self.woken_by: NodeConfig | None = None
+        self.cause = 0
         self.is_interrupted = False
         self.must_check_end = False
         self.has_timed_out = False
@@ -93,8 +94,9 @@ class TreeContext:
         """Whether a wake-up is pending."""
         return self._is_woken
 
-    def wake_up(self) -> None:
+    def wake_up(self, cause: int = -1) -> None:
         """Request a tick as soon as possible. Thread-safe."""
+        self.cause = cause
         self._is_woken = True
         self.wake_event.set()
         # Read once: the event loop's thread may set it to None at any time.
@@ -209,5 +211,6 @@ class TreeContext:
         for uid in due:
             del self.deadlines[uid]
         if due:
+            self.cause = due[0]
             self._is_woken = True
             self.wake_event.set()

@@ -21,10 +21,11 @@ T = TypeVar("T")
 
 
 class TickBegan(NamedTuple):
-    """The root is ticked: the number of the tick, and its time (ns)."""
+    """The root is ticked: the number of the tick, its time (ns), and what woke it, `TreeContext.cause`."""
 
     tick: int
     time: int
+    cause: int
 
 
 class HaltBegan(NamedTuple):
@@ -198,9 +199,9 @@ class Journal(WriteRecorder):
 
     # --- steps: ticks of the root, and halts of the whole tree
 
-    def begin_tick(self, tick: int, time: int) -> None:
+    def begin_tick(self, tick: int, time: int, cause: int) -> None:
         """Go inside for a tick of the root; see `TickBegan`."""
-        self._begin(TickBegan(tick, time), time)
+        self._begin(TickBegan(tick, time, cause), time)
 
     def begin_halt(self) -> None:
         """Go inside for a halt of the whole tree, unless it is a part of a tick."""

@@ -59,7 +59,9 @@ class Report(dict[str, object]):
     def __init__(self, find_end_reason: Callable[[], EndReason | None] = lambda: None) -> None:
         super().__init__()
         self._find_end_reason = find_end_reason
-        self.print_warning = _print_warning
+        self.print_warning: Callable[[str], object] = lambda message: print(
+            f"warning: {escape_controls(message)}", file=sys.stderr
+        )
 
     @property
     def end_reason(self) -> EndReason | None:
@@ -91,10 +93,6 @@ class Report(dict[str, object]):
         """
         before = self.get(heading)
         self[heading] = {**before, **values} if isinstance(before, dict) else values
-
-
-def _print_warning(message: str) -> None:
-    print(f"warning: {escape_controls(message)}", file=sys.stderr)
 
 
 TYPES_OF_RUN: Final[tuple[TypeRef, ...]] = (Clock, Tree, Report, Resources)

@@ -102,8 +102,7 @@ class Run:
         source: The path of an XML file, the plans of a tree, or a program; or a list of them.
         providers: Providers of the program, besides those of installed packages; or all that may be used.
         settings: Settings of providers, and `RunSettings`.
-        prepare: Called on entry when the trees were created, before the providers that need the tree are
-            opened.
+        prepare: Called on entry when the trees were created, before the providers that need the tree open.
         arguments: As in `btcore.load`, for all trees: a *blackboard* is shared by them. Those about reading a
             file have no effect on plans and programs. The *resources* are also for providers, and are
             preferred to providers of the same types. The default of *clock* is the clock of a provider, or

@@ -1,12 +1,14 @@
 """Runs a recording again: the engine ticks the recorded tree, whose external nodes do what was recorded."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from btcore.clock import NS_PER_S
 from btcore.engine.journal import TimeRead
+from btcore.engine.node import TreeNode
 from btcore.engine.observers import Observer
 from btcore.engine.transition_records import Transitions
 from btcore.errors import BtcoreError, NodeExecutionError, TickInterrupt
@@ -33,6 +35,8 @@ class Difference(NamedTuple):
         now: What happens in the replay.
         node: The path of the node at which they differ; "" = not known.
         place: The place of this node in the XML, `file:line`; "" = not known.
+        code: The place of its code, if it is an external node, `file:line`; "" = not known.
+        transition: The number of the transition in the step, from 1; 0 = not known.
     """
 
     step: int
@@ -41,11 +45,14 @@ class Difference(NamedTuple):
     now: str
     node: str = ""
     place: str = ""
+    code: str = ""
+    transition: int = 0
 
     def __str__(self) -> str:
         moment = f"tick {self.tick}" if self.tick else f"the halt after step {self.step}"
-        place = f" ({self.place})" if self.place else ""
-        return f"{moment}: recorded: {self.recorded}; now: {self.now}{place}"
+        moment += f", transition {self.transition}" if self.transition else ""
+        places = ", ".join(filter(None, (self.place, self.code)))
+        return f"{moment}: recorded: {self.recorded}; now: {self.now}{f' ({places})' if places else ''}"
 
 
 class _RecordedTimes(StandInClock):
@@ -75,9 +82,12 @@ class _RecordedTimes(StandInClock):
 class _Checksum(Observer):
     def __init__(self) -> None:
         self.value = 0
+        self.changes: list[tuple[int, Status]] | None = None
 
     def transitions(self, changes: Transitions) -> None:
         self.value = changes.checksum(self.value)
+        if self.changes is not None:
+            self.changes += ((change.uid, change.status) for change in changes)
 
 
 class _Ends(Observer):
@@ -173,6 +183,7 @@ class Replay:
         step = self.steps[self.position]
         self.position += 1
         self.external.begin_step()
+        self._checksum.changes = None if step.transitions is None else []
         inputs, external = self._inputs, self.external
         status = IDLE
         error: NodeExecutionError | None = None
@@ -194,14 +205,16 @@ class Replay:
             pass
         left = inputs.next
         node = None if external.difference is None else external.node
+        transition = 0
         if external.difference is None:
             if left is not None:
                 external.difference = external.words(left), "the step ends"
             else:
                 external.difference = self._compare(step, status, error)
+            if external.difference is not None and step.transitions is not None:
+                transition, node = self._find_transition(step.transitions)
         if external.difference is not None:
-            place = ("", "") if node is None else (node.path, node.config.where)
-            self.difference = Difference(self.position, step.tick, *external.difference, *place)
+            self.difference = self._describe(step.tick, *external.difference, node, transition)
         return self.difference is None
 
     def _compare(
@@ -215,6 +228,32 @@ class Replay:
             return "other transitions", "transitions with another checksum"
         return None
 
+    def _describe(
+        self, tick: int, recorded: str, now: str, node: TreeNode | None, transition: int = 0
+    ) -> Difference:
+        """Return the difference at *node*, with its places."""
+        if node is None:
+            return Difference(self.position, tick, recorded, now)
+        code = self.recording.head.facts.code.get(node.config.id)
+        places = node.path, node.config.where, "" if code is None else code.place
+        return Difference(self.position, tick, recorded, now, *places, transition)
+
+    def _find_transition(self, recorded: Sequence[tuple[int, Status]]) -> tuple[int, TreeNode | None]:
+        """Describe the first transition of the step that differs; return its number and its node."""
+        pairs = zip_longest(recorded, self._checksum.changes or ())
+        for number, pair in enumerate(pairs, start=1):
+            if pair[0] != pair[1]:
+                nodes = [None if change is None else self.tree.nodes[change[0] - 1] for change in pair]
+                texts = [
+                    "no further transition"
+                    if change is None or node is None
+                    else f"'{node.path}' becomes {change[1].name}"
+                    for change, node in zip(pair, nodes, strict=True)
+                ]
+                self.external.difference = texts[0], texts[1]
+                return number, nodes[0] or nodes[1]
+        return 0, None
+
     def _begin_segment(self, segment: Segment) -> None:
         self._checksum.value = 0
         if segment.gap:
@@ -222,9 +261,9 @@ class Replay:
             return
         state = capture(self.tree, self.external.boards, self._encoder.encode)
         if state != segment.state:
-            self.difference = Difference(
-                self.position, segment.state.ticks, *describe_difference(segment.state, state)
-            )
+            recorded, now, uid = describe_difference(segment.state, state)
+            node = self.tree.nodes[uid - 1] if uid else None
+            self.difference = self._describe(segment.state.ticks, recorded, now, node)
 
     def seek(
         self,
@@ -385,6 +424,9 @@ def _check_numbers(recording: RunRecording, node_count: int, board_count: int) -
             if not 1 <= node.uid <= node_count:
                 raise LogError(f"the recording has the state of a node {node.uid}, which does not exist")
     for step in recording.steps:
+        uids = [max(step.woken_by or 1, 1), *(uid for uid, _ in step.transitions or ())]
+        if not all(1 <= uid <= node_count for uid in uids):
+            raise LogError(f"the recording of tick {step.tick} names a node or scope that does not exist")
         for event in (*step.before, *step.inputs):
             uid, scope = getattr(event, "uid", 1), getattr(event, "scope", 0)
             if not (1 <= uid <= node_count and 0 <= scope < board_count):
