@@ -130,6 +130,13 @@ class ScriptRun(NamedTuple):
     enums: dict[str, int]
 
 
+class MessageLogged(NamedTuple):
+    """External code logs a message with a level, such as WARNING."""
+
+    level: str
+    text: str
+
+
 class Replaced(NamedTuple):
     """All entries of a scope are replaced, by entries whose values are encoded."""
 
@@ -150,6 +157,7 @@ Event = (
     | StatusForced
     | Paused
     | TimeRead
+    | MessageLogged
     | Written
     | Removed
     | Replaced
@@ -323,6 +331,12 @@ class Journal(WriteRecorder):
         self.add(TimeRead(time, self._repeats))
         self._time = time
         self._repeats = 0
+
+    def add_message(self, level: str, text: str) -> None:
+        """Record that external code, on the thread that ticks, logs a message."""
+        if threading.get_ident() == self._tick_thread and not self.is_inside:
+            with self._lock:
+                self.add(MessageLogged(level, text))
 
     # --- writes
 

@@ -12,13 +12,14 @@ from itertools import islice
 from typing import Final
 
 from btcore.clock import NS_PER_S
+from btcore.engine.journal import MessageLogged
 from btcore.engine.node import TreeNode
 from btcore.errors import BtcoreError, ScriptError
 from btcore.script.expressions import Literal as ScriptLiteral
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.suggestions import join_names
 from btcore.xml.plan.key_uses import WRITING, find_name_uses, iter_subexpressions, parse_statements
-from btcore_recorder.inputs import Raised
+from btcore_recorder.inputs import Raised, Result
 from btcore_recorder.recorded_tree import is_stand_in
 from btcore_recorder.replay import Replay
 from btcore_recorder.tick_trace import EntryName, Halt, Read, TickTrace, Visit, Write, scripts_of
@@ -38,6 +39,8 @@ class Cause:
     """A part of an explanation; *causes* are its own causes, the most important first.
 
     Attributes:
+        because: What the node did, or why, as the end of a sentence that begins with the node.
+        details: With what values a leaf did it, and what it logged.
         changes: Other values of the input that the cause is; empty if it is none.
         is_passed_on: Whether the node only passes on the result of a child.
         is_context: Whether it only explains how the tick came to what follows it.
@@ -46,6 +49,7 @@ class Cause:
     position: int
     uid: int
     because: str
+    details: str = ""
     changes: Sequence[Change] = ()
     is_passed_on: bool = False
     is_context: bool = False
@@ -122,7 +126,7 @@ class CauseFinder:
 
     def _new(self, position: int, uid: int, because: str, changes: Sequence[Change] = ()) -> Cause:
         self._count += 1
-        return Cause(position, uid, because, changes)
+        return Cause(position, uid, because, changes=changes)
 
     @property
     def _is_full(self) -> bool:
@@ -227,13 +231,24 @@ class CauseFinder:
         else:
             because = f"it returned {name_of(visit.result)}"
         values = ", ".join(filter(None, (_describe_literals(node), _describe_reads(visit.reads))))
-        if values:
-            because += f", with {values}"
         others = {SUCCESS: (FAILURE,), RUNNING: (SUCCESS, FAILURE)}.get(visit.result or IDLE, (SUCCESS,))
         changes = [SetResult(step.tick, key, status) for status in others] if step.tick else []
         cause = self._new(position, visit.uid, because, changes)
+        cause.details = f"{f', with {values}' if values else ''}{self._messages(position, visit.uid)}"
         self._add_reads(cause, visit.reads, is_input=False)
         return cause
+
+    def _messages(self, position: int, uid: int) -> str:
+        """Return what the last tick of an external node in a step logged, for a sentence."""
+        found: list[str] = []
+        since: list[str] = []
+        for event in self._steps[position].inputs:
+            if isinstance(event, MessageLogged):
+                since.append(event.text)
+            elif isinstance(event, (Result, Raised)):
+                found = since if event.uid == uid else found
+                since = []
+        return "".join(f'; it logged "{_one_line(text)}"' for text in found[-2:])
 
     def explain_halt(self, position: int, halt: Halt) -> Cause:
         """Explain why a node was halted."""
@@ -442,4 +457,4 @@ def name_of(status: Status | None) -> str:
 
 
 def _one_line(text: str) -> str:
-    return " ".join(text.split())[:80]
+    return " ".join(text.split())[:100]

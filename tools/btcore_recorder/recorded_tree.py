@@ -14,6 +14,7 @@ from btcore.engine.journal import (
     ChildHalted,
     ChildTicked,
     ExternalHaltBegan,
+    MessageLogged,
     Paused,
     StatusForced,
     StatusSet,
@@ -174,7 +175,7 @@ class ExternalCode:
         return self._forced(node, False)
 
     def _forced(self, node: TreeNode, is_pre_tick: bool) -> Status:
-        writes = (Written, Removed, Replaced, ScriptRun)
+        writes = (Written, Removed, Replaced, ScriptRun, MessageLogged)
         first = next((event for event in self._inputs if not isinstance(event, writes)), None)
         uid = node.config.uid
         if not (isinstance(first, StatusForced) and first[:2] == (uid, is_pre_tick)):
@@ -199,6 +200,8 @@ class ExternalCode:
             case ScriptRun(scope, text, enums):
                 with suppress(ScriptError):  # the leaf has got it, too
                     compile_script(text, enums).run(self.boards[scope])
+            case MessageLogged():
+                pass
             case Removed(scope, key):
                 self.boards[scope].unset(key)
             case Replaced(scope, entries):

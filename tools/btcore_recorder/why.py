@@ -8,6 +8,7 @@ again with other results and values (`btcore_recorder.what_if`).
 
 from collections.abc import Sequence
 from itertools import combinations, product, zip_longest
+from pathlib import PurePath
 from typing import Final, Literal, NamedTuple
 
 from btcore.clock import NS_PER_S
@@ -46,7 +47,7 @@ class Link(NamedTuple):
         tick: The number of the tick.
         time: The time of the tick (s since the recording began).
         node: The path of the node; "" = outside of the tree.
-        place: The place of the node in the XML, `file:line`; "" = none.
+        place: The place of the node in the XML, `file:line`, and that of a leaf's code; "" = none.
         because: Why the node did what it did.
         tried: What another result or value changes, as a replay shows; "" = this was not tried.
     """
@@ -415,14 +416,18 @@ class Explainer:
         return [self._link(each) for each in order if any(each is one for one in kept)]
 
     def _link(self, cause: Cause) -> Link:
-        place = self._replay.tree.nodes[cause.uid - 1].config.where if cause.uid else ""
+        config = self._replay.tree.nodes[cause.uid - 1].config if cause.uid else None
+        place = "" if config is None else config.where
+        code = None if config is None else self._replay.recording.head.facts.code.get(config.id)
+        if code is not None:
+            place += f" ({PurePath(code.place).name})"
         time = round(self._causes.time(cause.position), 9)
         return Link(
             self._causes.tick(cause.position),
             time,
             self._causes.path(cause.uid),
             place,
-            cause.because,
+            f"{cause.because}{cause.details}",
             cause.tried,
         )
 

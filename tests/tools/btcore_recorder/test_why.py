@@ -1,5 +1,6 @@
 """Explanations of recorded runs: a smallest set of changed inputs changes the outcome, no part of it does."""
 
+import logging
 import os
 import re
 from collections.abc import Sequence
@@ -67,6 +68,31 @@ def test_the_smallest_set_changes_the_outcome(xml: str, actions: list[str], seed
     for size in range(1, len(answer.changes)):
         for part in combinations(answer.changes, size):
             assert all(each == recorded for each in outcomes(recording, answer, uid, part)), answer
+
+
+@btcore.action
+def knock() -> bool:
+    """Fail, and say why."""
+    logging.getLogger("door").warning("nobody is at %s", "home")
+    return False
+
+
+def test_the_link_of_a_leaf_has_its_ports_and_messages() -> None:
+    nodes = Registry.standard()
+    nodes.add(knock, sense, grip)
+    b = btcore.Builder(nodes)
+    run = Run(
+        b.build(b.Sequence(b.Sense(value="{d}"), b.Grip(width="{d}"), b.Knock()), resources=[Random(1)])
+    )
+    run.tree.tick_exactly_once()
+    explainer = Explainer(run.end())
+    knocked = explainer.why("Knock::4").chain[0]
+    assert knocked.because == 'it returned FAILURE; it logged "nobody is at home"'
+    assert re.fullmatch(r".*test_why.py:\d+ \(test_why.py:\d+\)", knocked.place)
+    gripped, wrote = explainer.why("Grip::3").chain
+    assert gripped.because == "it returned SUCCESS, with d = 2.1"
+    assert (wrote.node, wrote.because) == ("Sense::2", "wrote d = 2.1 in this tick")
+    assert explainer.who_wrote("d").answer == "'Sense::2': wrote d = 2.1 in this tick."
 
 
 # --- seeded faults
