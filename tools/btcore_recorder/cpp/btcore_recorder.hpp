@@ -1,0 +1,704 @@
+// Records a run of a tree of BehaviorTree.CPP 4.10, so that btcore runs it again in Python: `btcore replay FILE --verify`.
+//
+//     auto tree = factory.createTree("Main");
+//     btcore::Recorder recorder(tree, xml, "run.btrec.txt");  // records until it is destroyed
+//     tree.tickWhileRunning();                                // or tickOnce(), haltTree(), …
+//
+// Recorded are the results, output ports and other writes of the leaves, what the users' own decorators and controls
+// do with their children, the results of Sleep, Delay and Timeout, and what is written between the ticks. btcore
+// computes everything else again, and compares a checksum of all changes of status.
+//
+// Not recorded, so that a replay may differ:
+// - entries that other threads write within a tick while no leaf is ticked; that a leaf writes, when it is halted, to
+//   keys that are not its output ports; that change without a new sequence number (through getAnyLocked() or
+//   ImportBlackboardFromJSON()); and the remapping of a blackboard that was passed to createTree();
+// - what callbacks and breakpoints (Groot 2) force. They also replace the callbacks of the recorder: use neither;
+// - objects of own classes: they are recorded as text, or as JSON if JsonExporter knows them. Enums are numbers.
+// The texts of exceptions are recorded only if the program passes them to note_exception().
+//
+// Tick and halt the tree in one thread. Each tick is written to the file when it has ended. The recorder throws
+// BT::RuntimeError at the beginning if it cannot record the tree: if the tree runs already, if the XML has includes,
+// if the root has a pre-condition that assigns or is `_while`, or for leaves derived from ThreadedAction and
+// CoroActionNode, which do not call callbacks: register these as `btcore::Recorded<MyLeaf>`.
+//
+// License: as btcore. Needs C++17.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <behaviortree_cpp/bt_factory.h>
+#include <behaviortree_cpp/json_export.h>
+#include <chrono>
+#include <cmath>
+#include <deque>
+#include <fstream>
+#include <functional>
+#include <limits>
+#include <map>
+#include <memory>
+#include <mutex>
+#include <set>
+#include <string>
+#include <thread>
+#include <unordered_map>
+#include <utility>
+#include <vector>
+
+namespace btcore {
+
+/// What a Recorder needs to see the ticks of a node that calls no callbacks.
+struct RecordedNode {
+  std::function<void()> tick_began;
+  std::function<void(BT::NodeStatus)> tick_ended;
+  virtual ~RecordedNode() = default;
+};
+
+/// A leaf that can be recorded: factory.registerNodeType<btcore::Recorded<MyThreadedAction>>("MyThreadedAction").
+template <class Leaf>
+class Recorded : public Leaf, public RecordedNode {
+ public:
+  using Leaf::Leaf;
+  BT::NodeStatus executeTick() override {
+    if (tick_began) tick_began();
+    const BT::NodeStatus status = Leaf::executeTick();
+    if (tick_ended) tick_ended(status);
+    return status;
+  }
+};
+
+/// Records the ticks and halts of a tree until it is destroyed.
+class Recorder {
+ public:
+  struct Document {
+    std::string file, text;
+  };
+
+  /// `xml` is the whole text from which the tree was loaded; its trees may be defined in several documents, the one
+  /// with the main tree last.
+  Recorder(BT::Tree& tree, const std::string& xml, const std::string& path)
+      : Recorder(tree, std::vector<Document>{{"", xml}}, path) {}
+  Recorder(BT::Tree& tree, const std::vector<Document>& documents, const std::string& path)
+      : subtrees_(tree.subtrees), thread_(std::this_thread::get_id()) {
+    const std::set<std::string> builtins = BT::BehaviorTreeFactory().builtinNodes();
+    find_nodes(tree.rootNode(), 0, builtins);
+    for (auto board = tree.rootBlackboard(); board; board = board->parent()) add_board(board);
+    const size_t outer_count = boards_.size();
+    for (const auto& subtree : subtrees_) add_board(subtree->blackboard);
+    for (const auto& [uid, node] : nodes_) check(node);
+    for (const auto& document : documents)
+      if (document.text.find("<include") != std::string::npos)
+        refuse("the XML has an <include>: pass the included files as further documents, and remove the include");
+    file_.open(path, std::ios::binary | std::ios::trunc);
+    if (!file_) refuse("cannot write the recording " + path);
+    write_head(tree, documents, outer_count, builtins);
+    for (auto& [uid, node] : nodes_) subscribe(node);
+  }
+  ~Recorder() {
+    const std::lock_guard lock(mutex_);
+    end_open_step();
+    for (auto& [uid, node] : nodes_) {
+      node.subscriber.reset();
+      node.tree_node->setPreTickFunction({});
+      node.tree_node->setPostTickFunction({});
+      node.tree_node->setTickMonitorCallback({});
+      if (node.recorded) node.recorded->tick_began = nullptr, node.recorded->tick_ended = nullptr;
+    }
+  }
+  Recorder(const Recorder&) = delete;
+  Recorder& operator=(const Recorder&) = delete;
+
+  /// Record the text of an exception that has left tickOnce(), before the tree is halted or ticked again.
+  void note_exception(const std::exception& error) {
+    const std::lock_guard lock(mutex_);
+    exception_ = error.what();
+  }
+  /// Why the recording has ended before the recorder was destroyed; "" if it goes on.
+  std::string ended() const {
+    const std::lock_guard lock(mutex_);
+    return ended_;
+  }
+
+ private:
+  using Status = BT::NodeStatus;
+  using EntryPtr = std::shared_ptr<BT::Blackboard::Entry>;
+  struct KnownEntry {
+    EntryPtr entry;
+    uint64_t sequence_id;
+  };
+  struct Board {
+    BT::Blackboard::Ptr board;
+    size_t scope;
+    std::unordered_map<std::string, KnownEntry> known;
+  };
+  struct Node {
+    BT::TreeNode* tree_node;
+    int uid, parent;
+    bool is_external, is_decorator, is_threaded;
+    RecordedNode* recorded;
+    std::vector<Board*> boards;  // that it can write
+    Status status = Status::IDLE;
+    BT::TreeNode::StatusChangeSubscriber subscriber;
+  };
+  /// What external code does now: tick a node, tick a child, halt a node, or halt a child.
+  enum class Doing { TICK, TICK_CHILD, HALT, HALT_CHILD };
+  struct Frame {
+    Doing doing;
+    int uid;
+    size_t line;  // the number of lines when the last child was left: where the tick of the next one may begin
+  };
+  enum class State { OUTSIDE, TICKING, ENDING, HALTING, ENDED };
+
+  static constexpr int ROOT = 1;
+  static constexpr int64_t UNKNOWN = -1;  // a checksum
+
+  [[noreturn]] static void refuse(const std::string& reason) { throw BT::RuntimeError("btcore::Recorder: ", reason); }
+  static const BT::NodeConfig& config_of(const Node& node) {
+    return static_cast<const BT::TreeNode&>(*node.tree_node).config();
+  }
+  static bool is_end(Status status) { return status == Status::SUCCESS || status == Status::FAILURE; }
+  static int64_t now() { return std::chrono::steady_clock::now().time_since_epoch().count(); }
+
+  // --- the tree
+
+  void find_nodes(BT::TreeNode* tree_node, int parent, const std::set<std::string>& builtins) {
+    if (tree_node == nullptr) refuse("the tree is empty");
+    Node node{};
+    node.tree_node = tree_node;
+    node.uid = tree_node->UID();
+    node.parent = parent;
+    node.is_external = is_external(tree_node->registrationName(), builtins);
+    node.is_decorator = tree_node->type() == BT::NodeType::DECORATOR || tree_node->type() == BT::NodeType::SUBTREE;
+    node.is_threaded = dynamic_cast<BT::ThreadedAction*>(tree_node) != nullptr;
+    node.recorded = dynamic_cast<RecordedNode*>(tree_node);
+    nodes_[node.uid] = node;
+    if (auto* control = dynamic_cast<BT::ControlNode*>(tree_node)) {
+      for (auto* child : control->children()) find_nodes(child, node.uid, builtins);
+    } else if (auto* decorator = dynamic_cast<BT::DecoratorNode*>(tree_node)) {
+      find_nodes(decorator->child(), node.uid, builtins);
+    }
+  }
+  static bool is_external(const std::string& id, const std::set<std::string>& builtins) {
+    // The results of the timers of BehaviorTree.CPP depend on when their threads run.
+    return builtins.count(id) == 0 || id == "Sleep" || id == "Delay" || id == "Timeout";
+  }
+  void add_board(const BT::Blackboard::Ptr& board) {
+    for (const auto& known : boards_)
+      if (known.board == board) return;
+    boards_.push_back({board, boards_.size(), {}});
+  }
+  void check(const Node& node) const {
+    const auto& config = config_of(node);
+    const std::string name = "'" + node.tree_node->fullPath() + "' ";
+    const bool has_conditions = !config.pre_conditions.empty() || !config.post_conditions.empty();
+    const bool is_silent = node.is_threaded || dynamic_cast<BT::CoroActionNode*>(node.tree_node) != nullptr;
+    if (node.tree_node->status() != Status::IDLE)
+      refuse(name + "is not IDLE: begin to record before the first tick, or after haltTree()");
+    if (is_silent && node.recorded == nullptr)
+      refuse(name + "calls no callbacks: register its class as btcore::Recorded<Class>");
+    if (is_silent && has_conditions) refuse(name + "has conditions, which its class does not evaluate in each tick");
+    if (dynamic_cast<BT::TestNode*>(node.tree_node) != nullptr) refuse(name + "is replaced by a substitution rule");
+    if (node.uid != ROOT) return;
+    for (const auto& [condition, script] : config.pre_conditions) {
+      std::string text = script;
+      for (const char* comparison : {"==", "!=", "<=", ">="})
+        for (size_t at; (at = text.find(comparison)) != std::string::npos;) text.erase(at, 2);
+      if (condition == BT::PreCond::WHILE_TRUE || text.find('=') != std::string::npos)
+        refuse(name + "is the root, and has `_while` or a pre-condition that assigns: move it to a child");
+    }
+  }
+  void subscribe(Node& node) {
+    auto& tree_node = *node.tree_node;
+    for (auto board = config_of(node).blackboard; board; board = board->parent())
+      for (auto& known : boards_)
+        if (known.board == board) node.boards.push_back(&known);
+    const int uid = node.uid;
+    node.subscriber = tree_node.subscribeToStatusChange(
+        [this, uid](BT::TimePoint, const BT::TreeNode&, Status, Status status) { status_changed(uid, status); });
+    const bool is_child = node.parent != 0 && nodes_.at(node.parent).is_external;
+    const auto began = [this, uid] { tick_began(uid); };
+    const auto ended = [this, uid](Status status) { tick_ended(uid, status); };
+    const auto left = [this, uid](Status status) { tick_left(uid, status); };
+    if (node.recorded != nullptr) {
+      node.recorded->tick_began = began;
+      node.recorded->tick_ended = [ended, left](Status status) { ended(status), left(status); };
+      return;
+    }
+    if (!node.is_external && !is_child && uid != ROOT) return;
+    tree_node.setPreTickFunction([began](BT::TreeNode&) { return began(), Status::IDLE; });
+    if (node.is_external)
+      tree_node.setTickMonitorCallback([ended](BT::TreeNode&, Status status, auto) { ended(status); });
+    tree_node.setPostTickFunction([left](BT::TreeNode&, Status status) { return left(status), Status::IDLE; });
+  }
+
+  // --- callbacks
+
+  void tick_began(int uid) {
+    const std::lock_guard lock(mutex_);
+    if (uid == ROOT) begin_tick();
+    if (!is_working()) return;
+    Node& node = nodes_.at(uid);
+    unwind(uid, false);
+    if (is_ticked(node.parent)) {
+      add("child_ticked", {quote(uid)});
+      frames_.push_back({Doing::TICK_CHILD, uid, lines_.size()});
+    }
+    if (!node.is_external) return;
+    for (Board* board : node.boards) read_board(*board, false, false);
+    frames_.push_back({Doing::TICK, uid, lines_.size()});
+    add_late_halts();
+  }
+  /// The tick() of an external node has returned `status`.
+  void tick_ended(int uid, Status status) {
+    const std::lock_guard lock(mutex_);
+    if (!is_working()) return;
+    Node& node = nodes_.at(uid);
+    unwind(uid, true);
+    if (!is_ticked(uid) && is_ticked(node.parent)) {  // no call before the tick: the status was SUCCESS or FAILURE
+      insert_child_tick(uid);
+      frames_.push_back({Doing::TICK_CHILD, uid, lines_.size()});
+    }
+    for (Board* board : node.boards) read_board(*board, true, false);
+    add("result", {quote(uid), quote(status)});
+    if (is_ticked(uid)) frames_.pop_back();
+    if (node.is_threaded && status != Status::SKIPPED) change(node, status);
+  }
+  /// A child of an external node, or the root, has been ticked. Its status is stored next.
+  void tick_left(int uid, Status status) {
+    const std::lock_guard lock(mutex_);
+    if (uid == ROOT && state_ != State::TICKING) begin_tick();  // a pre-condition has decided
+    if (!is_working()) return;
+    const Node& node = nodes_.at(uid);
+    unwind(uid, true);
+    if (!frames_.empty() && frames_.back().uid == uid) {
+      frames_.pop_back();
+    } else if (is_ticked(node.parent)) {
+      insert_child_tick(uid);
+    }
+    if (!frames_.empty()) frames_.back().line = lines_.size();
+    if (uid != ROOT) return;
+    result_ = status;
+    state_ = State::ENDING;
+    for (Board& board : boards_) read_board(board, false, false);
+    const bool is_stored = status == Status::SKIPPED || node.status == status;
+    if (is_stored && !is_end(status) && !node.is_decorator) end_step(result_, checksum_);
+  }
+  void status_changed(int uid, Status status) {
+    const std::lock_guard lock(mutex_);
+    Node& node = nodes_.at(uid);
+    const bool is_foreign = std::this_thread::get_id() != thread_;
+    if (state_ == State::ENDED || (is_foreign && node.is_threaded)) return;
+    if (is_foreign && timeout_above(uid) != 0) {  // the timer of a Timeout halts its child
+      late_.push_back({uid, status});
+      return;
+    }
+    if (state_ == State::ENDING && !belongs_to_end(node, status)) end_step(result_, checksum_);
+    if (state_ == State::OUTSIDE) {
+      read_boards();
+      add("halt", {});
+      state_ = State::HALTING;
+      thread_ = std::this_thread::get_id();
+    }
+    change(node, status);
+    if (uid != ROOT) return;
+    const bool is_stored = status == Status::RUNNING && !node.is_decorator;
+    if (state_ == State::ENDING && (status == Status::IDLE || is_stored)) end_step(result_, checksum_);
+    if (state_ == State::HALTING && status == Status::IDLE) end_step(Status::IDLE, checksum_);
+  }
+  /// Return whether a status changes because the root has been ticked, not because the tree is halted.
+  bool belongs_to_end(const Node& node, Status status) const {
+    if (node.uid == ROOT) return status == result_ || is_end(result_);
+    return node.parent == ROOT && nodes_.at(ROOT).is_decorator && is_end(node.status);
+  }
+  /// Return whether this thread ticks or halts the tree. A TryCatch also ticks leaves when it is halted.
+  bool is_working() const {
+    return (state_ == State::TICKING || state_ == State::HALTING) && std::this_thread::get_id() == thread_;
+  }
+  void change(Node& node, Status status) {
+    if (status == Status::IDLE) {
+      add_reset(node);
+    } else if (is_ticked(node.uid)) {
+      add("status_set", {quote(node.uid), quote(status)});
+    }
+    node.status = status;
+    checksum_ = (checksum_ * 69069 + node.uid * 8 + static_cast<int>(status) + 1) & 0xFFFFFFFF;
+  }
+
+  // --- ticks and halts
+
+  void begin_tick() {
+    end_open_step();
+    if (state_ == State::ENDED) return;
+    thread_ = std::this_thread::get_id();
+    add_late_halts();
+    read_boards();
+    add("tick", {quote(++ticks_), quote(now())});
+    state_ = State::TICKING;
+  }
+  void end_open_step() {
+    if (state_ == State::ENDING) end_step(result_, checksum_);
+    if (state_ == State::HALTING) end_step(Status::IDLE, checksum_);
+    if (state_ != State::TICKING) return;
+    unwind(0, false);  // the tick has raised an exception; btcore halts the tree then
+    bool is_halted = true;
+    for (const auto& [uid, node] : nodes_) is_halted &= node.status == Status::IDLE;
+    end_step(Status::IDLE, is_halted ? checksum_ : UNKNOWN);
+    if (!is_halted) end("a tick has raised an exception, and the tree was not halted afterwards");
+  }
+  bool is_ticked(int uid) const {
+    return !frames_.empty() && frames_.back().doing == Doing::TICK && frames_.back().uid == uid;
+  }
+  bool is_above(int above, int uid) const {
+    for (uid = nodes_.at(uid).parent; uid != 0; uid = nodes_.at(uid).parent)
+      if (uid == above) return true;
+    return false;
+  }
+  /// End what is not done by a node above `uid` nor, if `with_itself`, by `uid`: an exception has ended it.
+  void unwind(int uid, bool with_itself) {
+    while (!frames_.empty()) {
+      const int doing = frames_.back().uid;
+      if (uid != 0 && (is_above(doing, uid) || (with_itself && doing == uid))) return;
+      abandon();
+    }
+  }
+  void abandon() {
+    const Frame frame = frames_.back();
+    frames_.pop_back();
+    Node& node = nodes_.at(frame.uid);
+    if (frame.doing == Doing::TICK) {
+      for (Board* board : node.boards) read_board(*board, true, false);
+      const bool has_children = dynamic_cast<BT::LeafNode*>(node.tree_node) == nullptr;
+      const std::string text = exception_.empty() ? "an exception, whose text was not recorded" : exception_;
+      add("raised", {quote(node.uid), "[" + quote(has_children ? "NodeExecutionError" : "exception") + ", " + quote(text) + "]"});
+    } else if (frame.doing == Doing::HALT) {
+      add("halt_ended", {quote(node.uid), "null"});
+    } else if (!frames_.empty()) {
+      frames_.back().line = lines_.size();
+    }
+  }
+  /// Add that the external node on top has ticked its child `uid` since it left the child before.
+  void insert_child_tick(int uid) {
+    const auto at = lines_.begin() + static_cast<std::ptrdiff_t>(frames_.back().line);
+    const std::string ticked = line("child_ticked", {quote(uid)});
+    if (at != lines_.end() && *at == line("child_halted", {quote(uid)})) {  // by `_while`, in its tick
+      *at = ticked;
+    } else {
+      lines_.insert(at, ticked);
+    }
+  }
+  /// Add what external code does when `node` becomes IDLE: it resets or halts the node, or a node above it.
+  void add_reset(Node& node) {
+    const int uid = node.uid;
+    unwind(uid, true);
+    while (!frames_.empty() && frames_.back().uid == uid && frames_.back().doing <= Doing::TICK_CHILD) abandon();
+    open_halts(node);
+    bool is_halting = !frames_.empty() && frames_.back().uid == uid && frames_.back().doing == Doing::HALT;
+    if (!late_.empty() && is_above(uid, late_.front().first) && !is_halting) {
+      begin_halt(uid);
+      is_halting = true;
+    }
+    add_late_halts();
+    const std::vector<std::string> writes = node.is_external ? read_outputs(node) : std::vector<std::string>();
+    if (is_halting || (!writes.empty() && node.status == Status::RUNNING)) {
+      if (!is_halting) add("halt_began", {quote(uid)});
+      lines_.insert(lines_.end(), writes.begin(), writes.end());
+      add("status_set", {quote(uid), quote(Status::IDLE)});
+      add("halt_ended", {quote(uid), "null"});
+      if (is_halting) frames_.pop_back();
+    }
+    if (!frames_.empty() && frames_.back().uid == uid && frames_.back().doing == Doing::HALT_CHILD) {
+      frames_.pop_back();
+      if (!frames_.empty()) frames_.back().line = lines_.size();
+    }
+  }
+  /// Add the begin of the halts in which `node` becomes IDLE, of the external nodes above it.
+  void open_halts(const Node& node) {
+    const bool is_running = node.status == Status::RUNNING;
+    if (!is_running && node.parent != 0 && nodes_.at(node.parent).is_decorator) {
+      // A decorator resets its child at the end of each tick, and only a user's class does it within its tick.
+      if (is_ticked(node.parent)) add("status_set", {quote(node.uid), quote(Status::IDLE)});
+      return;
+    }
+    const int top = frames_.empty() ? 0 : frames_.back().uid;
+    if (top == node.uid) return;
+    std::vector<int> path{node.uid};
+    for (int uid = node.parent; uid != top; uid = nodes_.at(uid).parent) path.insert(path.begin(), uid);
+    bool is_external = !frames_.empty() && (frames_.back().doing == Doing::TICK || frames_.back().doing == Doing::HALT);
+    for (const int uid : path) {
+      if (is_external && uid == node.uid && !is_running) {
+        add("status_set", {quote(uid), quote(Status::IDLE)});
+        return;
+      }
+      if (is_external) {
+        add("child_halted", {quote(uid)});
+        frames_.push_back({Doing::HALT_CHILD, uid, lines_.size()});
+      }
+      is_external = uid != node.uid && nodes_.at(uid).is_external;
+      if (is_external) begin_halt(uid);
+    }
+  }
+  void begin_halt(int uid) {
+    add("halt_began", {quote(uid)});
+    frames_.push_back({Doing::HALT, uid, lines_.size()});
+  }
+  int timeout_above(int uid) const {
+    for (uid = nodes_.at(uid).parent; uid != 0; uid = nodes_.at(uid).parent)
+      if (dynamic_cast<BT::TimeoutNode*>(nodes_.at(uid).tree_node) != nullptr) return uid;
+    return 0;
+  }
+  /// Add the halts by timers, which have happened in other threads.
+  void add_late_halts() {
+    while (!late_.empty()) {
+      int halted = 0;
+      for (int uid = late_.front().first; uid != 0; uid = nodes_.at(uid).parent) {
+        const bool is_late = std::any_of(late_.begin(), late_.end(), [uid](auto& late) { return late.first == uid; });
+        if (is_late && timeout_above(uid) == nodes_.at(uid).parent) halted = uid;
+      }
+      add("child_halted", {quote(halted)});
+      frames_.push_back({Doing::HALT_CHILD, halted, lines_.size()});
+      int uid = 0;
+      while (uid != halted && !late_.empty()) {
+        uid = late_.front().first;
+        const Status status = late_.front().second;
+        late_.erase(late_.begin());
+        change(nodes_.at(uid), status);
+      }
+    }
+  }
+
+  // --- entries
+
+  /// Take note of the entries that were written since the last call, and add them if they `must_add`.
+  void read_board(Board& board, bool must_add, bool must_compare_keys) {
+    for (auto& [key, known] : board.known) add_if_written(board, key, known, must_add);
+    std::vector<BT::StringView> keys = board.board->getKeys();
+    if (keys.size() == board.known.size() && !must_compare_keys) return;
+    std::set<std::string> present;
+    for (const auto& view : keys) {
+      const std::string key(view);
+      present.insert(key);
+      const EntryPtr entry = board.board->getEntry(key);
+      auto& known = board.known[key];
+      if (entry == nullptr || entry == known.entry) continue;
+      if (must_add && known.entry != nullptr) add("removed", {quote(board.scope), quote(key)});
+      known = {entry, 0};
+      add_if_written(board, key, known, must_add);
+    }
+    for (auto at = board.known.begin(); at != board.known.end();) {
+      if (present.count(at->first) != 0) {
+        ++at;
+        continue;
+      }
+      if (must_add) add("removed", {quote(board.scope), quote(at->first)});
+      at = board.known.erase(at);
+    }
+  }
+  void read_boards() {
+    for (Board& board : boards_) read_board(board, true, true);
+  }
+  void add_if_written(Board& board, const std::string& key, KnownEntry& known, bool must_add) {
+    const std::lock_guard lock(known.entry->entry_mutex);
+    if (known.entry->sequence_id == known.sequence_id) return;
+    known.sequence_id = known.entry->sequence_id;
+    if (!must_add || known.entry->value.empty()) return;
+    const BT::TypeInfo& info = known.entry->info;
+    const std::string declared = info.isStronglyTyped() ? quote(type_name(info)) : "null";
+    add("written", {quote(board.scope), quote(key), value_of(known.entry->value), declared});
+  }
+  /// Return the lines of the entries that an external node has written to its output ports.
+  std::vector<std::string> read_outputs(const Node& node) {
+    const size_t count = lines_.size();
+    for (const auto& [port, text] : config_of(node).output_ports) {
+      const auto key = BT::TreeNode::getRemappedKey(port, text);
+      if (!key) continue;
+      const EntryPtr entry = config_of(node).blackboard->getEntry(std::string(*key));
+      for (Board* board : node.boards)
+        for (auto& [name, known] : board->known)
+          if (known.entry == entry) add_if_written(*board, name, known, true);
+    }
+    const auto added = lines_.begin() + static_cast<std::ptrdiff_t>(count);
+    std::vector<std::string> written(added, lines_.end());
+    lines_.erase(added, lines_.end());
+    return written;
+  }
+  /// Return the name of a type in btcore. Enums are integers, because scripts compute with their numbers.
+  static std::string type_name(const BT::TypeInfo& info) {
+    static const std::map<std::type_index, std::string> names{
+        {typeid(BT::AnyTypeAllowed), "BT::AnyTypeAllowed"}, {typeid(BT::Any), "BT::Any"},
+        {typeid(std::string), "std::string"}, {typeid(bool), "bool"}, {typeid(char), "signed char"},
+        {typeid(int8_t), "signed char"}, {typeid(int16_t), "short"}, {typeid(int), "int"}, {typeid(long), "long"},
+        {typeid(long long), "long"}, {typeid(uint8_t), "unsigned char"}, {typeid(uint16_t), "unsigned short"},
+        {typeid(unsigned), "unsigned int"}, {typeid(unsigned long), "unsigned long"},
+        {typeid(unsigned long long), "unsigned long"}, {typeid(float), "float"}, {typeid(double), "double"},
+        {typeid(BT::NodeStatus), "BT::NodeStatus"}, {typeid(BT::NodeType), "BT::NodeType"},
+        {typeid(BT::PortDirection), "BT::PortDirection"}, {typeid(std::vector<int>), "std::vector<int>"},
+        {typeid(std::vector<double>), "std::vector<double>"}, {typeid(std::vector<bool>), "std::vector<bool>"},
+        {typeid(std::vector<std::string>), "std::vector<std::string>"}};
+    const auto known = names.find(info.type());
+    if (known != names.end()) return known->second;
+    return info.converter() ? BT::demangle(info.type()) : "int";  // BehaviorTree.CPP has none for enums
+  }
+  static std::string value_of(const BT::Any& value) {
+    using nlohmann::json;
+    json data;
+    if (value.empty()) return "null";
+    if (value.isString()) {
+      data = value.cast<std::string>();
+    } else if (value.type() == typeid(bool)) {
+      data = value.cast<int64_t>() != 0;
+    } else if (value.type() == typeid(BT::NodeStatus)) {
+      data = {{"__enum", "Status"}, {"name", BT::toStr(static_cast<Status>(value.cast<int64_t>()))}};
+    } else if (value.castedType() == typeid(double)) {
+      const double real = value.cast<double>();
+      data = real;
+      if (!std::isfinite(real)) data = {{"__float", std::isnan(real) ? "nan" : real > 0 ? "inf" : "-inf"}};
+    } else if (value.castedType() == typeid(uint64_t)) {
+      data = value.cast<uint64_t>();
+    } else if (value.isIntegral()) {
+      data = value.cast<int64_t>();
+    } else if (!put_list<int>(value, data) && !put_list<double>(value, data) && !put_list<bool>(value, data) &&
+               !put_list<std::string>(value, data)) {
+      std::string text = "a " + BT::demangle(value.type());
+      if (json own; BT::JsonExporter::get().toJson(value, own)) text += " " + dump(own);
+      data = {{"__text", text.substr(0, 1000)}};
+    }
+    return dump(data);
+  }
+  template <class T>
+  static bool put_list(const BT::Any& value, nlohmann::json& data) {
+    auto& any = const_cast<BT::Any&>(value);  // castPtr() is not const
+    if (value.castedType() == typeid(std::vector<T>)) {
+      data = *any.castPtr<std::vector<T>>();
+      return true;
+    }
+    using Queue = std::shared_ptr<std::deque<T>>;
+    if (value.castedType() != typeid(Queue)) return false;
+    const Queue& queue = *any.castPtr<Queue>();
+    data = {{"__deque", queue == nullptr ? std::deque<T>() : *queue}};
+    return true;
+  }
+
+  // --- lines
+
+  static std::string dump(const nlohmann::json& data) {
+    return data.dump(-1, ' ', false, nlohmann::json::error_handler_t::replace);
+  }
+  static std::string quote(const nlohmann::json& data) { return dump(data); }
+  static std::string quote(Status status) { return dump(BT::toStr(status)); }
+  static std::string line(const std::string& word, const std::vector<std::string>& values) {
+    std::string text = word + " [";
+    for (size_t i = 0; i < values.size(); ++i) text += (i == 0 ? "" : ", ") + values[i];
+    return text + "]\n";
+  }
+  void add(const std::string& word, const std::vector<std::string>& values) { lines_.push_back(line(word, values)); }
+
+  void end_step(Status status, int64_t checksum) {
+    write_lines("end", quote(status) + ", " + std::to_string(checksum));
+    frames_.clear();
+    exception_.clear();
+    state_ = State::OUTSIDE;
+  }
+  /// Write the lines so far, and the last line of a part of the file, which has their CRC-32.
+  void write_lines(const std::string& word, const std::string& values) {
+    uint32_t crc = 0xFFFFFFFF;
+    for (const auto& text : lines_) crc = add_to_crc(crc, text), file_ << text;
+    crc = ~add_to_crc(crc, "[" + values + "]");
+    file_ << word << " [" << values << (values.empty() ? "" : ", ") << crc << "]\n" << std::flush;
+    lines_.clear();
+    if (!file_) end("the file cannot be written");
+  }
+  void end(const std::string& reason) {
+    ended_ = reason;
+    state_ = State::ENDED;
+  }
+  static uint32_t add_to_crc(uint32_t crc, const std::string& text) {
+    static const auto table = [] {
+      std::array<uint32_t, 256> values{};
+      for (uint32_t i = 0; i < 256; ++i) {
+        values[i] = i;
+        for (int bit = 0; bit < 8; ++bit) values[i] = (values[i] >> 1) ^ ((values[i] & 1) * 0xEDB88320);
+      }
+      return values;
+    }();
+    for (const unsigned char byte : text) crc = table[(crc ^ byte) & 0xFF] ^ (crc >> 8);
+    return crc;
+  }
+
+  void write_head(const BT::Tree& tree, const std::vector<Document>& documents, size_t outer_count,
+                  const std::set<std::string>& builtins) {
+    using namespace std::chrono;
+    add("btrec", {"1"});
+    add("tree", {quote(subtrees_.front()->tree_ID), "4"});
+    add("clock", {quote(now()), quote(duration_cast<nanoseconds>(system_clock::now().time_since_epoch()).count())});
+    add("versions", {R"({"BehaviorTree.CPP":"4.10"})"});
+    std::string all_texts;
+    for (const auto& [file, text] : documents) {
+      all_texts += text;
+      add("document", {quote(file), "false"});
+      std::string marked = "|";
+      for (const char c : text) marked += c == '\n' ? "\n|" : std::string(1, c);
+      lines_.push_back(marked + "\n");
+    }
+    const auto enums = config_of(nodes_.at(ROOT)).enums;
+    for (const auto& [name, number] : enums ? *enums : BT::ScriptingEnumsRegistry()) add("enum", {quote(name), quote(number)});
+    for (const auto& [id, manifest] : tree.manifests)
+      if (is_external(id, builtins) && all_texts.find(id) != std::string::npos) add_class(manifest);
+    for (const auto& [uid, node] : nodes_) add("node", {quote(uid), quote(node.tree_node->fullPath())});
+    for (size_t i = 0; i < outer_count; ++i) add("outer", {"false", "{}"});
+    std::vector<std::string> scopes;
+    int index = 0;
+    for (Board& board : boards_) {
+      read_board(board, false, true);
+      nlohmann::json indices = nlohmann::json::object();
+      for (const auto& [key, known] : board.known) {
+        indices[key] = index++;
+        const std::lock_guard lock(known.entry->entry_mutex);
+        const std::string declared = quote(type_name(known.entry->info));
+        const BT::Any& value = known.entry->value;
+        const std::string held = value.empty() ? declared : quote(type_name({value.type(), known.entry->info.converter()}));
+        const bool is_same = held == declared || !known.entry->info.isStronglyTyped();
+        add("entry", {value_of(value), declared, "false", is_same ? "null" : held, quote(known.entry->sequence_id)});
+      }
+      scopes.push_back(dump(indices));
+    }
+    for (const auto& scope : scopes) add("scope", {scope});
+    add("ticks", {"0"});
+    write_lines("head", "");
+  }
+  void add_class(const BT::TreeNodeManifest& manifest) {
+    const std::string type = BT::toStr(manifest.type);
+    const bool has_children = type == "Control" || type == "Decorator";
+    bool must_complete = false;
+    for (const auto& [uid, node] : nodes_)
+      must_complete |= node.tree_node->registrationName() == manifest.registration_ID &&
+                       dynamic_cast<BT::SyncActionNode*>(node.tree_node) != nullptr;
+    std::string ports;
+    for (const auto& [name, port] : manifest.ports) {
+      static const std::map<BT::PortDirection, std::string> directions{
+          {BT::PortDirection::INPUT, "IN"}, {BT::PortDirection::OUTPUT, "OUT"}, {BT::PortDirection::INOUT, "INOUT"}};
+      const std::string initial = port.defaultValue().empty() ? "null" : quote(port.defaultValueString());
+      ports += (ports.empty() ? "[" : ", [") + quote(name) + ", " + quote(directions.at(port.direction())) + ", " +
+               quote(type_name(port)) + ", " + initial + "]";
+    }
+    const std::string kind = type == "Control" ? "control" : type == "Decorator" ? "decorator" : "leaf";
+    const std::string upper = type == "Control" ? "CONTROL" : type == "Decorator" ? "DECORATOR" : type == "Condition" ? "CONDITION" : "ACTION";
+    add("class", {quote(manifest.registration_ID), quote(kind), quote(upper), must_complete && !has_children ? "true" : "false", "[" + ports + "]"});
+  }
+
+  std::vector<BT::Tree::Subtree::Ptr> subtrees_;  // keeps the nodes and blackboards
+  std::map<int, Node> nodes_;                     // by UID
+  std::deque<Board> boards_;
+  std::ofstream file_;
+  mutable std::mutex mutex_;
+  std::thread::id thread_;  // that ticks the tree
+  State state_ = State::OUTSIDE;
+  std::vector<std::string> lines_;  // of the step
+  std::vector<Frame> frames_;
+  std::vector<std::pair<int, Status>> late_;  // changes of statuses by timers
+  Status result_ = Status::IDLE;
+  int64_t ticks_ = 0;
+  int64_t checksum_ = 0;
+  std::string exception_;
+  std::string ended_;
+};
+
+}  // namespace btcore
