@@ -46,24 +46,36 @@
 
 namespace btcore {
 
-/// What a Recorder needs to see the ticks of a node that calls no callbacks.
-struct RecordedNode {
-  std::function<void()> tick_began;
-  std::function<void(BT::NodeStatus)> tick_ended;
-  virtual ~RecordedNode() = default;
-};
-
-/// A leaf that can be recorded: factory.registerNodeType<btcore::Recorded<MyThreadedAction>>("MyThreadedAction").
+/// A leaf of a class whose ticks call no callbacks: factory.registerNodeType<btcore::Recorded<MyLeaf>>("MyLeaf").
 template <class Leaf>
-class Recorded : public Leaf, public RecordedNode {
+class Recorded : public BT::ActionNodeBase {
  public:
-  using Leaf::Leaf;
-  BT::NodeStatus executeTick() override {
-    if (tick_began) tick_began();
-    const BT::NodeStatus status = Leaf::executeTick();
-    if (tick_ended) tick_ended(status);
+  Recorded(const std::string& name, const BT::NodeConfig& config)
+      : ActionNodeBase(name, config),
+        leaf_(name, config),
+        subscriber_(leaf_.subscribeToStatusChange([this](auto&&...) {
+          if (std::this_thread::get_id() != thread_) emitWakeUpSignal();
+        })) {}
+  static BT::PortsList providedPorts() { return BT::getProvidedPorts<Leaf>(); }
+
+ private:
+  struct Inner : Leaf {
+    using Leaf::Leaf, Leaf::resetStatus;
+  };
+  BT::NodeStatus tick() override {
+    thread_ = std::this_thread::get_id();
+    const BT::NodeStatus status = leaf_.executeTick();
+    if (status != BT::NodeStatus::RUNNING) leaf_.resetStatus();
     return status;
   }
+  void halt() override {
+    leaf_.haltNode();
+    resetStatus();
+  }
+
+  std::thread::id thread_;
+  Inner leaf_;
+  BT::TreeNode::StatusChangeSubscriber subscriber_;
 };
 
 /// Records the ticks and halts of a tree until it is destroyed.
@@ -101,7 +113,6 @@ class Recorder {
       node.tree_node->setPreTickFunction({});
       node.tree_node->setPostTickFunction({});
       node.tree_node->setTickMonitorCallback({});
-      if (node.recorded) node.recorded->tick_began = nullptr, node.recorded->tick_ended = nullptr;
     }
   }
   Recorder(const Recorder&) = delete;
@@ -133,8 +144,7 @@ class Recorder {
   struct Node {
     BT::TreeNode* tree_node;
     int uid, parent;
-    bool is_external, is_decorator, is_threaded;
-    RecordedNode* recorded;
+    bool is_external, is_decorator;
     std::vector<Board*> boards;  // that it can write
     Status status = Status::IDLE;
     BT::TreeNode::StatusChangeSubscriber subscriber;
@@ -144,7 +154,8 @@ class Recorder {
   struct Frame {
     Doing doing;
     int uid;
-    size_t line;  // the number of lines when the last child was left: where the tick of the next one may begin
+    size_t line;        // the number of lines when a child was left: where the tick of the next one may begin
+    size_t halted = 0;  // the number of the line of the last halt of a child
   };
   enum class State { OUTSIDE, TICKING, ENDING, HALTING, ENDED };
 
@@ -168,8 +179,6 @@ class Recorder {
     node.parent = parent;
     node.is_external = is_external(tree_node->registrationName(), builtins);
     node.is_decorator = tree_node->type() == BT::NodeType::DECORATOR || tree_node->type() == BT::NodeType::SUBTREE;
-    node.is_threaded = dynamic_cast<BT::ThreadedAction*>(tree_node) != nullptr;
-    node.recorded = dynamic_cast<RecordedNode*>(tree_node);
     nodes_[node.uid] = node;
     if (auto* control = dynamic_cast<BT::ControlNode*>(tree_node)) {
       for (auto* child : control->children()) find_nodes(child, node.uid, builtins);
@@ -189,13 +198,10 @@ class Recorder {
   void check(const Node& node) const {
     const auto& config = config_of(node);
     const std::string name = "'" + node.tree_node->fullPath() + "' ";
-    const bool has_conditions = !config.pre_conditions.empty() || !config.post_conditions.empty();
-    const bool is_silent = node.is_threaded || dynamic_cast<BT::CoroActionNode*>(node.tree_node) != nullptr;
     if (node.tree_node->status() != Status::IDLE)
       refuse(name + "is not IDLE: begin to record before the first tick, or after haltTree()");
-    if (is_silent && node.recorded == nullptr)
+    if (dynamic_cast<BT::ThreadedAction*>(node.tree_node) || dynamic_cast<BT::CoroActionNode*>(node.tree_node))
       refuse(name + "calls no callbacks: register its class as btcore::Recorded<Class>");
-    if (is_silent && has_conditions) refuse(name + "has conditions, which its class does not evaluate in each tick");
     if (dynamic_cast<BT::TestNode*>(node.tree_node) != nullptr) refuse(name + "is replaced by a substitution rule");
     if (node.uid != ROOT) return;
     for (const auto& [condition, script] : config.pre_conditions) {
@@ -215,19 +221,13 @@ class Recorder {
     node.subscriber = tree_node.subscribeToStatusChange(
         [this, uid](BT::TimePoint, const BT::TreeNode&, Status, Status status) { status_changed(uid, status); });
     const bool is_child = node.parent != 0 && nodes_.at(node.parent).is_external;
-    const auto began = [this, uid] { tick_began(uid); };
-    const auto ended = [this, uid](Status status) { tick_ended(uid, status); };
-    const auto left = [this, uid](Status status) { tick_left(uid, status); };
-    if (node.recorded != nullptr) {
-      node.recorded->tick_began = began;
-      node.recorded->tick_ended = [ended, left](Status status) { ended(status), left(status); };
-      return;
-    }
     if (!node.is_external && !is_child && uid != ROOT) return;
-    tree_node.setPreTickFunction([began](BT::TreeNode&) { return began(), Status::IDLE; });
+    tree_node.setPreTickFunction([this, uid](BT::TreeNode&) { return tick_began(uid), Status::IDLE; });
     if (node.is_external)
-      tree_node.setTickMonitorCallback([ended](BT::TreeNode&, Status status, auto) { ended(status); });
-    tree_node.setPostTickFunction([left](BT::TreeNode&, Status status) { return left(status), Status::IDLE; });
+      tree_node.setTickMonitorCallback([this, uid](BT::TreeNode&, Status status, auto) { tick_ended(uid, status); });
+    if (!is_child && uid != ROOT) return;
+    tree_node.setPostTickFunction(
+        [this, uid](BT::TreeNode&, Status status) { return tick_left(uid, status), Status::IDLE; });
   }
 
   // --- callbacks
@@ -260,7 +260,6 @@ class Recorder {
     for (Board* board : node.boards) read_board(*board, true, false);
     add("result", {quote(uid), quote(status)});
     if (is_ticked(uid)) frames_.pop_back();
-    if (node.is_threaded && status != Status::SKIPPED) change(node, status);
   }
   /// A child of an external node, or the root, has been ticked. Its status is stored next.
   void tick_left(int uid, Status status) {
@@ -270,11 +269,16 @@ class Recorder {
     const Node& node = nodes_.at(uid);
     unwind(uid, true);
     if (!frames_.empty() && frames_.back().uid == uid) {
+      const Frame frame = frames_.back();
       frames_.pop_back();
+      if (frame.doing == Doing::HALT_CHILD) {  // no call before the tick, in which it has reset its children
+        lines_.erase(lines_.begin() + static_cast<std::ptrdiff_t>(frame.line) - 1);
+        insert_child_tick(uid);
+      }
     } else if (is_ticked(node.parent)) {
       insert_child_tick(uid);
     }
-    if (!frames_.empty()) frames_.back().line = lines_.size();
+    if (is_ticked(node.parent)) frames_.back().line = lines_.size();
     if (uid != ROOT) return;
     result_ = status;
     state_ = State::ENDING;
@@ -286,7 +290,7 @@ class Recorder {
     const std::lock_guard lock(mutex_);
     Node& node = nodes_.at(uid);
     const bool is_foreign = std::this_thread::get_id() != thread_;
-    if (state_ == State::ENDED || (is_foreign && node.is_threaded)) return;
+    if (state_ == State::ENDED) return;
     if (is_foreign && timeout_above(uid) != 0) {  // the timer of a Timeout halts its child
       late_.push_back({uid, status});
       return;
@@ -375,15 +379,19 @@ class Recorder {
       frames_.back().line = lines_.size();
     }
   }
-  /// Add that the external node on top has ticked its child `uid` since it left the child before.
+  /// Add that the external node on top has ticked its child `uid` since it left a child.
   void insert_child_tick(int uid) {
-    const auto at = lines_.begin() + static_cast<std::ptrdiff_t>(frames_.back().line);
+    const Frame& frame = frames_.back();
     const std::string ticked = line("child_ticked", {quote(uid)});
-    if (at != lines_.end() && *at == line("child_halted", {quote(uid)})) {  // by `_while`, in its tick
-      *at = ticked;
-    } else {
-      lines_.insert(at, ticked);
+    std::string& last = lines_[frame.halted];
+    if (frame.halted != 0 && frame.line == lines_.size() && last == line("child_halted", {quote(uid)})) {
+      last = ticked;  // `_while` has halted it, in its tick
+      return;
     }
+    size_t at = frame.line;
+    const std::string own = "status_set [" + std::to_string(frame.uid) + ", ";
+    while (at < lines_.size() && lines_[at].compare(0, own.size(), own) == 0) ++at;
+    lines_.insert(lines_.begin() + static_cast<std::ptrdiff_t>(at), ticked);
   }
   /// Add what external code does when `node` becomes IDLE: it resets or halts the node, or a node above it.
   void add_reset(Node& node) {
@@ -406,8 +414,9 @@ class Recorder {
       if (is_halting) frames_.pop_back();
     }
     if (!frames_.empty() && frames_.back().uid == uid && frames_.back().doing == Doing::HALT_CHILD) {
+      const size_t halted = frames_.back().line - 1;
       frames_.pop_back();
-      if (!frames_.empty()) frames_.back().line = lines_.size();
+      if (!frames_.empty()) frames_.back().line = lines_.size(), frames_.back().halted = halted;
     }
   }
   /// Add the begin of the halts in which `node` becomes IDLE, of the external nodes above it.
@@ -592,8 +601,8 @@ class Recorder {
   void add(const std::string& word, const std::vector<std::string>& values) { lines_.push_back(line(word, values)); }
 
   void end_step(Status status, int64_t checksum) {
+    unwind(0, false);
     write_lines("end", quote(status) + ", " + std::to_string(checksum));
-    frames_.clear();
     exception_.clear();
     state_ = State::OUTSIDE;
   }
