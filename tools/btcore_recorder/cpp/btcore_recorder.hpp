@@ -18,7 +18,7 @@
 //
 // Tick and halt the tree in one thread. Each tick is written to the file when it has ended. The recorder throws
 // BT::RuntimeError at the beginning if it cannot record the tree: if the tree runs already, if the XML has includes,
-// if the root has a pre-condition that assigns or is `_while`, or for leaves derived from ThreadedAction and
+// if the root has a pre-condition, or for leaves derived from ThreadedAction and
 // CoroActionNode, which do not call callbacks: register these as `btcore::Recorded<MyLeaf>`.
 //
 // License: as btcore. Needs C++17.
@@ -118,10 +118,11 @@ class Recorder {
   Recorder(const Recorder&) = delete;
   Recorder& operator=(const Recorder&) = delete;
 
-  /// Record the text of an exception that has left tickOnce(), before the tree is halted or ticked again.
+  /// Record an exception that has left tickOnce(). Call it before haltTree().
   void note_exception(const std::exception& error) {
     const std::lock_guard lock(mutex_);
     exception_ = error.what();
+    unwind(0, false);
   }
   /// Why the recording has ended before the recorder was destroyed; "" if it goes on.
   std::string ended() const {
@@ -203,14 +204,8 @@ class Recorder {
     if (dynamic_cast<BT::ThreadedAction*>(node.tree_node) || dynamic_cast<BT::CoroActionNode*>(node.tree_node))
       refuse(name + "calls no callbacks: register its class as btcore::Recorded<Class>");
     if (dynamic_cast<BT::TestNode*>(node.tree_node) != nullptr) refuse(name + "is replaced by a substitution rule");
-    if (node.uid != ROOT) return;
-    for (const auto& [condition, script] : config.pre_conditions) {
-      std::string text = script;
-      for (const char* comparison : {"==", "!=", "<=", ">="})
-        for (size_t at; (at = text.find(comparison)) != std::string::npos;) text.erase(at, 2);
-      if (condition == BT::PreCond::WHILE_TRUE || text.find('=') != std::string::npos)
-        refuse(name + "is the root, and has `_while` or a pre-condition that assigns: move it to a child");
-    }
+    if (node.uid == ROOT && !config.pre_conditions.empty())
+      refuse(name + "is the root, and has a pre-condition: put it on a child of the root");
   }
   void subscribe(Node& node) {
     auto& tree_node = *node.tree_node;
@@ -264,7 +259,6 @@ class Recorder {
   /// A child of an external node, or the root, has been ticked. Its status is stored next.
   void tick_left(int uid, Status status) {
     const std::lock_guard lock(mutex_);
-    if (uid == ROOT && state_ != State::TICKING) begin_tick();  // a pre-condition has decided
     if (!is_working()) return;
     const Node& node = nodes_.at(uid);
     unwind(uid, true);
@@ -400,11 +394,11 @@ class Recorder {
     while (!frames_.empty() && frames_.back().uid == uid && frames_.back().doing <= Doing::TICK_CHILD) abandon();
     open_halts(node);
     bool is_halting = !frames_.empty() && frames_.back().uid == uid && frames_.back().doing == Doing::HALT;
-    if (!late_.empty() && is_above(uid, late_.front().first) && !is_halting) {
-      begin_halt(uid);
+    if (!late_.empty() && is_above(uid, late_.front().first)) {  // a timer has halted the child
+      if (!is_halting) begin_halt(uid);
       is_halting = true;
+      add_late_halts();
     }
-    add_late_halts();
     const std::vector<std::string> writes = node.is_external ? read_outputs(node) : std::vector<std::string>();
     if (is_halting || (!writes.empty() && node.status == Status::RUNNING)) {
       if (!is_halting) add("halt_began", {quote(uid)});
@@ -456,20 +450,20 @@ class Recorder {
   }
   /// Add the halts by timers, which have happened in other threads.
   void add_late_halts() {
-    while (!late_.empty()) {
-      int halted = 0;
-      for (int uid = late_.front().first; uid != 0; uid = nodes_.at(uid).parent) {
-        const bool is_late = std::any_of(late_.begin(), late_.end(), [uid](auto& late) { return late.first == uid; });
-        if (is_late && timeout_above(uid) == nodes_.at(uid).parent) halted = uid;
+    auto late = std::exchange(late_, {});
+    while (!late.empty()) {
+      int halted = 0;  // the child of a Timeout, whose halt is the last of those in it
+      for (int uid = late.front().first; uid != 0; uid = nodes_.at(uid).parent) {
+        const bool is_late = std::any_of(late.begin(), late.end(), [uid](auto& change) { return change.first == uid; });
+        if (is_late && nodes_.at(uid).parent == timeout_above(uid)) halted = uid;
       }
       add("child_halted", {quote(halted)});
       frames_.push_back({Doing::HALT_CHILD, halted, lines_.size()});
       int uid = 0;
-      while (uid != halted && !late_.empty()) {
-        uid = late_.front().first;
-        const Status status = late_.front().second;
-        late_.erase(late_.begin());
-        change(nodes_.at(uid), status);
+      while (uid != halted && !late.empty()) {
+        uid = late.front().first;
+        change(nodes_.at(uid), late.front().second);
+        late.erase(late.begin());
       }
     }
   }
