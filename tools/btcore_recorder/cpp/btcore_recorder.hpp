@@ -155,8 +155,7 @@ class Recorder {
   struct Frame {
     Doing doing;
     int uid;
-    size_t line;        // the number of lines when a child was left: where the tick of the next one may begin
-    size_t halted = 0;  // the number of the line of the last halt of a child
+    size_t line = 0;  // of HALT_CHILD: the number of its line
   };
   enum class State { OUTSIDE, TICKING, ENDING, HALTING, ENDED };
 
@@ -231,30 +230,23 @@ class Recorder {
     const std::lock_guard lock(mutex_);
     if (uid == ROOT) begin_tick();
     if (!is_working()) return;
-    Node& node = nodes_.at(uid);
-    unwind(uid, false);
-    if (is_ticked(node.parent)) {
-      add("child_ticked", {quote(uid)});
-      frames_.push_back({Doing::TICK_CHILD, uid, lines_.size()});
-    }
-    if (!node.is_external) return;
-    for (Board* board : node.boards) read_board(*board, false, false);
-    frames_.push_back({Doing::TICK, uid, lines_.size()});
+    for (Board* board : nodes_.at(uid).boards) read_board(*board, false, false);
+    open_ticks(uid);
+    if (nodes_.at(uid).is_external) frames_.push_back({Doing::TICK, uid});
     add_late_halts();
   }
   /// The tick() of an external node has returned `status`.
   void tick_ended(int uid, Status status) {
     const std::lock_guard lock(mutex_);
     if (!is_working()) return;
-    Node& node = nodes_.at(uid);
     unwind(uid, true);
-    if (!is_ticked(uid) && is_ticked(node.parent)) {  // no call before the tick: the status was SUCCESS or FAILURE
-      insert_child_tick(uid);
-      frames_.push_back({Doing::TICK_CHILD, uid, lines_.size()});
+    if (is_ticked(uid)) {
+      frames_.pop_back();
+    } else {  // tick_began() is not called if the status was SUCCESS or FAILURE
+      open_ticks(uid);
     }
-    for (Board* board : node.boards) read_board(*board, true, false);
+    for (Board* board : nodes_.at(uid).boards) read_board(*board, true, false);
     add("result", {quote(uid), quote(status)});
-    if (is_ticked(uid)) frames_.pop_back();
   }
   /// A child of an external node, or the root, has been ticked. Its status is stored next.
   void tick_left(int uid, Status status) {
@@ -265,14 +257,14 @@ class Recorder {
     if (!frames_.empty() && frames_.back().uid == uid) {
       const Frame frame = frames_.back();
       frames_.pop_back();
-      if (frame.doing == Doing::HALT_CHILD) {  // no call before the tick, in which it has reset its children
-        lines_.erase(lines_.begin() + static_cast<std::ptrdiff_t>(frame.line) - 1);
-        insert_child_tick(uid);
-      }
-    } else if (is_ticked(node.parent)) {
-      insert_child_tick(uid);
+      if (frame.doing == Doing::HALT_CHILD) lines_[frame.line] = line("child_ticked", {quote(uid)});  // by its tick
+    } else if (status == Status::SKIPPED && last_halt_.uid == uid && last_halt_end_ == lines_.size() &&
+               config_of(node).pre_conditions.count(BT::PreCond::WHILE_TRUE) != 0) {
+      lines_[last_halt_.line] = line("child_ticked", {quote(uid)});  // in which `_while` has halted it
+    } else {  // a pre-condition has decided, or tick_began() was not called
+      open_ticks(uid);
+      if (uid != ROOT && !frames_.empty()) frames_.pop_back();
     }
-    if (is_ticked(node.parent)) frames_.back().line = lines_.size();
     if (uid != ROOT) return;
     result_ = status;
     state_ = State::ENDING;
@@ -300,7 +292,6 @@ class Recorder {
     if (uid != ROOT) return;
     const bool is_stored = status == Status::RUNNING && !node.is_decorator;
     if (state_ == State::ENDING && (status == Status::IDLE || is_stored)) end_step(result_, checksum_);
-    if (state_ == State::HALTING && status == Status::IDLE) end_step(Status::IDLE, checksum_);
   }
   /// Return whether a status changes because the root has been ticked, not because the tree is halted.
   bool belongs_to_end(const Node& node, Status status) const {
@@ -369,23 +360,25 @@ class Recorder {
       add("raised", {quote(node.uid), "[" + quote(has_children ? "NodeExecutionError" : "exception") + ", " + quote(text) + "]"});
     } else if (frame.doing == Doing::HALT) {
       add("halt_ended", {quote(node.uid), "null"});
-    } else if (!frames_.empty()) {
-      frames_.back().line = lines_.size();
     }
   }
-  /// Add that the external node on top has ticked its child `uid` since it left a child.
-  void insert_child_tick(int uid) {
-    const Frame& frame = frames_.back();
-    const std::string ticked = line("child_ticked", {quote(uid)});
-    std::string& last = lines_[frame.halted];
-    if (frame.halted != 0 && frame.line == lines_.size() && last == line("child_halted", {quote(uid)})) {
-      last = ticked;  // `_while` has halted it, in its tick
-      return;
+  /// Return the nodes below that of the last frame, down to `uid`.
+  std::vector<int> path_to(int uid) const {
+    const int top = frames_.empty() ? 0 : frames_.back().uid;
+    std::vector<int> path;
+    for (; uid != top && uid != 0; uid = nodes_.at(uid).parent) path.insert(path.begin(), uid);
+    return path;
+  }
+  /// Add that the nodes on the path to `uid` are ticked.
+  void open_ticks(int uid) {
+    unwind(uid, false);
+    for (const int below : path_to(uid)) {
+      if (is_ticked(nodes_.at(below).parent)) {
+        add("child_ticked", {quote(below)});
+        frames_.push_back({Doing::TICK_CHILD, below});
+      }
+      if (below != uid && nodes_.at(below).is_external) frames_.push_back({Doing::TICK, below});
     }
-    size_t at = frame.line;
-    const std::string own = "status_set [" + std::to_string(frame.uid) + ", ";
-    while (at < lines_.size() && lines_[at].compare(0, own.size(), own) == 0) ++at;
-    lines_.insert(lines_.begin() + static_cast<std::ptrdiff_t>(at), ticked);
   }
   /// Add what external code does when `node` becomes IDLE: it resets or halts the node, or a node above it.
   void add_reset(Node& node) {
@@ -408,9 +401,9 @@ class Recorder {
       if (is_halting) frames_.pop_back();
     }
     if (!frames_.empty() && frames_.back().uid == uid && frames_.back().doing == Doing::HALT_CHILD) {
-      const size_t halted = frames_.back().line - 1;
+      last_halt_ = frames_.back();
+      last_halt_end_ = lines_.size();
       frames_.pop_back();
-      if (!frames_.empty()) frames_.back().line = lines_.size(), frames_.back().halted = halted;
     }
   }
   /// Add the begin of the halts in which `node` becomes IDLE, of the external nodes above it.
@@ -421,19 +414,14 @@ class Recorder {
       if (is_ticked(node.parent)) add("status_set", {quote(node.uid), quote(Status::IDLE)});
       return;
     }
-    const int top = frames_.empty() ? 0 : frames_.back().uid;
-    if (top == node.uid) return;
-    std::vector<int> path{node.uid};
-    for (int uid = node.parent; uid != top; uid = nodes_.at(uid).parent) path.insert(path.begin(), uid);
     bool is_external = !frames_.empty() && (frames_.back().doing == Doing::TICK || frames_.back().doing == Doing::HALT);
-    for (const int uid : path) {
+    for (const int uid : path_to(node.uid)) {
       if (is_external && uid == node.uid && !is_running) {
         add("status_set", {quote(uid), quote(Status::IDLE)});
         return;
       }
       if (is_external) {
-        add("child_halted", {quote(uid)});
-        frames_.push_back({Doing::HALT_CHILD, uid, lines_.size()});
+        begin_child_halt(uid);
       }
       is_external = uid != node.uid && nodes_.at(uid).is_external;
       if (is_external) begin_halt(uid);
@@ -441,7 +429,11 @@ class Recorder {
   }
   void begin_halt(int uid) {
     add("halt_began", {quote(uid)});
-    frames_.push_back({Doing::HALT, uid, lines_.size()});
+    frames_.push_back({Doing::HALT, uid});
+  }
+  void begin_child_halt(int uid) {
+    frames_.push_back({Doing::HALT_CHILD, uid, lines_.size()});
+    add("child_halted", {quote(uid)});
   }
   int timeout_above(int uid) const {
     for (uid = nodes_.at(uid).parent; uid != 0; uid = nodes_.at(uid).parent)
@@ -457,8 +449,7 @@ class Recorder {
         const bool is_late = std::any_of(late.begin(), late.end(), [uid](auto& change) { return change.first == uid; });
         if (is_late && nodes_.at(uid).parent == timeout_above(uid)) halted = uid;
       }
-      add("child_halted", {quote(halted)});
-      frames_.push_back({Doing::HALT_CHILD, halted, lines_.size()});
+      begin_child_halt(halted);
       int uid = 0;
       while (uid != halted && !late.empty()) {
         uid = late.front().first;
@@ -598,6 +589,7 @@ class Recorder {
     unwind(0, false);
     write_lines("end", quote(status) + ", " + std::to_string(checksum));
     exception_.clear();
+    last_halt_ = {};
     state_ = State::OUTSIDE;
   }
   /// Write the lines so far, and the last line of a part of the file, which has their CRC-32.
@@ -696,6 +688,8 @@ class Recorder {
   State state_ = State::OUTSIDE;
   std::vector<std::string> lines_;  // of the step
   std::vector<Frame> frames_;
+  Frame last_halt_{};         // of a child,
+  size_t last_halt_end_ = 0;  // and the number of lines at its end
   std::vector<std::pair<int, Status>> late_;  // changes of statuses by timers
   Status result_ = Status::IDLE;
   int64_t ticks_ = 0;
