@@ -148,6 +148,7 @@ class Recorder {
     bool is_external, is_decorator;
     std::vector<Board*> boards;  // that it can write
     Status status = Status::IDLE;
+    bool is_result_next = false;  // whether the next status is the result of its tick
     BT::TreeNode::StatusChangeSubscriber subscriber;
   };
   /// What external code does now: tick a node, tick a child, halt a node, or halt a child.
@@ -245,8 +246,10 @@ class Recorder {
     } else {  // tick_began() is not called if the status was SUCCESS or FAILURE
       open_ticks(uid);
     }
-    for (Board* board : nodes_.at(uid).boards) read_board(*board, true, false);
+    Node& node = nodes_.at(uid);
+    for (Board* board : node.boards) read_board(*board, true, false);
     add("result", {quote(uid), quote(status)});
+    node.is_result_next = status != node.status && status != Status::SKIPPED;
   }
   /// A child of an external node, or the root, has been ticked. Its status is stored next.
   void tick_left(int uid, Status status) {
@@ -305,9 +308,14 @@ class Recorder {
   void change(Node& node, Status status) {
     if (status == Status::IDLE) {
       add_reset(node);
-    } else if (is_ticked(node.uid)) {
+    } else if (is_ticked(node.uid) || (is_end(node.status) && node.is_external && !node.is_result_next)) {
+      if (!is_ticked(node.uid)) {  // tick_began() was not called
+        open_ticks(node.uid);
+        frames_.push_back({Doing::TICK, node.uid});
+      }
       add("status_set", {quote(node.uid), quote(status)});
     }
+    node.is_result_next = false;
     node.status = status;
     checksum_ = (checksum_ * 69069 + node.uid * 8 + static_cast<int>(status) + 1) & 0xFFFFFFFF;
   }
@@ -415,7 +423,15 @@ class Recorder {
       return;
     }
     bool is_external = !frames_.empty() && (frames_.back().doing == Doing::TICK || frames_.back().doing == Doing::HALT);
-    for (const int uid : path_to(node.uid)) {
+    std::vector<int> path = path_to(node.uid);
+    // Only nodes that are RUNNING are halted by the node above them; haltTree() halts all nodes.
+    for (size_t i = path.size(); i-- > 0;) {
+      if (path[i] == node.uid || nodes_.at(path[i]).status == Status::RUNNING) continue;
+      if (i > 0) is_external = false;
+      path.erase(path.begin(), path.begin() + static_cast<std::ptrdiff_t>(i));
+      break;
+    }
+    for (const int uid : path) {
       if (is_external && uid == node.uid && !is_running) {
         add("status_set", {quote(uid), quote(Status::IDLE)});
         return;
