@@ -213,6 +213,7 @@ class Recorder {
     if (!is_working()) return;
     unwind(uid, true);
     if (is_doing(Doing::TICK, uid)) {
+      add_late_halts();
       frames_.pop_back();
     } else {
       open_ticks(uid);
@@ -416,17 +417,20 @@ class Recorder {
   }
   /// Add the halts by timers, which have happened in other threads.
   void add_late_halts() {
-    auto late = std::exchange(late_, {});
-    while (!late.empty()) {
-      int halted = late.front().first;  // the child of a Timeout, whose status changes last
-      for (int uid = halted; uid != 0; uid = nodes_[uid].parent)
+    while (!late_.empty()) {
+      int halted = 0;  // the child of a Timeout, whose status changes last
+      for (int uid = late_.front().first; uid != 0; uid = nodes_[uid].parent)
         if (nodes_[uid].parent == timeout_above(uid) &&
-            std::any_of(late.begin(), late.end(), [uid](auto& change) { return change.first == uid; }))
+            std::any_of(late_.begin(), late_.end(), [uid](auto& change) { return change.first == uid; }))
           halted = uid;
+      if (halted == 0) return;  // the halt goes on
       begin(Doing::HALT_CHILD, halted);
-      for (int uid = 0; uid != halted && !late.empty(); late.erase(late.begin())) {
-        uid = late.front().first;
-        change(uid, late.front().second);
+      if (nodes_[halted].is_external && late_.front().first != halted) begin(Doing::HALT, halted);
+      for (int uid = 0; uid != halted;) {
+        uid = late_.front().first;
+        const Status status = late_.front().second;
+        late_.erase(late_.begin());
+        change(uid, status);
       }
     }
   }
