@@ -110,6 +110,7 @@ class Recorder {
     const std::lock_guard lock(mutex_);
     exception_ = error.what();
     unwind(0, false);
+    for (Board& board : boards_) read_board(board, false, false);
   }
 
  private:
@@ -130,7 +131,7 @@ class Recorder {
     bool is_external = false, is_decorator = false;
     bool is_result_next = false;  // whether its next status is the result of its tick
     Status status = Status::IDLE;
-    std::vector<Board*> boards;  // that it can write
+    std::vector<Board*> boards;  // that its own code can write
     BT::TreeNode::StatusChangeSubscriber subscriber;
   };
   enum class State { OUTSIDE, TICKING, ENDING, HALTING, ENDED };
@@ -180,7 +181,8 @@ class Recorder {
   }
   void subscribe(int uid) {
     Node& node = nodes_[uid];
-    for (auto board = config(uid).blackboard; board; board = board->parent())
+    const bool is_own = builtins_.count(node.node->registrationName()) == 0;
+    for (auto board = is_own ? config(uid).blackboard : nullptr; board; board = board->parent())
       for (auto& known : boards_)
         if (known.board == board) node.boards.push_back(&known);
     node.subscriber = node.node->subscribeToStatusChange(
@@ -202,7 +204,9 @@ class Recorder {
     const std::lock_guard lock(mutex_);
     if (uid == ROOT) begin_tick();
     if (!is_working()) return;
-    for (Board* board : nodes_[uid].boards) read_board(*board, false, false);
+    unwind(uid, false);
+    if (is_doing(Doing::TICK, nodes_[uid].parent)) read_boards(nodes_[uid].parent, true);
+    read_boards(uid, false);
     open_ticks(uid);
     if (nodes_[uid].is_external) frames_.push_back({Doing::TICK, uid});
     add_late_halts();
@@ -218,7 +222,7 @@ class Recorder {
     } else {
       open_ticks(uid);
     }
-    for (Board* board : nodes_[uid].boards) read_board(*board, true, false);
+    read_boards(uid, true);
     add("result", {text(uid), text(status)});
     nodes_[uid].is_result_next = status != nodes_[uid].status && status != Status::SKIPPED;
   }
@@ -238,6 +242,7 @@ class Recorder {
       open_ticks(uid);
       if (is_doing(Doing::TICK_CHILD, uid)) frames_.pop_back();
     }
+    if (is_doing(Doing::TICK, nodes_[uid].parent)) read_boards(nodes_[uid].parent, false);
     if (uid != ROOT) return;
     result_ = status;
     state_ = State::ENDING;
@@ -330,7 +335,7 @@ class Recorder {
     frames_.pop_back();
     if (frame.doing == Doing::HALT) add("halt_ended", {text(frame.uid), "null"});
     if (frame.doing != Doing::TICK) return;
-    for (Board* board : nodes_[frame.uid].boards) read_board(*board, true, false);
+    read_boards(frame.uid, true);
     const bool is_leaf = dynamic_cast<BT::LeafNode*>(nodes_[frame.uid].node) != nullptr;
     const std::string reason = exception_.empty() ? "an exception, whose text was not recorded" : exception_;
     add("raised", {text(frame.uid), text({is_leaf ? "exception" : "NodeExecutionError", reason})});
@@ -454,6 +459,9 @@ class Recorder {
       read_entry(board, key, board.known[key] = {entry, 0}, must_be_added);
     }
   }
+  void read_boards(int uid, bool must_be_added) {
+    for (Board* board : nodes_[uid].boards) read_board(*board, must_be_added, false);
+  }
   void read_entry(Board& board, const std::string& key, KnownEntry& known, bool must_be_added) {
     const std::lock_guard lock(known.entry->entry_mutex);
     const BT::TypeInfo& info = known.entry->info;
@@ -477,6 +485,7 @@ class Recorder {
     std::string name = BT::demangle(info.type());
     if (!info.converter() && name.compare(0, 4, "BT::") != 0) return "int";  // an enum: scripts use its numbers
     if (info.type() == typeid(std::vector<std::string>)) return "std::vector<std::string>";
+    if (name.compare(0, 26, "std::shared_ptr<std::deque") == 0) return "BT::AnyTypeAllowed";  // the queue of a Loop
     if (info.type() == typeid(long long) || info.type() == typeid(unsigned long long)) name.resize(name.size() - 5);
     const size_t allocator = name.find(", std::allocator<");
     return allocator == std::string::npos ? name : name.substr(0, allocator) + ">";
