@@ -317,19 +317,17 @@ class NodeCreator:
             draft.report(INCONVERTIBLE_TEXT, str(error), node_plan.element)
             return
         set_names = {binding.name for binding in node_plan.bindings}
-        ports = node_plan.manifest.ports.values()
-        # If a node can't be created and lacks an input port, the message names the port.
-        missing = [port for port in ports if port.reads and port.name not in set_names]
-        code = MISSING_PORT if missing else NODE_NOT_CREATED
-        values = {
+        missing = {
             port.name: _SCRIPT_EXAMPLES.get(port.role, f"{{{port.name}}}")
-            for port in missing
-            if port.role in LOAD_TIME_ROLES
+            for port in node_plan.manifest.ports.values()
+            if port.role in LOAD_TIME_ROLES and port.name not in set_names
         }
-        written = " ".join(f'{name}="…"' for name in values)
-        hint = f"write {written}" if values else ""
-        fixes = [SetAttributes(values)] if values else []
-        draft.report(code, str(error), node_plan.element, hint=hint, fixes=fixes)
+        if missing:
+            hint = "write " + " ".join(f'{name}="…"' for name in missing)
+            fixes = [SetAttributes(missing)]
+            draft.report(MISSING_PORT, str(error), node_plan.element, hint=hint, fixes=fixes)
+        else:
+            draft.report(NODE_NOT_CREATED, str(error), node_plan.element)
 
     def _substitute(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> Manifest:
         """Return the manifest after the registry's substitution rules; that of the plan after an error."""
