@@ -3,7 +3,8 @@
 This is the fourth and last stage of loading.
 """
 
-from collections.abc import Sequence
+import reprlib
+from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import Final
 
@@ -51,11 +52,13 @@ def instantiate(
 ) -> Tree:
     """Create the nodes of the main tree of *plans*, and return the tree.
 
-    `btcore.loading.load.MakeArguments` describes the other parameters.
+    `btcore.load` describes the other parameters.
 
     Raises:
         TreeError: The plans have errors, or nodes could not be created. It holds all errors.
+        TypeError: *resources* is not a list.
     """
+    resources = list_resources(resources)
     plans.diagnostics.raise_errors()
     main = plans.main_tree
     assert main is not None, "a missing main tree is an error"
@@ -72,6 +75,18 @@ def instantiate(
         tick_limit,
         _texts(plans.definitions.sources),
     )
+
+
+def list_resources(resources: object) -> Sequence[object]:
+    """Return the *resources* of a program as a list.
+
+    Raises:
+        TypeError: They are not a list.
+    """
+    # A text can be iterated, but is a single object here.
+    if isinstance(resources, (str, bytes)) or not isinstance(resources, Iterable):
+        raise TypeError(f"resources={reprlib.repr(resources)} is not a list: write resources=[…]")
+    return resources if isinstance(resources, Sequence) else list(resources)
 
 
 def _texts(sources: Sources) -> list[tuple[str, str, bool]]:

@@ -7,20 +7,16 @@ from contextlib import ExitStack, contextmanager
 from itertools import chain
 from os import PathLike
 from types import TracebackType
-from typing import Self, TypeVar, Unpack
+from typing import Self, TypeVar
 
+from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import NS_PER_S, Clock
 from btcore.engine.leaf import StatefulAction
 from btcore.errors import BtcoreError, NodeExecutionError, OutputError, ProviderError, TreeError
 from btcore.exit_codes import ExitCode
-from btcore.loading.instantiate import create_leaf_tree, instantiate
-from btcore.loading.load import (
-    LoadArguments,
-    check_argument_names,
-    find_resources,
-    paused_garbage_collection,
-    plan_inputs,
-)
+from btcore.loading.instantiate import create_leaf_tree, instantiate, list_resources
+from btcore.loading.load import paused_garbage_collection, plan_inputs
+from btcore.registry.registry import Registry
 from btcore.registry.resources import Resources
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice
@@ -33,7 +29,7 @@ from btcore.signals import EndingSignals
 from btcore.status import Status
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
-from btcore.xml.read.read import parse_file
+from btcore.xml.read.read import PackageResolver, parse_file
 
 T = TypeVar("T")
 
@@ -68,10 +64,17 @@ Runnable = str | PathLike[str] | Plans | TreelessProgram
 """What a run ticks: the path of an XML file, the plans of a tree, or a program."""
 
 
-def _plan_source(source: object, arguments: LoadArguments) -> Plans | TreelessProgram:
+def _plan_source(
+    source: object,
+    nodes: Registry | None,
+    tree: str | None,
+    format: int | None,
+    packages: PackageResolver | None,
+    confined: bool,
+) -> Plans | TreelessProgram:
     if isinstance(source, (str, PathLike)):
         with paused_garbage_collection():
-            source = plan_inputs(parse_file, (source,), arguments)
+            source = plan_inputs(parse_file, (source,), nodes, tree, format, packages, confined)
     if isinstance(source, Plans):
         source.diagnostics.raise_errors()
     elif not isinstance(source, TreelessProgram):
@@ -104,11 +107,16 @@ class Run:
         settings: Settings of providers, and `RunSettings`.
         prepare: Called on entry when the trees were created, before the providers that need the tree are
             opened.
-        arguments: As in `btcore.load`, for all trees: a *blackboard* is shared by them. Those about reading a
-            file have no effect on plans and programs. The *resources* are also for providers, and are
-            preferred to providers of the same types. The default of *clock* is the clock of a provider, or
-            the first of *resources* that is a clock; without one, the system's clock, or a simulated clock
-            with `RunSettings.fast`.
+        nodes: As in `btcore.load`. This and the next four have no effect on plans and programs.
+        tree: As in `btcore.load`.
+        format: As in `btcore.load`.
+        packages: As in `btcore.load`.
+        confined: As in `btcore.load`.
+        resources: Objects for leaves and providers, which are preferred to providers of the same types.
+        blackboard: The blackboard of the main trees, which share it.
+        clock: The clock; default the clock of a provider, or the first of *resources* that is a clock;
+            without one, the system's clock, or a simulated clock with `RunSettings.fast`.
+        tick_limit: As in `btcore.load`.
 
     Attributes:
         settings: The settings by their classes.
@@ -141,16 +149,25 @@ class Run:
         providers: Sequence[Provider] | AvailableProviders = (),
         settings: Sequence[Settings] | GivenSettings = (),
         prepare: Callable[["Run"], None] | None = None,
-        **arguments: Unpack[LoadArguments],
+        nodes: Registry | None = None,
+        tree: str | None = None,
+        format: int | None = None,
+        packages: PackageResolver | None = None,
+        confined: bool = False,
+        resources: Sequence[object] = (),
+        blackboard: Blackboard | None = None,
+        clock: Clock | None = None,
+        tick_limit: float | None = None,
     ) -> None:
-        check_argument_names(arguments)
         sources: Sequence[object] = [source]
         if isinstance(source, Sequence) and not isinstance(source, (str, Plans)):  # plans are a tuple
             sources = source
         if not sources:
             raise ValueError("there is no run of an empty list: pass a tree or a program")
-        self._sources = [_plan_source(each, arguments) for each in sources]
-        self._load_arguments = arguments
+        reading = (nodes, tree, format, packages, confined)
+        self._sources = [_plan_source(each, *reading) for each in sources]
+        self._blackboard = blackboard
+        self._tick_limit = tick_limit
         plans = [planned for planned in self._sources if isinstance(planned, Plans)]
         leaf_types = list(dict.fromkeys(chain(*(tree.required_resources() for tree in plans))))
         self._prepare = prepare
@@ -161,8 +178,9 @@ class Run:
         self.elapsed_s = 0.0
         self.wall_s = 0.0
         available = providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)
-        resources, clock = find_resources(arguments), arguments.get("clock")
-        self._providers = RunProviders(available, self.settings, leaf_types, resources, clock, self.report)
+        self._providers = RunProviders(
+            available, self.settings, leaf_types, list_resources(resources), clock, self.report
+        )
         self._loop = TickLoop(self.run_settings)
         self._signals = EndingSignals()
         self._stack = ExitStack()
@@ -252,11 +270,9 @@ class Run:
     def _create_tree(self, source: Plans | TreelessProgram) -> Tree:
         if isinstance(source, TreelessProgram):
             return source.create_tree(self.clock)
-        arguments = self._load_arguments
-        blackboard, tick_limit = arguments.get("blackboard"), arguments.get("tick_limit")
         try:
             with paused_garbage_collection():
-                return instantiate(source, self.resources, blackboard, self.clock, tick_limit)
+                return instantiate(source, self.resources, self._blackboard, self.clock, self._tick_limit)
         except TreeError as error:
             for note in self._providers.explain_missing():
                 error.add_note(note)

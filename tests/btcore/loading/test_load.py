@@ -147,14 +147,6 @@ def test_confined_registered_file_cannot_include_files_outside_of_its_folder(tmp
         make("Dock", nodes=confined)
 
 
-def test_made_tree_takes_no_arguments_about_reading_a_document() -> None:
-    nodes = Registry.standard()
-    nodes.add_trees(DOCK)
-    for arguments in ({"tree": "Dock"}, {"confined": True}):
-        with pytest.raises(TypeError, match="unexpected keyword argument"):
-            make("Dock", nodes=nodes, **arguments)  # type: ignore[arg-type]
-
-
 def test_trees_of_a_copied_registry_are_its_own() -> None:
     nodes = Registry.standard()
     nodes.add_trees(DOCK)

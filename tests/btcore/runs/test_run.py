@@ -153,12 +153,6 @@ def test_settings_without_effect_give_a_warning_with_the_reason() -> None:
         pass
 
 
-def test_an_unknown_option_of_a_run_is_an_error() -> None:
-    options: Any = {"nods": Registry.standard()}
-    with pytest.raises(TypeError, match="'nods'; did you mean 'nodes'"):
-        Run(program(), **options)
-
-
 @provider
 def disk(settings: LampSettings, tree: btcore.Tree) -> Iterator[object]:
     try:
