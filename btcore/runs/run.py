@@ -189,14 +189,18 @@ class Run:
     # --- opening
 
     def want(self, *types: TypeRef, optional: bool = False) -> Self:
-        """Let the run provide *types*, too; see `find`. Call it before the entry.
+        """Let the run provide *types*, too; see `find`.
 
         Args:
             types: The types.
             optional: Whether the run continues if nothing provides one of them.
+
+        Raises:
+            RuntimeError: The run was entered, so that its providers are chosen.
         """
-        wanted = self._providers.optional_types if optional else self._providers.wanted_types
-        wanted += types
+        if self.trees:
+            raise RuntimeError("the run was entered already: call want() before 'with'")
+        self._providers.want(types, optional)
         return self
 
     def find(self, type: Callable[..., T]) -> T | None:  # type[T] would exclude protocols

@@ -100,6 +100,8 @@ def test_an_object_that_two_providers_provide_is_listed_once() -> None:
 
     with Run(program(), providers=[torch, lamp]).want(Lamp) as run:
         assert run.resources == [run.find(Torch)]
+        with pytest.raises(RuntimeError, match="before 'with'"):
+            run.want(Torch)
 
 
 class LampSettings(Settings):
