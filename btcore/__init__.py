@@ -67,8 +67,8 @@ if TYPE_CHECKING:
     from btcore.options import option as option
     from btcore.registry.registry import Registry as Registry
     from btcore.registry.resources import Resources as Resources
-    from btcore.runs.providers import Report as Report
     from btcore.runs.providers import provider as provider
+    from btcore.runs.report import Report as Report
     from btcore.runs.run import Run as Run
     from btcore.runs.settings import RunSettings as RunSettings
     from btcore.runs.settings import Settings as Settings
@@ -111,7 +111,8 @@ _HOMES = {
     "btcore.options": ("option",),
     "btcore.registry.resources": ("Resources",),
     "btcore.registry.registry": ("Registry",),
-    "btcore.runs.providers": ("Report", "provider"),
+    "btcore.runs.providers": ("provider",),
+    "btcore.runs.report": ("Report",),
     "btcore.runs.run": ("Run",),
     "btcore.runs.settings": ("RunSettings", "Settings"),
     "btcore.script.program": ("compile_script",),

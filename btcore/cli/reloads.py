@@ -7,7 +7,7 @@ from btcore.cli.run_report import print_leaf_error
 from btcore.cli.tree_source import TreeReader
 from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.loading.hot_reload import FileWatcher, rebuild_tree
-from btcore.runs.providers import fits
+from btcore.registry.resources import fits
 from btcore.status import Status
 
 

@@ -34,9 +34,9 @@ from typing import NamedTuple
 from btcore.clock import Clock
 from btcore.errors import ProviderError
 from btcore.options import required_option_names
-from btcore.registry.resources import describe_ambiguity
+from btcore.registry.resources import TypeRef, describe_ambiguity, fits, full_name
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.providers import Provider, TypeRef, fits, full_name
+from btcore.runs.providers import Provider
 from btcore.runs.settings import RunSettings, Settings
 from btcore.suggestions import join_names, with_article
 

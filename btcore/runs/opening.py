@@ -13,10 +13,11 @@ from types import TracebackType
 from btcore.clock import Clock, SimClock, SystemClock, is_clock
 from btcore.entry_points import names_by_remedy
 from btcore.errors import BtcoreError, ProviderError
-from btcore.registry.resources import Resources
+from btcore.registry.resources import Resources, TypeRef, fits, full_name
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice, choose_providers, title_with_article
-from btcore.runs.providers import TYPES_OF_RUN, Need, Provider, Report, TypeRef, fits, full_name, is_settings
+from btcore.runs.providers import TYPES_OF_RUN, Need, Provider, is_settings
+from btcore.runs.report import Report
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
 from btcore.suggestions import join_names
 from btcore.tree.tree import Tree

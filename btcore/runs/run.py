@@ -17,11 +17,12 @@ from btcore.exit_codes import ExitCode
 from btcore.loading.instantiate import create_leaf_tree, instantiate, list_resources
 from btcore.loading.load import paused_garbage_collection, plan_inputs
 from btcore.registry.registry import Registry
-from btcore.registry.resources import Resources
+from btcore.registry.resources import Resources, TypeRef
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice
 from btcore.runs.opening import RunProviders
-from btcore.runs.providers import Provider, Report, TypeRef
+from btcore.runs.providers import Provider
+from btcore.runs.report import Report
 from btcore.runs.run_end import EndReason, RunEnd
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
 from btcore.runs.tick_loop import OnEnd, OnTick, Reload, TickLoop, Until

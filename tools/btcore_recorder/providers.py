@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 from btcore.errors import BtcoreError, OutputError
 from btcore.options import option
 from btcore.output_files import numbered_file
-from btcore.runs.providers import Report, provider
+from btcore.runs.providers import provider
+from btcore.runs.report import Report
 from btcore.runs.settings import Settings
 from btcore.status import FAILURE
 from btcore.tree.tree import Tree
