@@ -245,7 +245,7 @@ def is_settings(annotation: Any) -> TypeGuard[type[Settings]]:
 
 
 class _NotImported:
-    """The base class of placeholders in annotations for classes that are imported under TYPE_CHECKING alone."""
+    """The base class of placeholders for classes that are imported under TYPE_CHECKING alone."""
 
     full_name: str
 
