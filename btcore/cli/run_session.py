@@ -82,6 +82,13 @@ class RunOptions(TreeOptions):
             "until --duration or Ctrl-C ends the run."
         ),
     ] = False
+    as_json: Annotated[
+        bool,
+        option(
+            "Print the results as a JSON object on the last line of stdout (with --watch, of the last tree).",
+            name="json",
+        ),
+    ] = False
 
 
 class RunSession:
