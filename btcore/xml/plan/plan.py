@@ -147,7 +147,7 @@ def _plan_trees(
     while pending:
         definition = pending.pop()
         if definition.id not in trees:
-            trees[definition.id] = tree = planners[definition].complete()
+            trees[definition.id] = tree = planners[definition].plan()
             pending += [by_id[call.tree_id] for call in reversed(tree.calls) if call.tree_id in by_id]
     main_tree = None if main is None else trees[main.id]
     sizes = _measure(trees, main_tree, collector)
