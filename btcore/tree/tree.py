@@ -477,7 +477,7 @@ def _tick(tree: Tree, repeat: bool) -> Status:
     root = tree.root
     limit = tree.tick_limit
     if limit is not None:
-        context.set_tick_limit(limit)
+        context.limit.start(limit)
     try:
         tree._in_tick = True
         while True:
@@ -499,9 +499,9 @@ def _tick(tree: Tree, repeat: bool) -> Status:
                 observers.end_tick(status, context.stopped_ns)
             if status is not RUNNING or not repeat or not context.consume_wake_up():
                 break
-            if context.must_end_tick():
+            if context.limit.is_reached():
                 break
-        if limit is not None and context.has_timed_out:
+        if limit is not None and context.limit.has_timed_out:
             raise tree._timeout_error()
     except NodeExecutionError as error:
         tree.status = IDLE
@@ -516,6 +516,6 @@ def _tick(tree: Tree, repeat: bool) -> Status:
         if context.journal is not None:
             context.journal.end_step(IDLE)  # without effect, unless the tick has raised
         if limit is not None:
-            context.clear_tick_limit()
+            context.limit.stop()
     tree.status = status
     return status

@@ -482,6 +482,15 @@ def test_a_run_that_a_signal_has_interrupted_can_continue() -> None:
     assert len(set(times)) == len(times) == 4
 
 
+def test_a_run_that_continues_repeats_nodes_within_a_tick_again(tmp_path: Path) -> None:
+    repeating = '<Sequence><Sleep msec="50"/><Repeat num_cycles="9"><AlwaysSuccess/></Repeat></Sequence>'
+    results: list[btcore.Status] = []
+    with Run(write_tree(tmp_path, repeating), settings=[FAST]) as run:
+        run.tick_to_end(on_tick=lambda status: signal.raise_signal(signal.SIGINT))
+        run.tick_to_end(on_tick=results.append)
+    assert results == [btcore.RUNNING, btcore.SUCCESS]
+
+
 def test_a_leaf_cannot_get_what_follows_the_tree(tmp_path: Path) -> None:
     @provider
     def torch(tree: btcore.Tree) -> Torch:
