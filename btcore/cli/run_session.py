@@ -12,7 +12,7 @@ from btcore.cli.command_run import CommandRun
 from btcore.cli.node_libraries import NodeLibraries, load_libraries
 from btcore.cli.progress import Progress, log_to_console
 from btcore.cli.provider_command import command_providers
-from btcore.cli.run_report import RunSummary, print_leaf_error
+from btcore.cli.run_summary import RunSummary, print_leaf_error
 from btcore.cli.tree_changes import TreeChanges
 from btcore.cli.tree_source import STDIN, TreeOptions, TreeReader, find_source
 from btcore.errors import NodeExecutionError

@@ -114,6 +114,16 @@ class TickCounts:
         self.skipped = 0
         self.halted = 0
 
+    def by_name(self) -> dict[str, int]:
+        """Return the counters by their names."""
+        return {
+            "ticks": self.ticks,
+            "success": self.success,
+            "failure": self.failure,
+            "skipped": self.skipped,
+            "halted": self.halted,
+        }
+
     def add_result(self, status: Status) -> None:
         """Count the result *status* of a tick."""
         if status is SUCCESS:
