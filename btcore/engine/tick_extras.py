@@ -140,8 +140,9 @@ class TickExtras:
     Most nodes of a tree in a program have none; under `btcore run` all nodes have counters.
 
     Attributes:
-        journal: The journal of the tree, if it is recorded and the node or its parent is external.
-        is_external: Whether the node is external, that is, not built in: the journal records its results.
+        boundary_journal: The journal of the tree, if it is recorded and the node or its parent is external,
+            that is, not built in.
+        is_external: Whether the node is external, so that the journal records its results.
     """
 
     def __init__(self) -> None:
@@ -149,7 +150,7 @@ class TickExtras:
         self.tick_counts: TickCounts | None = None
         self.pre_tick: Callable[[Any], Status] | None = None
         self.post_tick: Callable[[Any, Status], Status] | None = None
-        self.journal: Journal | None = None
+        self.boundary_journal: Journal | None = None
         self.is_external = False
 
     @property
@@ -160,5 +161,5 @@ class TickExtras:
             and self.tick_counts is None
             and self.pre_tick is None
             and self.post_tick is None
-            and self.journal is None
+            and self.boundary_journal is None
         )
