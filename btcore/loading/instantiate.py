@@ -30,7 +30,7 @@ from btcore.fixes import SetAttributes
 from btcore.registry.manifest import Manifest, takes_children
 from btcore.registry.registry import Registry, library_of
 from btcore.registry.resources import Resources
-from btcore.tree.tree import Subtree, Tree
+from btcore.tree.tree import Subtree, Tree, TreeDocument
 from btcore.values import parse_constant, type_of
 from btcore.xml.plan.plan import Plans, report_invalid_scripts
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
@@ -73,7 +73,7 @@ def instantiate(
         creator.context,
         plans.registry,
         tick_limit,
-        _texts(plans.definitions.sources),
+        _list_documents(plans.definitions.sources),
     )
 
 
@@ -89,9 +89,9 @@ def list_resources(resources: object) -> Sequence[object]:
     return resources if isinstance(resources, Sequence) else list(resources)
 
 
-def _texts(sources: Sources) -> list[tuple[str, str, bool]]:
+def _list_documents(sources: Sources) -> list[TreeDocument]:
     shared = sources.shared_documents
-    return [(document.file, document.text, document in shared) for document in sources.documents]
+    return [TreeDocument(document.file, document.text, document in shared) for document in sources.documents]
 
 
 def create_leaf_tree(leaf: type[TreeNode], id: str, clock: Clock) -> Tree:

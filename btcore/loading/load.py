@@ -259,8 +259,8 @@ def plan_inputs(
         except TreeError as error:
             errors += error.diagnostics
     Diagnostics(tuple(errors)).raise_errors()
-    main, *others = documents
-    return plan_document(main, _registry(nodes), tree, format, others=others, packages=packages)
+    main, *shared = documents
+    return plan_document(main, _registry(nodes), tree, format, shared_documents=shared, packages=packages)
 
 
 def _defines(document: Document, tree: str) -> bool:

@@ -62,7 +62,7 @@ class TreelessProgram:
 
 
 Runnable = str | PathLike[str] | Plans | TreelessProgram
-"""What a run ticks: the path of an XML file, the plans of a tree, or a program."""
+"""What a run ticks: the tree in an XML file or of plans, or a program without a tree."""
 
 
 def _plan_source(
@@ -103,12 +103,12 @@ class Run:
       exception leaves the run as SystemExit.
 
     Args:
-        source: The path of an XML file, the plans of a tree, or a program; or a list of them.
-        providers: Providers of the program, besides those of installed packages; or all that may be used.
+        source: The path of an XML file, the plans of a tree, or a `TreelessProgram`; or a list of them.
+        providers: Providers besides those of installed packages; or all providers that may be used.
         settings: Settings of providers, and `RunSettings`.
         prepare: Called on entry when the trees were created, before the providers that need the tree are
             opened.
-        nodes: As in `btcore.load`. This and the next four have no effect on plans and programs.
+        nodes: As in `btcore.load`. The arguments up to *confined* have no effect on plans.
         tree: As in `btcore.load`.
         format: As in `btcore.load`.
         packages: As in `btcore.load`.
@@ -164,7 +164,7 @@ class Run:
         if isinstance(source, Sequence) and not isinstance(source, (str, Plans)):  # plans are a tuple
             sources = source
         if not sources:
-            raise ValueError("there is no run of an empty list: pass a tree or a program")
+            raise ValueError("there is no run of an empty list: pass a tree or a TreelessProgram")
         reading = (nodes, tree, format, packages, confined)
         self._sources = [_plan_source(each, *reading) for each in sources]
         self._blackboard = blackboard
@@ -336,18 +336,17 @@ class Run:
             self._loop.step()
         return self.status
 
-    def run_until_signal(self, program: Callable[[], None], stop: Callable[[], None]) -> None:
-        """Call *program*, which ticks trees itself, until it returns or a signal ends it.
-
-        The program passes each of its trees to `replace_tree`.
+    def run_until_signal(self, tick_trees: Callable[[], None], stop: Callable[[], None]) -> None:
+        """Call *tick_trees*, which ticks trees itself, until it returns or a signal ends it.
 
         Args:
-            program: Called once. It returns soon after a call of *stop*.
+            tick_trees: Called once. It passes each of its trees to `replace_tree` before it ticks it, and
+                returns soon after a call of *stop*.
             stop: Called by the handler of the first signal.
         """
         self._check_open()
         with self._stop_at_signal(stop):
-            program()
+            tick_trees()
 
     def pause(self) -> None:
         """Let `tick_to_end` stop ticking before the next tick, until `resume`. Any thread may call it.

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from math import inf
-from typing import TYPE_CHECKING, NoReturn, SupportsIndex, TextIO, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, NoReturn, SupportsIndex, TextIO, TypeVar
 
 from mypy_extensions import mypyc_attr
 
@@ -62,6 +62,20 @@ class Subtree:
         return self.nodes[0]
 
 
+class TreeDocument(NamedTuple):
+    """A document from which a tree was loaded.
+
+    Attributes:
+        file: The file, or "".
+        text: The XML.
+        is_shared: Whether trees of later documents replace its trees.
+    """
+
+    file: str
+    text: str
+    is_shared: bool
+
+
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Tree:
     """A behavior tree that can be ticked, with its blackboards and clock.
@@ -82,8 +96,7 @@ class Tree:
             None = no limit. A tick that repeats nodes for longer raises NodeExecutionError. The time at a
             breakpoint does not count. A single node that takes too long is not interrupted.
         context: The objects that the tree's nodes share.
-        documents: The documents from which the tree was loaded, the main document last: the file, the text,
-            and whether trees of later documents replace its trees.
+        documents: The documents from which the tree was loaded, the main document last.
 
     Examples:
         >>> import btcore
@@ -107,7 +120,7 @@ class Tree:
         context: TreeContext,
         registry: Registry,
         tick_limit: float | None = None,
-        documents: Sequence[tuple[str, str, bool]] = (),
+        documents: Sequence[TreeDocument] = (),
     ) -> None:
         self.id = id
         self.format = format

@@ -101,15 +101,15 @@ def plan_document(
     tree_id: str | None = None,
     format: int | None = None,
     every_tree: bool = False,
-    others: Sequence[Document] = (),
+    shared_documents: Sequence[Document] = (),
     packages: PackageResolver | None = None,
 ) -> Plans:
     """Return the plans of the trees of a document: `read`, `define` and `plan` in one call.
 
-    The main *document* may call the trees of *registry* and of the documents *others*. `read`, `define` and
+    The main *document* may call the trees of *registry* and of the *shared_documents*. `read`, `define` and
     `plan` describe the other parameters.
     """
-    sources = read(document, [*registry.documents, *others], packages)
+    sources = read(document, [*registry.documents, *shared_documents], packages)
     return plan(define(sources, tree_id, format), registry, every_tree)
 
 
