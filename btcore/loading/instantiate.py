@@ -249,7 +249,7 @@ class NodeCreator:
             key = binding.key
             if key is not None and binding.is_explicit:
                 try:
-                    entry = blackboard.create(key, port.type, only_read=not port.writes)
+                    entry = blackboard.declare(key, port.type, only_read=not port.writes)
                 except (BlackboardError, ConversionError) as error:
                     self._report_type_conflict(node_plan, port, draft, blackboard.find(key), error)
                 else:
