@@ -441,9 +441,10 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
         raise
     except BaseException as error:  # also SystemExit: a leaf must not end the program without being named
         raise execution_error(node, error, "ticking") from error
-    child = node._decorated_child
-    if child is not None and (child._status is SUCCESS or child._status is FAILURE):
-        reset_status(child)
+    if node._decorated_child is not None:
+        child = node._decorated_child
+        if child._status is SUCCESS or child._status is FAILURE:
+            reset_status(child)
     return status
 
 
