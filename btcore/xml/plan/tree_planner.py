@@ -401,7 +401,7 @@ class TreePlanner:
         depth = max([outline.depth for outline in outlines], default=0)
         tree = TreePlan(self._definition, max(len(outlines) - 1, 0), depth)
         plans: list[NodePlan | None] = [None]  # the <BehaviorTree> has no plan
-        for outline in islice(outlines, 1, None):
+        for outline in outlines[1:]:
             node = self._plan_node(outline.element, tree)
             plans.append(node)
             parent = plans[outline.parent]
@@ -427,7 +427,6 @@ class TreePlanner:
 
     def _plan_attributes(self, node: NodePlan, cache: _BindingCache) -> None:
         bindings: list[Binding] = []
-        conditions: dict[str, str] = {}
         others: dict[str, str] = {}
         for key, text in node.element.attributes.items():
             by_text = cache.bindings_by_text.get(key)
@@ -438,15 +437,13 @@ class TreePlanner:
                 node.name = text
                 if not text.isprintable():
                     self._check_name(node, text)
-            elif key in SCRIPT_ATTRIBUTES and self._dialect.has_conditions:
-                conditions[key] = text
             else:
                 others[key] = text
-        if conditions:
-            node.conditions = {key: conditions[key] for key in _CONDITIONS if key in conditions}
         if others:
             # An attribute that any node may have, such as a position of Groot, is checked once.
             if not self._context.kept_attributes.issuperset(others):
+                if self._dialect.has_conditions:
+                    node.conditions = {key: others.pop(key) for key in _CONDITIONS if key in others}
                 others = {key: text for key, text in others.items() if self._keeps(key, node)}
                 self._context.kept_attributes.update(others)
             node.attributes = others
