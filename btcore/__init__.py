@@ -62,7 +62,6 @@ if TYPE_CHECKING:
     from btcore.loading.load import load as load
     from btcore.loading.load import loads as loads
     from btcore.loading.load import make as make
-    from btcore.loading.load import required_resources as required_resources
     from btcore.nodes.loop import LoopNode as LoopNode
     from btcore.options import option as option
     from btcore.registry.registry import Registry as Registry
@@ -106,7 +105,7 @@ _HOMES = {
         "ScriptError", "SettingsError", "TreeError", "UnknownNodeError", "XmlSyntaxError",
     ),
     "btcore.loading.builder": ("Builder", "blackboard_key"),
-    "btcore.loading.load": ("load", "loads", "make", "required_resources"),
+    "btcore.loading.load": ("load", "loads", "make"),
     "btcore.nodes.loop": ("LoopNode",),
     "btcore.options": ("option",),
     "btcore.registry.resources": ("Resources",),

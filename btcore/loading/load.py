@@ -5,7 +5,6 @@ import reprlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from os import PathLike
-from typing import Any
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import Clock
@@ -186,50 +185,6 @@ def make(
     with paused_garbage_collection():
         plans = plan_document(main, registry, id, format, packages=packages)
         return instantiate(plans, resources, blackboard, clock, tick_limit)
-
-
-def required_resources(
-    path: str | PathLike[str],
-    *more: str | PathLike[str],
-    nodes: Registry | None = None,
-    tree: str | None = None,
-    format: int | None = None,
-    packages: PackageResolver | None = None,
-    confined: bool = False,
-) -> list[Any]:
-    """Return the types of the resources that the leaves of a tree need, each once.
-
-    Args:
-        path: The XML file.
-        more: As in `load`.
-        nodes: As in `load`.
-        tree: As in `load`.
-        format: As in `load`.
-        packages: As in `load`.
-        confined: As in `load`.
-
-    Raises:
-        TreeError: The files have errors.
-        TypeError: *nodes* is not a Registry.
-
-    Examples:
-        >>> from pathlib import Path
-        >>> import btcore
-        >>> class Gripper:
-        ...     pass
-        >>> @btcore.action
-        ... def grasp(gripper: Gripper):
-        ...     pass
-        >>> xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Grasp/></BehaviorTree></root>'
-        >>> _ = Path("grasp.xml").write_text(xml)
-        >>> nodes = btcore.Registry.standard()
-        >>> nodes.add(grasp)
-        >>> btcore.required_resources("grasp.xml", nodes=nodes) == [Gripper]
-        True
-    """
-    plans = plan_inputs(parse_file, (path, *more), nodes, tree, format, packages, confined)
-    plans.diagnostics.raise_errors()
-    return plans.required_resources()
 
 
 def plan_inputs(

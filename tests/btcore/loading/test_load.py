@@ -13,7 +13,6 @@ from btcore import (
     load,
     loads,
     make,
-    required_resources,
 )
 
 
@@ -41,7 +40,6 @@ def test_first_file_calls_trees_of_further_files(tmp_path: Path) -> None:
     assert [subtree.id for subtree in tree.subtrees] == ["Mission", "Dock"]
     assert tree.tick_once() is Status.FAILURE
     assert load(mission, dock, tree="Dock").id == "Dock"
-    assert required_resources(mission, dock) == []
 
 
 def test_file_that_is_also_included_is_read_once(tmp_path: Path) -> None:
