@@ -343,7 +343,7 @@ def load_recorded(head: Head, external: ExternalCode, clock: StandInClock) -> Tr
     external.nodes, external.boards = tree.nodes, scopes_of(tree)
     tree.context.uses_time = True
     tree.context.recorded_pause = external.paused
-    tree.context.must_check_end = True
+    tree.context.limit.is_set = True
     return tree
 
 
