@@ -54,7 +54,7 @@ class _Rerun(Replay):
 
 
 def cut(recording: RunRecording, from_s: float | None = None, to_s: float | None = None) -> RunRecording:
-    """Return the part of a recording between two times (s since its start), with the state at its begin.
+    """Return the part of a recording between two times (s since its start), with the state before it.
 
     Raises:
         LogError: There are no ticks between these times, steps are missing there, or the replay differs from
