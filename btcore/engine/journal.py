@@ -21,10 +21,11 @@ T = TypeVar("T")
 
 
 class TickBegan(NamedTuple):
-    """The root is ticked: the number of the tick, and its time (ns)."""
+    """The root is ticked: the number of the tick, its time (ns), and what woke it, `TreeContext.cause`."""
 
     tick: int
     time: int
+    cause: int
 
 
 class HaltBegan(NamedTuple):
@@ -129,6 +130,13 @@ class ScriptRun(NamedTuple):
     enums: dict[str, int]
 
 
+class MessageLogged(NamedTuple):
+    """External code logs a message with a level, such as WARNING."""
+
+    level: str
+    text: str
+
+
 class Replaced(NamedTuple):
     """All entries of a scope are replaced, by entries whose values are encoded."""
 
@@ -149,6 +157,7 @@ Event = (
     | StatusForced
     | Paused
     | TimeRead
+    | MessageLogged
     | Written
     | Removed
     | Replaced
@@ -198,9 +207,9 @@ class Journal(WriteRecorder):
 
     # --- steps: ticks of the root, and halts of the whole tree
 
-    def begin_tick(self, tick: int, time: int) -> None:
+    def begin_tick(self, tick: int, time: int, cause: int) -> None:
         """Go inside for a tick of the root; see `TickBegan`."""
-        self._begin(TickBegan(tick, time), time)
+        self._begin(TickBegan(tick, time, cause), time)
 
     def begin_halt(self) -> None:
         """Go inside for a halt of the whole tree, unless it is a part of a tick."""
@@ -322,6 +331,12 @@ class Journal(WriteRecorder):
         self.add(TimeRead(time, self._repeats))
         self._time = time
         self._repeats = 0
+
+    def add_message(self, level: str, text: str) -> None:
+        """Record that external code, on the thread that ticks, logs a message."""
+        if threading.get_ident() == self._tick_thread and not self.is_inside:
+            with self._lock:
+                self.add(MessageLogged(level, text))
 
     # --- writes
 

@@ -403,7 +403,7 @@ class _Chooser:
             return value
         board = writer.output.blackboard
         port_type = writer.output.type
-        entry: Entry = board.find(writer.key) or board.create(writer.key, port_type)
+        entry: Entry = board.find(writer.key) or board.declare(writer.key, port_type)
         if port_type.strong and entry.declared.strong and not port_type.same(entry.declared):
             names = f"a value of the type {port_type.name} to {{{writer.key}}}, which is of the type"
             text = f"'{self._leaf.config.path}' writes {names} {entry.declared.name}: declare its domain"

@@ -12,8 +12,6 @@ from btcore.status import FAILURE, SUCCESS, Status
 from btcore_recorder.failures import Failure, FailureObserver
 from btcore_recorder.inputs import Input, RunRecording, Step
 from btcore_recorder.replay import Replay
-from btcore_recorder.tree_state import capture
-from btcore_recorder.values import Encoder
 
 MAX_STEPS_TO_SHRINK: Final = 200_000
 """Maximum number of steps that `shrink` runs, so that it ends, on every machine with the same result."""
@@ -68,8 +66,8 @@ def cut(recording: RunRecording, from_s: float | None = None, to_s: float | None
     """Return the part of a recording between two times (s since its start), with the state before it.
 
     Raises:
-        LogError: There are no ticks between these times, steps are missing there, or the replay differs from
-            the recording.
+        LogError: There are no ticks between these times, or steps are missing there.
+        BtcoreError: The replay differs from the recording.
     """
     head, steps = recording.head, recording.steps
     ticks = [(at, (step.time - head.time) / NS_PER_S) for at, step in enumerate(steps) if step.tick]
@@ -87,23 +85,7 @@ def cut(recording: RunRecording, from_s: float | None = None, to_s: float | None
     inner = next((steps[at].tick for at in sorted(gaps) if first < at < last), None)
     if inner is not None:
         raise LogError(f"steps are missing before tick {inner}: choose a range on one side of this gap")
-    replay = Replay(recording)
-    if not replay.seek(first):
-        raise LogError(f"the replay differs from the recording at {replay.difference}")
-    if first in gaps:
-        state = gaps[first].state
-    else:
-        encoder = Encoder(lambda name, description: None)
-        state = capture(replay.tree, replay.external.boards, encoder.encode)
-    if first:
-        time = max(steps[first].time, head.time)
-        head = head._replace(state=state, time=time, wall_time=head.wall_time + time - head.time)
-    rerun = _Rerun(RunRecording(head, steps[first:last]))
-    while rerun.step():
-        pass
-    if rerun.difference is not None:
-        raise LogError(f"the replay differs from the recording at {rerun.difference}")
-    return RunRecording(head, tuple(rerun.done))
+    return Replay(recording).cut(first, last)
 
 
 class Shrunk(NamedTuple):

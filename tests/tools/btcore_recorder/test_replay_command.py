@@ -144,7 +144,7 @@ def test_the_first_difference_is_explained(replay: Replay, recorded: Path) -> No
     assert result.stdout.splitlines() == [
         "equal: 2 ticks with 3 transitions; then, at 0.200 s, tick 3: recorded: the result is RUNNING; "
         "now: the result is FAILURE",
-        "probable cause: something was not recorded",
+        "probable cause: the tree changed",
     ]
     data = json.loads(replay(recorded, "--verify", "--json").stdout)
     assert (data["equal"], data["tick"], data["time_s"]) == (False, 3, 0.2)
