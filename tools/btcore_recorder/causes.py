@@ -204,9 +204,11 @@ class CauseFinder:
 
     def _explain_condition(self, position: int, visit: Visit) -> Cause:
         """Explain a result that a pre-condition determined."""
+        if visit.result is None:
+            return self._new(position, visit.uid, "a script of its conditions raised an exception")
         conditions = self._nodes[visit.uid - 1].config.conditions
         names: tuple[str, ...] = {FAILURE: ("_failureIf",), SUCCESS: ("_successIf",)}.get(
-            visit.result or IDLE, ("_while",) if visit.before is RUNNING else ("_skipIf", "_while")
+            visit.result, ("_while",) if visit.before is RUNNING else ("_skipIf", "_while")
         )
         given = [name for name in names if name in conditions]
         reads = [read for read in visit.reads if read.by in given]

@@ -6,6 +6,7 @@ leaf results and entries that external code wrote; a smallest set of them is sea
 again with other results and values (`btcore_recorder.what_if`).
 """
 
+import os
 from collections.abc import Sequence
 from itertools import combinations, product, zip_longest
 from pathlib import PurePath
@@ -127,7 +128,7 @@ class Explainer:
         ['code="d < 1" is false: d = 3', 'wrote d = 3 by code="d := 3" in this tick']
     """
 
-    def __init__(self, recording: RunRecording | str) -> None:
+    def __init__(self, recording: RunRecording | str | os.PathLike[str]) -> None:
         self._replay = Replay(recording)
         self._steps = self._replay.steps
         self._causes = CauseFinder(self._replay)

@@ -13,7 +13,7 @@ import btcore
 from btcore import BtcoreError, NodeExecutionError, Tree
 from btcore.logs import LogError
 from btcore.testing import TestNodeConfig
-from btcore_recorder import Replay, record
+from btcore_recorder import Explainer, Replay, record
 from btcore_recorder.file_recorder import RingRecorder
 from btcore_recorder.files import EXTENSIONS, read_recording
 from btcore_recorder.inputs import RunRecording
@@ -198,6 +198,8 @@ def test_a_changed_recording_is_replayed_or_refused(
         run_changed(read_recording(path))
     with suppress(BtcoreError):
         read_as_log(path)
+    with suppress(BtcoreError):
+        Explainer(path).why()
 
 
 def test_a_recorded_tree_that_repeats_without_end_is_stopped(
