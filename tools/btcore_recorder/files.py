@@ -111,7 +111,7 @@ class RecordingFiles:
         self._remove_oldest()
         tree = re.sub(r"[^\w-]", "_", tree_id)[:60]
         now = datetime.now().strftime("%Y-%m-%dT%H-%M-%S")
-        return self._path / f"{now}_{tree}_{os.getpid()}-{self.count}{TEXT}"
+        return self._path / f"{now}_{tree}_{os.getpid()}-{self.count:05}{TEXT}"
 
     def _remove_oldest(self) -> None:
         with suppress(OSError):  # another process may remove the same files

@@ -12,6 +12,7 @@ from btcore.engine.journal import (
     ChildHalted,
     ChildTicked,
     ExternalHaltBegan,
+    MessageLogged,
     Paused,
     StatusForced,
     StatusSet,
@@ -109,6 +110,7 @@ Input = (
     | StatusForced
     | Paused
     | TimeRead
+    | MessageLogged
     | Written
     | Removed
     | Replaced

@@ -12,6 +12,7 @@ from btcore.engine.journal import (
     ChildHalted,
     ChildTicked,
     ExternalHaltBegan,
+    MessageLogged,
     Paused,
     StatusForced,
     StatusSet,
@@ -60,6 +61,7 @@ _INPUTS: Final[dict[str, type[Input]]] = {
     "status_forced": StatusForced,
     "paused": Paused,
     "time": TimeRead,
+    "message": MessageLogged,
     "written": Written,
     "removed": Removed,
     "replaced": Replaced,
@@ -480,6 +482,8 @@ def _input(word: str, values: list[Any]) -> Input:
             return Paused(uid, count)
         case "time", [int(time), int(repeats)]:
             return TimeRead(time, repeats)
+        case "message", [str(level), str(text)]:
+            return MessageLogged(level, text)
         case "written", [int(scope), str(key), value, None | str() as declared]:
             return Written(scope, key, value, declared)
         case "script", [int(scope), str(text), dict(enums)] if all(

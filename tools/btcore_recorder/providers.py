@@ -10,7 +10,8 @@ from uuid import uuid4
 from btcore.errors import BtcoreError, OutputError
 from btcore.options import option
 from btcore.output_files import numbered_file
-from btcore.runs.providers import Report, provider
+from btcore.runs.providers import provider
+from btcore.runs.report import Report
 from btcore.runs.settings import Settings
 from btcore.tree.tree import Tree
 
@@ -164,7 +165,7 @@ class TreeRecordings:
         """
         ring, tree = self._ring, self._tree
         assert tree is not None
-        is_interrupted = tree.context.is_interrupted
+        is_interrupted = tree.context.limit.is_interrupted
         self._is_over = self._report.end_reason is None and not is_interrupted
         if self._files.is_folder and ring is not None and (ring.has_failed or is_interrupted):
             writer = threading.Thread(target=self._write, args=(ring.take(), tree.id), daemon=True)

@@ -1,5 +1,6 @@
 """Records a running tree: what its ticks depend on, and a checksum of the transitions that follow from it."""
 
+import logging
 import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -7,6 +8,7 @@ from fnmatch import fnmatchcase
 from itertools import chain
 from typing import Any, Final, NamedTuple, cast
 from uuid import uuid4
+from weakref import WeakMethod
 
 import btcore
 from btcore.blackboard.blackboard import Blackboard
@@ -40,7 +42,7 @@ from btcore_recorder.inputs import (
 )
 from btcore_recorder.lines import Line, input_line, transitions_line
 from btcore_recorder.tree_state import capture, recorded_entry
-from btcore_recorder.values import EXCLUDED, Encoder
+from btcore_recorder.values import EXCLUDED, MAX_TEXT, Encoder
 
 _NAMES: Final = {status: status.name for status in Status}
 
@@ -85,6 +87,22 @@ class RecorderOptions(NamedTuple):
 
 
 NO_OPTIONS: Final = RecorderOptions()
+
+
+class _MessageHandler(logging.Handler):
+    """Calls the method *add* with the level and the text of each message, as long as its object exists."""
+
+    def __init__(self, add: Callable[[str, str], object]) -> None:
+        super().__init__()
+        self._add = WeakMethod(add)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        add = self._add()
+        if add is not None:
+            try:
+                add(record.levelname, record.getMessage()[:MAX_TEXT])
+            except Exception:  # the message does not fit its arguments
+                self.handleError(record)
 
 
 class Recorder(Observer):
@@ -156,6 +174,8 @@ class Recorder(Observer):
         tree.context.journal = self._journal
         self.head = self._create_head(types)
         self._encoder.found = found
+        self._message_handler = _MessageHandler(self._add_message)
+        logging.getLogger().addHandler(self._message_handler)
 
     def close(self) -> None:
         """End the recording. Call it while no tick is in progress."""
@@ -163,6 +183,7 @@ class Recorder(Observer):
         if context.journal is not self._journal:
             return
         context.journal = None
+        logging.getLogger().removeHandler(self._message_handler)
         for board in self._boards:
             board.recorder = None
         for node in self._tree.nodes:
@@ -235,6 +256,9 @@ class Recorder(Observer):
         return replaced
 
     # --- steps
+
+    def _add_message(self, level: str, text: str) -> None:
+        self._journal.add_message(level, text)
 
     def transitions(self, changes: Transitions) -> None:
         """Add the transitions to the checksum."""

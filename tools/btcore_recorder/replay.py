@@ -11,12 +11,12 @@ from btcore.engine.journal import TimeRead
 from btcore.engine.node import TreeNode
 from btcore.engine.observers import Observer
 from btcore.engine.transition_records import Transitions
-from btcore.errors import NodeExecutionError, TickInterrupt
+from btcore.errors import BtcoreError, NodeExecutionError, TickInterrupt
 from btcore.logs.files import LogError
-from btcore.status import IDLE, Status
+from btcore.status import FAILURE, IDLE, SUCCESS, Status
 from btcore.tree.tree import Tree
 from btcore_recorder.files import read_recording
-from btcore_recorder.inputs import RunRecording, Segment, TreeState
+from btcore_recorder.inputs import RunRecording, Segment, Step, TreeState
 from btcore_recorder.recorded_tree import ExternalCode, Inputs, StandInClock, add_callbacks, load_recorded
 from btcore_recorder.tree_state import capture, describe_difference, restore_entries, restore_nodes
 from btcore_recorder.values import Encoder
@@ -88,6 +88,18 @@ class _Checksum(Observer):
         self.value = changes.checksum(self.value)
         if self.changes is not None:
             self.changes += ((change.uid, change.status) for change in changes)
+
+
+class _Ends(Observer):
+    """Counts how often a node succeeds or fails."""
+
+    def __init__(self, uid: int) -> None:
+        self.count = 0
+        self._uid = uid
+
+    def transitions(self, changes: Transitions) -> None:
+        for change in changes:
+            self.count += change.uid == self._uid and change.status in (SUCCESS, FAILURE)
 
 
 class Replay:
@@ -174,7 +186,7 @@ class Replay:
         self._checksum.changes = None if step.transitions is None else []
         inputs, external = self._inputs, self.external
         status = IDLE
-        raised = ""
+        error: NodeExecutionError | None = None
         try:
             inputs.begin(step.before)
             while (event := inputs.take()) is not None:
@@ -187,8 +199,8 @@ class Replay:
                 status = self.tree.tick_exactly_once()
             else:
                 self.tree.halt()
-        except NodeExecutionError as error:
-            raised = f": {error.cause}"
+        except NodeExecutionError as raised:
+            error = raised
         except TickInterrupt:
             pass
         left = inputs.next
@@ -197,16 +209,24 @@ class Replay:
         if external.difference is None:
             if left is not None:
                 external.difference = external.words(left), "the step ends"
-            elif status is not step.status:
-                now = f"the result is {status.name}{raised}"
-                external.difference = f"the result is {step.status.name}", now
-            elif self._checksum.value != step.checksum:
-                external.difference = "other transitions", "transitions with another checksum"
+            else:
+                external.difference = self._compare(step, status, error)
             if external.difference is not None and step.transitions is not None:
                 transition, node = self._find_transition(step.transitions)
         if external.difference is not None:
             self.difference = self._describe(step.tick, *external.difference, node, transition)
         return self.difference is None
+
+    def _compare(
+        self, step: Step, status: Status, error: NodeExecutionError | None
+    ) -> tuple[str, str] | None:
+        """Return the difference between the recorded and the present end of *step*, or None."""
+        if status is not step.status:
+            raised = "" if error is None else f": {error.cause}"
+            return f"the result is {step.status.name}", f"the result is {status.name}{raised}"
+        if self._checksum.value != step.checksum:
+            return "other transitions", "transitions with another checksum"
+        return None
 
     def _describe(
         self, tick: int, recorded: str, now: str, node: TreeNode | None, transition: int = 0
@@ -281,6 +301,92 @@ class Replay:
         while self.position < position and self.step():
             pass
         return self.position == position and self.difference is None
+
+    def cut(self, begin: int, end: int) -> RunRecording:
+        """Return a part of the recording, which begins with a saved state.
+
+        Args:
+            begin: The index of the first step.
+            end: The index of the step after the last one.
+
+        Raises:
+            BtcoreError: The replay differs from the recording before *end*.
+        """
+        if not self.seek(begin):
+            raise BtcoreError(f"the replay differs from the recording: {self.difference}")
+        state = capture(self.tree, self.external.boards, self._encoder.encode)
+        if begin in self._segments and self._segments[begin].gap:
+            state = self._segments[begin].state
+        head = self.recording.head
+        time = next((step.time for step in self.steps[begin::-1] if step.time >= 0), head.time)
+        head = head._replace(state=state, time=time, wall_time=head.wall_time + time - head.time)
+        segments = {each.position: each for each in self.recording.segments if begin < each.position < end}
+        steps = []
+        checksum = _Checksum()
+        unsubscribe = self.tree.subscribe(checksum)
+        for position in range(begin, end):
+            if position in segments:
+                checksum.value = 0
+            if not self.step():
+                break
+            steps.append(self.steps[position]._replace(checksum=checksum.value))
+        unsubscribe()
+        if self.difference is not None:
+            raise BtcoreError(f"the replay differs from the recording: {self.difference}")
+        moved = tuple(each._replace(position=each.position - begin) for each in segments.values())
+        return RunRecording(head, tuple(steps), moved)
+
+    def find_write(self, scope: int, key: str, position: int) -> int | None:
+        """Return the last of the first *position* steps that wrote an entry; None if none did.
+
+        Args:
+            scope: The index of the scope that holds the entry.
+            key: The key of the entry there.
+            position: The number of steps.
+
+        Returns:
+            The index of the step.
+        """
+        boards = self.external.boards
+
+        def count() -> int:
+            entry = boards[scope].local_entries().get(key)
+            return -1 if entry is None else entry.sequence_id
+
+        return self._find_change(count, position)
+
+    def find_end(self, uid: int, position: int) -> int | None:
+        """Return the last of the first *position* steps in which a node succeeded or failed; None if none is.
+
+        Args:
+            uid: The UID of the node.
+            position: The number of steps.
+
+        Returns:
+            The index of the step.
+        """
+        ends = _Ends(uid)
+        unsubscribe = self.tree.subscribe(ends)
+        try:
+            return self._find_change(lambda: ends.count, position)
+        finally:
+            unsubscribe()
+
+    def _find_change(self, count: Callable[[], int], position: int) -> int | None:
+        """Return the last of the first *position* steps that changed *count*, or None."""
+        end = position
+        while end > 0:
+            begin = (end - 1) // STATE_INTERVAL * STATE_INTERVAL
+            self.seek(begin)
+            found = None
+            before = count()
+            while self.position < end and self.step():
+                if count() != before:
+                    found, before = self.position - 1, count()
+            if found is not None:
+                return found
+            end = begin
+        return None
 
     def _find_tick(self, tick: int) -> int:
         return next((index for index, step in enumerate(self.steps, 1) if step.tick == tick), -1)

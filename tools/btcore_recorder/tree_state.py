@@ -26,7 +26,7 @@ def capture(tree: Tree, boards: Sequence[Blackboard], encode: Callable[[object],
             # Scopes of format 3 share the entries of remapped keys.
             if id(entry) not in indices:
                 indices[id(entry)] = len(entries)
-                if isinstance(entry.value, deque):
+                if issubclass(type(entry.value), deque):  # isinstance() may call code of the value
                     queues[id(entry.value)] = len(entries)
                 entries.append(recorded_entry(entry, encode(entry.value)))
             keys[key] = indices[id(entry)]
