@@ -211,7 +211,12 @@ class Recorder {
   /// The pre-conditions of a node have decided that it is ticked. Not called if its status is SUCCESS or FAILURE.
   void tick_began(int uid) {
     const std::lock_guard lock(mutex_);
-    if (uid == ROOT) begin_tick();
+    if (uid == ROOT) {
+      begin_tick();
+    } else if (state_ == State::ENDING || state_ == State::OUTSIDE) {  // a TryCatch ticks a child when it is halted
+      end_open_step();
+      begin_halt(true);
+    }
     if (!is_working()) return;
     unwind(uid, false);
     if (is_doing(Doing::TICK, nodes_[uid].parent)) read_boards(nodes_[uid].parent, true);
@@ -267,12 +272,7 @@ class Recorder {
       return;
     }
     if (state_ == State::ENDING && !belongs_to_tick(uid, status)) end_step(result_, checksum_);
-    if (state_ == State::OUTSIDE) {
-      read_boards(true);
-      lines_.push_back("halt []\n");
-      state_ = State::HALTING;
-      thread_ = std::this_thread::get_id();
-    }
+    if (state_ == State::OUTSIDE) begin_halt(status == Status::IDLE);  // else a script may have run already
     change(uid, status);
     const bool is_last = status == Status::IDLE || (status == Status::RUNNING && !nodes_[uid].is_decorator);
     if (state_ == State::ENDING && uid == ROOT && is_last) end_step(result_, checksum_);
@@ -282,7 +282,7 @@ class Recorder {
     if (uid == ROOT) return status == result_ || is_end(result_);
     return nodes_[uid].parent == ROOT && nodes_[ROOT].is_decorator && is_end(nodes_[uid].status);
   }
-  /// Return whether this thread ticks or halts the tree; a TryCatch also ticks a leaf when it is halted.
+  /// Return whether this thread ticks or halts the tree.
   bool is_working() const {
     return (state_ == State::TICKING || state_ == State::HALTING) && std::this_thread::get_id() == thread_;
   }
@@ -313,6 +313,12 @@ class Recorder {
     read_boards(true);
     add("tick", text(++ticks_), text(now()));
     state_ = State::TICKING;
+  }
+  void begin_halt(bool has_run_nothing) {
+    read_boards(has_run_nothing);
+    lines_.push_back("halt []\n");
+    state_ = State::HALTING;
+    thread_ = std::this_thread::get_id();
   }
   void end_open_step() {
     if (state_ == State::ENDING) return end_step(result_, checksum_);
