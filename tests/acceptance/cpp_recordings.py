@@ -1,6 +1,6 @@
 """Random trees are run by BehaviorTree.CPP, recorded by `btcore_recorder.hpp`, and repeated by btcore.
 
-``python tests/acceptance/cpp_recordings.py PREFIX`` needs a C++ compiler, and in PREFIX BehaviorTree.CPP 4.10:
+``python tests/acceptance/cpp_recordings.py PREFIX`` needs a C++ compiler. PREFIX has BehaviorTree.CPP 4.10:
 its headers in ``include``, its static library and those of tinyxml2 and minitrace in ``lib``. CI has none.
 """
 
