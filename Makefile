@@ -80,6 +80,7 @@ PREVIEW ?= --trials 9
 PROOFS ?= --trees 1000
 TYPED_FILES ?= --files 200
 KILLS ?= --trials 100
+CPP_RECORDINGS ?= none
 ROS2_SCHEDULES ?= --schedules 500
 ROS2_RUNS ?=
 ROS2_GOALS ?= --goals 2000
@@ -286,6 +287,7 @@ accept-tools: .venv/ready
 	$(call acceptance,proofs,$(PROOFS),--jobs $(CORES))
 	$(call acceptance,typed_files,$(TYPED_FILES),--jobs $(CORES))
 	$(call acceptance,kills,$(KILLS))
+	$(call acceptance,cpp_recordings,$(CPP_RECORDINGS))
 
 accept-ros2: .venv-ros/ready
 	$(call acceptance,ros2_schedules,$(ROS2_SCHEDULES),,.venv-ros)

@@ -16,7 +16,7 @@ from btcore.logs.files import LogError
 from btcore.status import FAILURE, IDLE, SUCCESS, Status
 from btcore.tree.tree import Tree
 from btcore_recorder.files import read_recording
-from btcore_recorder.inputs import RunRecording, Segment, Step, TreeState
+from btcore_recorder.inputs import UNKNOWN_CHECKSUM, RunRecording, Segment, Step, TreeState
 from btcore_recorder.recorded_tree import ExternalCode, Inputs, StandInClock, add_callbacks, load_recorded
 from btcore_recorder.tree_state import capture, describe_difference, restore_entries, restore_nodes
 from btcore_recorder.values import Encoder
@@ -227,7 +227,7 @@ class Replay:
         if status is not step.status:
             raised = "" if error is None else f": {error.cause}"
             return f"the result is {step.status.name}", f"the result is {status.name}{raised}"
-        if self._checksum.value != step.checksum:
+        if step.checksum not in (self._checksum.value, UNKNOWN_CHECKSUM):
             return "other transitions", "transitions with another checksum"
         return None
 
