@@ -227,6 +227,28 @@ class BlackboardEvent:
     boards: Mapping[str, Mapping[str, Any]]
 
 
+LeafTick = tuple[int, str, int, Mapping[str, str], Mapping[str, str], str]
+"""A tick of a leaf: its uid, its path, the number of its result (IDLE if it raised), the values of its inputs
+and of its outputs by port, and the text of its exception or ""."""
+
+
+@dataclass(frozen=True, slots=True)
+class LeavesEvent:
+    """The leaves that were ticked in a tick of the root, of a recording that is run again.
+
+    Attributes:
+        stamp: The time of the tree (ns).
+        wall: The wall-clock time (ns since the epoch).
+        tick: The number of the tick.
+        leaves: The leaves, in the order in which they were ticked.
+    """
+
+    stamp: int
+    wall: int
+    tick: int
+    leaves: tuple[LeafTick, ...]
+
+
 @dataclass(frozen=True, slots=True)
 class StaticSceneEvent:
     """The part of the scene that does not change during a run.
@@ -333,6 +355,7 @@ Event = (
     | TransitionEvent
     | TickEvent
     | BlackboardEvent
+    | LeavesEvent
     | StaticSceneEvent
     | MovingSceneEvent
     | ExceptionEvent

@@ -1,6 +1,8 @@
 """A recording as a log: its transitions, as the replay repeats them."""
 
+from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Final
 
@@ -12,7 +14,27 @@ from btcore.logs.formats import LogFormat
 from btcore.logs.recording import LoggedTransition, parse_nodes
 from btcore.status import IDLE, Status, Transition
 from btcore_bags.log import BagLog, read_bag
+from btcore_recorder.moments import Moment, Moments
 from btcore_recorder.replay import Replay
+
+MAX_MOMENTS: Final = 20_000
+"""Maximum number of moments that are shown of a recording."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayedLog(Recording):
+    """What a log of a recorded run would contain."""
+
+    def moments(self) -> Iterator[Moment]:
+        """Yield the moments after the ticks; of more than MAX_MOMENTS, at equal intervals."""
+        moments = Moments(self.path)
+        interval = -(-moments.count // MAX_MOMENTS)
+        for position in range(1, moments.count + 1, max(1, interval)):
+            moment = moments.at(position)
+            if moment.tick:
+                yield moment
+            if moment.problem:
+                return
 
 
 class _Collector(Observer):
@@ -29,7 +51,7 @@ class _Collector(Observer):
         self.transitions_of_run.append(LoggedTransition(self.wall_time, uid, previous, status))
 
 
-def read_as_log(path: Path) -> Recording:
+def read_as_log(path: Path) -> ReplayedLog:
     """Return what a log of the recorded run would contain. A transition has the time at which its tick began.
 
     Raises:
@@ -52,7 +74,7 @@ def read_as_log(path: Path) -> Recording:
     damage = replay.recording.damage
     if replay.difference is not None:
         damage = f"the replay differs from the recording at {replay.difference}"
-    return Recording(
+    return ReplayedLog(
         path, xml, head.wall_time, parse_nodes(xml, str(path)), collector.transitions_of_run, damage
     )
 

@@ -1,6 +1,6 @@
 """`btcore replay`: show a log or a recording, as text or in the viewer, or run a recording again."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Final, Protocol
@@ -17,6 +17,7 @@ from btcore.logs.recording import format_transition
 from btcore.status import FAILURE, RUNNING, SUCCESS, Status
 from btcore.suggestions import did_you_mean
 from btcore_recorder.commands.rerun import RerunOptions
+from btcore_recorder.moments import Moment
 
 _COLOURS: Final[dict[Status, str]] = {RUNNING: "yellow", SUCCESS: "green", FAILURE: "red"}
 
@@ -31,8 +32,10 @@ class LogViewer(Protocol):
     def outputs(self) -> Sequence[str]:
         """The given options that show or write something."""
 
-    def show(self, recording: Recording, window: range) -> None:
+    def show(self, recording: Recording, window: range, moments: Iterable[Moment]) -> None:
         """Show the transitions with an index in *window*; without *outputs* in a window on the screen.
+
+        A recording also has *moments*: the entries, and the inputs and outputs of leaves, after its ticks.
 
         Raises:
             BtcoreError: They cannot be shown.
@@ -104,7 +107,10 @@ def replay(
     elif viewer is None:
         raise click.UsageError("there is no viewer: install the extra btcore[monitor], or use --text")
     else:
-        viewer.show(recording, window)
+        from btcore_recorder.replayed_log import ReplayedLog
+
+        moments = recording.moments() if isinstance(recording, ReplayedLog) else ()
+        viewer.show(recording, window, moments)
     return ExitCode.SUCCESS
 
 
