@@ -3,7 +3,7 @@
 import json
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from enum import Enum
 from itertools import islice
@@ -12,6 +12,7 @@ from typing import Any, Final, NamedTuple
 from btcore.blackboard.blackboard import Blackboard
 from btcore.engine.node import TreeNode
 from btcore.status import IDLE, RUNNING, Status
+from btcore.xml.plan.plan import Plans
 from btcore_recorder.inputs import RunRecording, is_external
 from btcore_recorder.recorded_tree import ExternalCode, Inputs
 from btcore_recorder.replay import STATE_INTERVAL, Replay
@@ -127,6 +128,8 @@ class _ObservedCode(ExternalCode):
 class Moments:
     """The moments of a recording, in any order.
 
+    It satisfies the protocol of the entry point group `btcore.recordings`, which the preview declares.
+
     Args:
         recording: The recording, or the path of its file.
 
@@ -165,6 +168,22 @@ class Moments:
     def count(self) -> int:
         """The number of steps: the last moment."""
         return len(self.replay.steps)
+
+    @property
+    def plans(self) -> Plans:
+        """The plans of the recorded tree."""
+        assert self._code.plans is not None
+        return self._code.plans
+
+    @property
+    def roots(self) -> Sequence[Status]:
+        """The recorded result of each step; IDLE for a halt."""
+        return [step.status for step in self.replay.steps]
+
+    @property
+    def damage(self) -> str:
+        """Where the file is truncated or damaged, as a sentence, or ""."""
+        return self.replay.recording.damage
 
     def at(self, position: int, limit: float = math.inf) -> Moment:
         """Return the moment after *position* steps.
