@@ -1,9 +1,10 @@
-"""Importing a log of statuses as a recording: the results of leaves, as far as the transitions determine them.
+"""Importing a log of statuses as a recording: what leaves returned, as far as the transitions determine it.
 
 A log has neither the ticks nor what leaves read and wrote. The engine is run on it: a leaf that is ticked
 returns the status of the next transition if it is its own, otherwise its present status. Control nodes and
 decorators whose results depend on their children alone are run by the engine. All others are external nodes,
-which tick and halt the children whose transitions follow.
+which tick and halt the children whose transitions follow. A SubTree node is always run by the engine: if it is
+the root of another one, and its own pre-condition decides, it gets transitions that are not in the log.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -11,6 +12,7 @@ from typing import Final
 
 from lxml import etree
 
+import btcore
 from btcore.engine.journal import ChildHalted, ChildTicked, ExternalHaltBegan, StatusSet
 from btcore.engine.node import TreeNode, execute_tick, halt_node, reset_status
 from btcore.engine.observers import Observer
@@ -21,6 +23,7 @@ from btcore.logs.files import LogError
 from btcore.logs.recording import RecordedNode
 from btcore.registry.registry import Registry
 from btcore.status import IDLE, RUNNING, SKIPPED, NodeType, Status, Transition
+from btcore_recorder.files import RECONSTRUCTED
 from btcore_recorder.inputs import (
     ExternalHaltEnded,
     Head,
@@ -37,9 +40,6 @@ from btcore_recorder.inputs import (
 from btcore_recorder.recorded_tree import ExternalCode, Inputs, StandInClock, load_recorded
 from btcore_recorder.tree_state import capture, restore_nodes
 from btcore_recorder.values import Encoder
-
-RECONSTRUCTED: Final = "reconstructed"
-"""The name in the versions of a head, whose text names the log from which the recording was made."""
 
 _ENGINE_NODES: Final = frozenset(
     {
@@ -64,9 +64,9 @@ _ENGINE_NODES: Final = frozenset(
         "WhileDoElse",
     }
 )
-"""Nodes whose results depend on their children alone, if they have neither conditions nor keys in their ports."""
+"""Nodes whose results depend on their children alone, without conditions and keys in their ports."""
 _MAX_PAUSE_NS: Final = 1_000_000
-"""Maximum time (ns) between transitions of a tick. After a longer pause, a running node continues in the next."""
+"""Maximum time (ns) between transitions of a tick. After a longer one, running nodes wait for the next."""
 _MAX_ATTEMPTS: Final = 20
 """Maximum number of attempts with nodes that the engine runs. They are fewer after each."""
 
@@ -122,7 +122,9 @@ class _Shape:
             waiting += [(child, number) for child in reversed(log.nodes[uid].children)]
         self.begin: dict[int, Status] = {}
         for change in log.transitions:
-            self.begin.setdefault(self.numbers[change.uid], change.previous)
+            # A .btlog does not contain the previous status.
+            is_unknown = change.previous is change.status
+            self.begin.setdefault(self.numbers[change.uid], RUNNING if is_unknown else change.previous)
         is_3 = any(self._fits(node, 3) and not self._fits(node, 4) for node in self.nodes)
         self.format = 3 if is_3 or not log.xml else 4
 
@@ -212,7 +214,7 @@ class _Import:
             TreeState((), ({},), (), 0),
             0,
             log.start,
-            {RECONSTRUCTED: log.path.name},
+            {"btcore": btcore.__version__, RECONSTRUCTED: log.path.name},
         )
         tree = self._tree = load_recorded(self._head, self._code, StandInClock())
         encode = Encoder(lambda name, description: None).encode
@@ -374,6 +376,8 @@ class _LoggedCode(ExternalCode):
                 break
             elif change.status is IDLE and (number == child or self.resets(child)):
                 self._reset(child, number)
+            elif number == child and self._is_decided_subtree(child, change.status):
+                self._set(child, change.status)
             elif child in ticked and self.nodes[child - 1]._status is RUNNING:
                 break
             else:
@@ -382,6 +386,11 @@ class _LoggedCode(ExternalCode):
                 execute_tick(self.nodes[child - 1])
             self._check_progress(change, position)
         return node._status
+
+    def _is_decided_subtree(self, uid: int, status: Status) -> bool:
+        """Return whether *uid* is a SubTree node whose pre-condition decides, so that it is not ticked."""
+        node = self.nodes[uid - 1]
+        return node.type is NodeType.SUBTREE and node._status is IDLE and status not in (IDLE, RUNNING)
 
     def halt(self, node: TreeNode) -> None:
         uid = node.config.uid

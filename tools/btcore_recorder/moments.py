@@ -2,6 +2,7 @@
 
 import json
 import math
+import os
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
@@ -153,7 +154,7 @@ class Moments:
         (1, 'FAILURE', (('', 'tries', '1'),))
     """
 
-    def __init__(self, recording: RunRecording | Any) -> None:
+    def __init__(self, recording: RunRecording | str | os.PathLike[str]) -> None:
         self.replay = Replay(recording, _ObservedCode)
         code = self.replay.external
         assert isinstance(code, _ObservedCode)

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final
 
@@ -14,6 +14,7 @@ from btcore.logs.formats import LogFormat
 from btcore.logs.recording import LoggedTransition, parse_nodes
 from btcore.status import IDLE, Status, Transition
 from btcore_bags.log import BagLog, read_bag
+from btcore_recorder.inputs import RunRecording
 from btcore_recorder.moments import Moment, Moments
 from btcore_recorder.replay import Replay
 
@@ -23,11 +24,17 @@ MAX_MOMENTS: Final = 20_000
 
 @dataclass(frozen=True, slots=True)
 class ReplayedLog(Recording):
-    """What a log of a recorded run would contain."""
+    """What a log of a recorded run would contain.
+
+    Attributes:
+        run: The recording.
+    """
+
+    run: RunRecording = field(kw_only=True)
 
     def moments(self) -> Iterator[Moment]:
         """Yield the moments after the ticks; of more than MAX_MOMENTS, at equal intervals."""
-        moments = Moments(self.path)
+        moments = Moments(self.run)
         interval = -(-moments.count // MAX_MOMENTS)
         for position in range(1, moments.count + 1, max(1, interval)):
             moment = moments.at(position)
@@ -74,8 +81,9 @@ def read_as_log(path: Path) -> ReplayedLog:
     damage = replay.recording.damage
     if replay.difference is not None:
         damage = f"the replay differs from the recording at {replay.difference}"
+    nodes = parse_nodes(xml, str(path))
     return ReplayedLog(
-        path, xml, head.wall_time, parse_nodes(xml, str(path)), collector.transitions_of_run, damage
+        path, xml, head.wall_time, nodes, collector.transitions_of_run, damage, run=replay.recording
     )
 
 
