@@ -3,8 +3,8 @@
 A log has neither the ticks nor what leaves read and wrote. The engine is run on it: a leaf that is ticked
 returns the status of the next transition if it is its own, otherwise its present status. Control nodes and
 decorators whose results depend on their children alone are run by the engine. All others are external nodes,
-which tick and halt the children whose transitions follow. A SubTree node is always run by the engine: if it is
-the root of another one, and its own pre-condition decides, it gets transitions that are not in the log.
+which tick and halt the children whose transitions follow. A SubTree node is always run by the engine: if its
+parent is a SubTree node, too, and its pre-condition decides, its replay has more transitions than the log.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -234,7 +234,11 @@ class _Import:
         before: tuple[Input, ...] = ()
         while (first := code.next) is not None:
             code.begin_step()
-            is_halt = tree.root._status is RUNNING and code.resets(1)
+            if code.is_decided_subtree(1, first):
+                code.force(first)
+                before = tuple(code.events)
+                continue
+            is_halt = tree.root._status is not IDLE and code.resets(1)
             status = IDLE
             try:
                 if is_halt:
@@ -376,7 +380,7 @@ class _LoggedCode(ExternalCode):
                 break
             elif change.status is IDLE and (number == child or self.resets(child)):
                 self._reset(child, number)
-            elif number == child and self._is_decided_subtree(child, change.status):
+            elif self.is_decided_subtree(child, change):
                 self._set(child, change.status)
             elif child in ticked and self.nodes[child - 1]._status is RUNNING:
                 break
@@ -387,10 +391,11 @@ class _LoggedCode(ExternalCode):
             self._check_progress(change, position)
         return node._status
 
-    def _is_decided_subtree(self, uid: int, status: Status) -> bool:
-        """Return whether *uid* is a SubTree node whose pre-condition decides, so that it is not ticked."""
+    def is_decided_subtree(self, uid: int, change: LoggedTransition) -> bool:
+        """Return whether *uid* is a SubTree node that is not ticked, because its pre-condition decides."""
         node = self.nodes[uid - 1]
-        return node.type is NodeType.SUBTREE and node._status is IDLE and status not in (IDLE, RUNNING)
+        is_result = self._number(change) == uid and change.status not in (IDLE, RUNNING)
+        return is_result and node.type is NodeType.SUBTREE and node._status is IDLE
 
     def halt(self, node: TreeNode) -> None:
         uid = node.config.uid

@@ -53,7 +53,7 @@ def logged(log: Recording) -> Changes:
 
 
 def has_decided_child(log: Recording, uid: int) -> bool:
-    """Return whether a SubTree node has a child of this type with conditions, which the engine ticks anyway."""
+    """Return whether a SubTree node has a SubTree child with conditions, which the engine ticks anyway."""
     nodes = [log.nodes[uid], *(log.nodes[child] for child in log.nodes[uid].children)]
     conditions = [name for name in nodes[-1].ports if name.startswith("_")]
     return all(node.id == "SubTree" for node in nodes) and len(nodes) == 2 and bool(conditions)
