@@ -126,7 +126,8 @@ def events(recording: Recording, window: range, moments: Iterable[Moment] = ()) 
     first = recording.transitions[window.start].stamp if window.start else recording.start
     stamp, wall = first - recording.start, first
     statuses = dict(recording.statuses(window.start))
-    known = iter(moments)
+    since = stamp
+    known = (moment for moment in moments if moment.time >= since)
     moment = next(known, None)
     source = LOG_FILE if moment is None else RECORDING
     yield TreeEvent(observed_tree(recording), stamp, wall, statuses, source=source)

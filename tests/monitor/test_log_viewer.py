@@ -172,12 +172,16 @@ def test_a_recording_has_entries_and_ports_of_leaves_at_each_tick(run: Path) -> 
     assert leaves[:2] == [
         (
             (2, "Measure::2", SUCCESS, {"limit": "0.5"}, {"distance": distance}, ""),
-            (3, "near", status, {"code": "d < 1"}, {}, ""),
+            (3, "near", status, {"code": "d < 1", "d": distance}, {}, ""),
         )
         for distance, status in (("2", FAILURE), ("0.5", SUCCESS))
     ]
     assert leaves[2] == ((2, "Measure::2", IDLE, {"limit": "0.5"}, {}, "pop from empty list"),)
     assert [event.path for event in shown if isinstance(event, ExceptionEvent)] == ["Measure::2"]
+    stamps = [change.stamp for change in recording.transitions]
+    second = stamps.index(next(stamp for stamp in stamps if stamp > stamps[0]))
+    part = events(recording, range(second, second + 1), recording.moments())  # type: ignore[attr-defined]
+    assert [event.tick for event in part if isinstance(event, TickEvent)] == [2]
 
 
 def test_the_viewer_has_the_leaves_and_entries_of_a_recording(

@@ -11,8 +11,10 @@ from itertools import islice
 from typing import Any, Final, NamedTuple
 
 from btcore.blackboard.blackboard import Blackboard
+from btcore.blackboard.ports import SCRIPT_ROLES
 from btcore.engine.node import TreeNode
 from btcore.status import IDLE, RUNNING, Status
+from btcore.xml.plan.key_uses import READING, WRITING, find_name_uses
 from btcore.xml.plan.plan import Plans
 from btcore_recorder.inputs import RunRecording, is_external
 from btcore_recorder.recorded_tree import ExternalCode, Inputs
@@ -30,7 +32,7 @@ _MAX_OBSERVATIONS: Final = 10_000
 """Maximum number of ticks of leaves in a step that are observed: a tick may repeat a leaf very often."""
 
 Values = Mapping[str, str]
-"""The values of ports as texts, by the name of the port."""
+"""Values as texts, by the name of the port or the key."""
 
 
 class LeafTick(NamedTuple):
@@ -40,8 +42,9 @@ class LeafTick(NamedTuple):
         uid: The number of the leaf.
         path: The path of the leaf.
         status: The result; IDLE if the leaf raised an exception.
-        inputs: The values that the leaf could read.
-        outputs: The values of its output ports afterwards; of an external leaf only those that it wrote.
+        inputs: The values of its inputs, and of the entries that its script reads.
+        outputs: The values of its outputs afterwards, of an external leaf only those that it wrote, and of
+            the entries that its script writes.
         error: The text of the exception that the leaf raised, or "".
     """
 
@@ -113,7 +116,8 @@ class _ObservedCode(ExternalCode):
 
     def post_tick(self, node: TreeNode, status: Status) -> Status:
         if not node.children and not is_external(type(node)) and self._may_observe():
-            self._add(node, status, _input_values(node), _output_values(node))
+            read, written = _script_values(node)
+            self._add(node, status, {**_input_values(node), **read}, {**_output_values(node), **written})
         return super().post_tick(node, status)
 
     def _may_observe(self) -> bool:
@@ -252,6 +256,19 @@ def _output_values(node: TreeNode) -> Values:
         name: _entry_text(port.blackboard, port.key) if port.key is not None else "–"
         for name, port in node.config.outputs.items()
     }
+
+
+def _script_values(node: TreeNode) -> tuple[Values, Values]:
+    """Return the values of the entries that the scripts in the ports of *node* read, and write."""
+    scripts = [
+        port for port in node.config.inputs.values() if port.port.role in SCRIPT_ROLES and port.key is None
+    ]
+    uses = [use for port in scripts for use in find_name_uses(port.text, node.config.enums)]
+    written = {use.name for use in uses if use.access in WRITING}
+    read = {use.name for use in uses if use.access in READING} - written
+    board = node.blackboard
+    values = [{name: _entry_text(board, name) for name in sorted(names)} for names in (read, written)]
+    return values[0], values[1]
 
 
 def _entry_text(board: Blackboard, key: str) -> str:

@@ -66,11 +66,14 @@ def test_the_replay_of_a_log_has_its_transitions(
 ) -> None:
     tree = random_tree(xml, seed, SystemClock() if real_time else SimClock())
     for action in actions[:logged_from]:
+        assume(action != "inject" or len(tree.subtrees) == 1)
         act(tree, action, Random(seed))
     with TemporaryDirectory() as folder:
         with BtLog(tree, Path(folder) / "run.btlog"):
             for action in actions[logged_from:]:
-                act(tree, action, Random(seed))
+                # The engine runs SubTree nodes, of which a log does not say that their result is injected.
+                if action != "inject" or len(tree.subtrees) == 1:
+                    act(tree, action, Random(seed))
         log = read_log(Path(folder) / "run.btlog")
     assume(not any(has_decided_child(log, uid) for uid in log.nodes))
     whole, cut = logged(log), int(part * len(log.transitions))

@@ -13,6 +13,7 @@ import pytest
 from btcore import Builder, Put, Registry, Status, action
 from btcore.status import IDLE
 from btcore_recorder import record
+from btcore_recorder.files import read_recording
 from btcore_recorder.moments import Moments
 from btcore_recorder.replay import STATE_INTERVAL
 from btcore_studio.preview.server import PreviewServer
@@ -77,6 +78,19 @@ def test_each_moment_has_the_statuses_of_the_run(run: tuple[Path, list[tuple[Sta
             [leaf, *_] = moment.leaves
             assert (leaf.outputs, leaf.status is Status.SUCCESS) == ({"number": str(number)}, number % 7 == 0)
     assert moments.at(last).root is IDLE
+
+
+def test_a_recording_that_differs_is_shown_up_to_there(run: tuple[Path, list[tuple[Status, ...]]]) -> None:
+    path, seen = run
+    recording = read_recording(path)
+    steps = list(recording.steps)
+    steps[8] = steps[8]._replace(status=Status.FAILURE)
+    moments = Moments(recording._replace(steps=tuple(steps)))
+    for position in (9, 300, 10):
+        moment = moments.at(position)
+        assert (moment.position, "tick 9: recorded: the result is FAILURE" in moment.problem) == (9, True)
+    before = moments.at(8)
+    assert (before.problem, before.statuses) == ("", seen[8])
 
 
 def test_a_moment_far_ahead_is_reached_in_several_replies(run: tuple[Path, list[tuple[Status, ...]]]) -> None:

@@ -402,6 +402,10 @@ function showNode() {
   const ports = make("dl");
   const leaf = state.moment?.leaves[node.key];
   for (const [name, text] of node.ports) ports.append(make("dt", name), showPort(text, leaf?.inputs[name], leaf?.outputs[name]));
+  const named = new Set(node.ports.map(([name]) => name));
+  for (const name of Object.keys({ ...leaf?.inputs, ...leaf?.outputs })) {
+    if (!named.has(name)) ports.append(make("dt", name), showPort("", leaf.inputs[name], leaf.outputs[name]));
+  }
   if (leaf?.error) ports.append(make("dt", "raised"), make("dd", leaf.error, "raised"));
   const actions = make("div", "", "actions");
   if (!node.leaf) {
