@@ -228,8 +228,11 @@ class BlackboardEvent:
 
 
 LeafTick = tuple[int, str, int, Mapping[str, str], Mapping[str, str], str]
-"""A tick of a leaf: its uid, its path, the number of its result (IDLE if it raised), the values of its inputs
-and of its outputs by port, and the text of its exception or ""."""
+"""A tick of a leaf of a recording.
+
+It is the uid, the path, the number of the result (IDLE if the leaf raised an exception), the values of the
+inputs and of the outputs as texts by name, and the text of the exception or "".
+"""
 
 
 @dataclass(frozen=True, slots=True)
