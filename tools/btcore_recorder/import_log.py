@@ -103,6 +103,8 @@ class _Shape:
 
     def __init__(self, log: Recording) -> None:
         self.registry = Registry.standard()
+        self._xml = log.xml
+        self.main_id = _tree_ids(log.xml).get("", "Main")
         self.nodes: list[RecordedNode] = []
         self.parents: dict[int, int] = {}
         self.numbers: dict[int, int] = {}
@@ -158,26 +160,39 @@ class _Shape:
             inner = self.parents[inner]
         return inner
 
-    def document(self, by_engine: frozenset[int]) -> str:
-        """Return the tree as XML. Conditions and entries are left out where they are not run."""
-        root = etree.Element("root", BTCPP_format=str(self.format), main_tree_to_execute="Main")
-        trees = {0: etree.SubElement(root, "BehaviorTree", ID="Main")}
+    def document(self) -> str:
+        """Return the tree as XML, without conditions. Each call of a tree has its own copy."""
+        ids = _tree_ids(self._xml)
+        root = etree.Element("root", BTCPP_format=str(self.format), main_tree_to_execute=self.main_id)
+        trees = {0: etree.SubElement(root, "BehaviorTree", ID=self.main_id)}
+        taken = {self.main_id}
         elements: dict[int, etree._Element] = {}
         for number, node in enumerate(self.nodes, 1):
             parent = self.parents[number]
-            element = elements[number] = etree.SubElement(
-                trees[parent] if parent in trees else elements[parent], node.id
-            )
-            if not node.path.endswith(f"::{node.uid}"):
-                element.set("name", node.name)
+            parent_element = trees[parent] if parent in trees else elements[parent]
+            element = elements[number] = etree.SubElement(parent_element, node.id)
             if node.type is NodeType.SUBTREE:
-                element.set("ID", f"Tree{number}")
-                element.set("name", node.path.rpartition("/")[2])
-                trees[number] = etree.SubElement(root, "BehaviorTree", ID=f"Tree{number}")
-            else:
-                for name, text in _ports(node).items():
-                    element.set(name, text)
+                id = ids.get(node.path, "Tree")
+                id = f"{id}#{number}" if id in taken else id
+                taken.add(id)
+                element.set("ID", id)
+                trees[number] = etree.SubElement(root, "BehaviorTree", ID=id)
+            name = node.path.rpartition("/")[2] if node.type is NodeType.SUBTREE else node.name
+            if name != f"{element.get('ID')}::{number}" and not node.path.endswith(f"{node.id}::{node.uid}"):
+                element.set("name", name)
+            if node.type is not NodeType.SUBTREE:
+                for port, text in _ports(node).items():
+                    element.set(port, text)
         return etree.tostring(root, pretty_print=True, encoding="unicode")
+
+
+def _tree_ids(xml: str) -> dict[str, str]:
+    """Return the IDs of the trees in a log by the paths of their SubTree nodes."""
+    if not xml:
+        return {}
+    parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=True)
+    root = etree.fromstring(xml.encode("utf-8", "replace"), parser)
+    return {tree.get("_fullpath", ""): tree.get("ID", "Tree") for tree in root.iterchildren("BehaviorTree")}
 
 
 def _ports(node: RecordedNode) -> Mapping[str, str]:
@@ -203,9 +218,9 @@ class _Import:
             else:
                 classes[node.id] = _class(node, classes[node.id].ports if node.id in classes else ())
         self._head = Head(
-            "Main",
+            shape.main_id,
             shape.format,
-            ((log.path.name, shape.document(by_engine), False),),
+            ((log.path.name, shape.document(), False),),
             {},
             {},
             tuple(classes.values()),

@@ -16,6 +16,7 @@ from btcore.engine.node import TreeNode
 from btcore.status import IDLE, RUNNING, Status
 from btcore.xml.plan.key_uses import READING, WRITING, find_name_uses
 from btcore.xml.plan.plan import Plans
+from btcore_recorder.files import RECONSTRUCTED, describe_reconstruction
 from btcore_recorder.inputs import RunRecording, is_external
 from btcore_recorder.recorded_tree import ExternalCode, Inputs
 from btcore_recorder.replay import STATE_INTERVAL, Replay
@@ -186,9 +187,12 @@ class Moments:
         return [step.status for step in self.replay.steps]
 
     @property
-    def damage(self) -> str:
-        """Where the file is truncated or damaged, as a sentence, or ""."""
-        return self.replay.recording.damage
+    def warnings(self) -> Sequence[str]:
+        """What the recording lacks, as sentences."""
+        recording = self.replay.recording
+        log = recording.head.versions.get(RECONSTRUCTED)
+        reconstruction = "" if log is None else describe_reconstruction(log)
+        return [*filter(None, (recording.damage, reconstruction))]
 
     def at(self, position: int, limit: float = math.inf) -> Moment:
         """Return the moment after *position* steps.

@@ -85,8 +85,8 @@ class Timeline(Protocol):
         """The result of each step; IDLE for a halt."""
 
     @property
-    def damage(self) -> str:
-        """Where the file is truncated or damaged, as a sentence, or ""."""
+    def warnings(self) -> Sequence[str]:
+        """What the recording lacks, as sentences."""
 
     def at(self, position: int, limit: float) -> Moment:
         """Return the moment after *position* steps, or the moment that was reached after *limit* s."""
@@ -130,7 +130,7 @@ class RecordedRun:
             "start": ticks[-1] if ticks else 0,
             "width": width,
             "colours": "".join(str(int(status)) for status in colours),
-            "damage": self._timeline.damage,
+            "warnings": self._timeline.warnings,
         }
 
     def moment(self, position: int) -> dict[str, Any]:

@@ -156,7 +156,7 @@ function showNotice() {
   const live = state.live;
   if (live?.problem) notices.push(live.problem);
   if (live?.connection && live.connection !== "connected") notices.push(live.detail);
-  if (state.document?.recorded?.damage) notices.push(`The recording is incomplete: ${state.document.recorded.damage}.`);
+  notices.push(...(state.document?.recorded?.warnings ?? []).map((text) => `This recording: ${text}.`));
   if (live?.connection && !state.document?.recorded && state.liveKeys.length && state.drawing?.nodes) {
     const missing = state.liveKeys.filter((key) => !state.keys.has(key)).length;
     if (missing) {
