@@ -62,13 +62,12 @@ if TYPE_CHECKING:
     from btcore.loading.load import load as load
     from btcore.loading.load import loads as loads
     from btcore.loading.load import make as make
-    from btcore.loading.load import required_resources as required_resources
     from btcore.nodes.loop import LoopNode as LoopNode
     from btcore.options import option as option
     from btcore.registry.registry import Registry as Registry
     from btcore.registry.resources import Resources as Resources
-    from btcore.runs.providers import Report as Report
     from btcore.runs.providers import provider as provider
+    from btcore.runs.report import Report as Report
     from btcore.runs.run import Run as Run
     from btcore.runs.settings import RunSettings as RunSettings
     from btcore.runs.settings import Settings as Settings
@@ -106,12 +105,13 @@ _HOMES = {
         "ScriptError", "SettingsError", "TreeError", "UnknownNodeError", "XmlSyntaxError",
     ),
     "btcore.loading.builder": ("Builder", "blackboard_key"),
-    "btcore.loading.load": ("load", "loads", "make", "required_resources"),
+    "btcore.loading.load": ("load", "loads", "make"),
     "btcore.nodes.loop": ("LoopNode",),
     "btcore.options": ("option",),
     "btcore.registry.resources": ("Resources",),
     "btcore.registry.registry": ("Registry",),
-    "btcore.runs.providers": ("Report", "provider"),
+    "btcore.runs.providers": ("provider",),
+    "btcore.runs.report": ("Report",),
     "btcore.runs.run": ("Run",),
     "btcore.runs.settings": ("RunSettings", "Settings"),
     "btcore.script.program": ("compile_script",),

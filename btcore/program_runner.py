@@ -22,7 +22,7 @@ from btcore.cli import terminal
 from btcore.cli.command_run import CommandRun
 from btcore.cli.node_libraries import load_libraries
 from btcore.cli.provider_command import ProviderCommand, command_providers
-from btcore.cli.run_report import END_REASON_TEXT, print_reports
+from btcore.cli.run_summary import END_REASON_TEXT, print_reports
 from btcore.cli.terminal import print_json
 from btcore.registry.registry import Registry
 from btcore.runs.run import Run, TreelessProgram

@@ -43,7 +43,6 @@ TIERS = (
         "exit_codes",
         "extras",
         "fixes",
-        "moved_modules",
         "names",
         "options",
         "suggestions",
@@ -131,8 +130,6 @@ def tier(module: str) -> int:
 
 
 OTHERS = sorted(PARENTS.keys() - {"btcore"})
-# Names of modules that were moved, for hints.
-MOVED = {"btcore.moved_modules": "MOVED_MODULES"}
 
 
 @pytest.mark.parametrize("package", OTHERS)
@@ -160,14 +157,9 @@ def test_texts_of_the_engine_do_not_name_the_other_packages() -> None:
 
 
 def texts(module: str) -> list[str]:
-    """Return the texts in the code of *module*, without docstrings and the table of moved modules."""
+    """Return the texts in the code of *module*, without docstrings."""
     tree = ast.parse(SOURCES[module].read_text(encoding="utf-8"))
-    ignored: set[ast.AST] = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Expr):
-            ignored.add(node.value)
-        elif isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == MOVED.get(module):
-            ignored |= {*ast.walk(node)}
+    ignored = {node.value for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     nodes = (node for node in ast.walk(tree) if node not in ignored)
     return [node.value for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str)]
 
@@ -394,6 +386,13 @@ def test_documented_imports_of_the_packages_are_those_of_the_source() -> None:
         reached = {name.partition(".")[0] for name in imports(module, for_types=True)}
         found[package] |= reached & PARENTS.keys() - {package}
     assert {package: names_in(cell) for package, _, cell in rows} == found
+
+
+def test_documented_methods_exist() -> None:
+    words = {word for path in SOURCES.values() for word in re.findall(r"\w+", path.read_text("utf-8"))}
+    named = re.findall(r"`([A-Z]\w+)\.(\w+)`", PAGE)
+    assert len(named) > 10
+    assert [names for names in named if not words.issuperset(names)] == []
 
 
 def test_documented_generic_names_are_refused() -> None:

@@ -209,8 +209,8 @@ class Blackboard:
                 return None
             board = parent
 
-    def create(self, key: str, declared: ValueType = ANY, only_read: bool = False) -> Entry:
-        """Return the entry of *key* after remapping. If it is missing, create it where the remappings end.
+    def declare(self, key: str, declared: ValueType = ANY, only_read: bool = False) -> Entry:
+        """Return the entry of *key* after remapping, for values of a type. It is created if it is missing.
 
         Args:
             key: The key.

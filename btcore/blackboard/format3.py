@@ -56,14 +56,14 @@ class Format3Blackboard(Blackboard):
         """Return the entry that `set` has written."""
         return self._find_or_create(key, ANY, False)
 
-    def create(self, key: str, declared: ValueType = ANY, only_read: bool = False) -> Entry:
+    def declare(self, key: str, declared: ValueType = ANY, only_read: bool = False) -> Entry:
         """Return the entry of *key*. A port does not change the rule for texts of an existing entry.
 
         Unlike in format 4, *only_read* has no effect: the type of the entry must not be a related class.
         """
         known = self._entries.get(key)
         inferred = known is not None and known.inferred and known.declared.same(declared)
-        entry = super().create(key, declared)
+        entry = super().declare(key, declared)
         if inferred:
             entry.inferred = True
         return entry

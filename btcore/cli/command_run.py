@@ -1,15 +1,14 @@
 """The runs of commands with the options of providers."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from types import TracebackType
-from typing import Unpack
 
 import click
 
 from btcore.cli import terminal
 from btcore.cli.provider_command import command_providers, given_setting_options
+from btcore.clock import Clock
 from btcore.field_options import FieldOption
-from btcore.loading.load import LoadArguments
 from btcore.runs.run import Run, TreelessProgram
 from btcore.runs.settings import GivenSettings, Settings
 from btcore.suggestions import join_names
@@ -26,7 +25,9 @@ class CommandRun(Run):
         source: The tree or the program.
         settings: The settings, which the function of the command got.
         prepare: As in `Run`.
-        arguments: As in `Run`.
+        resources: As in `Run`.
+        clock: As in `Run`.
+        tick_limit: As in `Run`.
     """
 
     def __init__(
@@ -35,14 +36,19 @@ class CommandRun(Run):
         source: Plans | TreelessProgram,
         settings: GivenSettings,
         prepare: Callable[[Run], None] | None = None,
-        **arguments: Unpack[LoadArguments],
+        *,
+        resources: Sequence[object] = (),
+        clock: Clock | None = None,
+        tick_limit: float | None = None,
     ) -> None:
         super().__init__(
             source,
             settings=settings,
             providers=command_providers(ctx).available,
             prepare=prepare,
-            **arguments,
+            resources=resources,
+            clock=clock,
+            tick_limit=tick_limit,
         )
         self.report.print_warning = terminal.print_warning
         self._ctx = ctx

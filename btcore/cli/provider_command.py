@@ -73,11 +73,11 @@ def _may_need_all_options(
 
     They may be needed if:
 
-    - *args* have an option that is none of *known_options*: it may be an option of a provider, such as
+    - *args* contain an option that is none of *known_options*: it may be an option of a provider, such as
       `--monitor`, or `--help`, which lists all options;
-    - a provider of a plugin has settings: the name of an option of theirs may be that of any other option,
-      which is an error in every run;
-    - the command gives options other defaults, also those of providers;
+    - a provider of a plugin has options: two providers may define options of the same name, which is an
+      error even if neither of them is used;
+    - the program has set defaults for options, also for those of providers;
     - a shell completes the command line.
     """
     has_settings = any(provider.settings_classes for provider in available.of_user)
@@ -90,9 +90,9 @@ def _may_need_all_options(
 def _parse_known_options(
     options: Sequence[click.Parameter], args: Sequence[str]
 ) -> tuple[Mapping[str, Any], Sequence[str]]:
-    """Return the texts of the given *options* by parameter, and the words in *args* of none of them.
+    """Return the values of the *options* in *args* by parameter, and the remaining words.
 
-    Other options are not known yet, so that a mistake is not reported.
+    Unknown options are no error, because the options of providers do not exist yet.
     """
     known: list[click.Parameter] = [option for option in options if isinstance(option, click.Option)]
     command = click.Command(name=None, params=known, add_help_option=False)

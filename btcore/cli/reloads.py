@@ -3,11 +3,11 @@
 from btcore.cli import terminal
 from btcore.cli.command_run import CommandRun
 from btcore.cli.progress import Progress
-from btcore.cli.run_report import print_leaf_error
+from btcore.cli.run_summary import print_leaf_error
 from btcore.cli.tree_source import TreeReader
 from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.loading.hot_reload import FileWatcher, rebuild_tree
-from btcore.runs.providers import fits
+from btcore.registry.resources import fits
 from btcore.status import Status
 
 

@@ -12,7 +12,7 @@ from btcore.cli.command_run import CommandRun
 from btcore.cli.node_libraries import NodeLibraries, load_libraries
 from btcore.cli.progress import Progress, log_to_console
 from btcore.cli.provider_command import command_providers
-from btcore.cli.run_report import RunSummary, print_leaf_error
+from btcore.cli.run_summary import RunSummary, print_leaf_error
 from btcore.cli.tree_changes import TreeChanges
 from btcore.cli.tree_source import STDIN, TreeOptions, TreeReader, find_source
 from btcore.errors import NodeExecutionError
@@ -80,6 +80,13 @@ class RunOptions(TreeOptions):
             "Reload the tree whenever its file is saved, and keep the blackboard. A file with errors is "
             "reported, and the previous tree continues. After the tree has ended, wait for the next save, "
             "until --duration or Ctrl-C ends the run."
+        ),
+    ] = False
+    as_json: Annotated[
+        bool,
+        option(
+            "Print the results as a JSON object on the last line of stdout (with --watch, of the last tree).",
+            name="json",
         ),
     ] = False
 

@@ -42,6 +42,61 @@ class TreeResource:
     """
 
 
+class TickLimit:
+    """Ends a tick that repeats nodes: after a time, or by an interruption. Those nodes check it.
+
+    Attributes:
+        is_set: Whether there is a limit, so that nodes check it after each repetition.
+        has_timed_out: Whether the time of `start` has ended the tick.
+        is_interrupted: Whether ticks end as soon as possible, until `resume`.
+    """
+
+    def __init__(self) -> None:
+        self.is_set = False
+        self.has_timed_out = False
+        self.is_interrupted = False
+        self._end = 0  # ns of real time, 0 = none
+        self._event = threading.Event()
+
+    def start(self, seconds: float) -> None:
+        """Limit the tick that begins now to *seconds* of real time, whatever clock the tree has."""
+        self._end = time.monotonic_ns() + round(seconds * NS_PER_S)
+        self.has_timed_out = False
+        self.is_set = True
+
+    def stop(self) -> None:
+        """End the effect of `start`."""
+        self._end = 0
+        self.is_set = self.is_interrupted
+
+    def extend(self, nanoseconds: int) -> None:
+        """Do not count *nanoseconds*, during which the tick was stopped at a breakpoint."""
+        if self._end:
+            self._end += nanoseconds
+
+    def interrupt(self) -> None:
+        """End ticks as soon as possible, until `resume` is called. Thread-safe."""
+        self.is_interrupted = True
+        self.is_set = True
+
+    def resume(self) -> None:
+        """End the effect of `interrupt`. Call it between ticks."""
+        if self.is_interrupted:
+            self.is_interrupted = self.is_set = False
+
+    def is_reached(self) -> bool:
+        """Return whether the tick must end now."""
+        if self.is_interrupted:
+            return True
+        if self._end and time.monotonic_ns() >= self._end:
+            self.has_timed_out = True
+            return True
+        # Python handles signals (Ctrl-C) only in interpreted functions, such as this method of Event. A tick
+        # of compiled nodes might call none.
+        self._event.is_set()
+        return self.is_interrupted
+
+
 class TreeContext:
     """What the engine keeps for all nodes of one tree: time, wake-ups, limits and observers.
 
@@ -53,13 +108,11 @@ class TreeContext:
         on_wake_up: Called by each wake-up, on any thread; set by an event loop that runs the tree.
         lock: Held while the callbacks and counters of a node change, which any thread may do.
         woken_by: The last node that requested another tick at once.
-        is_interrupted: Whether ticks that repeat nodes end as soon as possible.
-        must_check_end: Whether nodes that repeat others call `must_pause` after each repetition.
-        has_timed_out: Whether the limit of `set_tick_limit` ended the tick.
+        cause: The UID of the node that requested the next tick, −1 for `Tree.wake`, 0 for no request.
+        limit: The limit of ticks that repeat nodes.
         stopped_ns: How long breakpoints have stopped the present tick (ns of real time).
         uses_time: Whether a node has read the clock, so that the tree reads it at the start of each tick.
-        tick_start: The time (ns) at which the present tick began, by which its timers are judged; -1 = not
-            known.
+        tick_start: The time (ns) at which the present tick began, by which its timers are judged, or -1.
         journal: Records what the ticks depend on; None = nothing is recorded.
         recorded_pause: In a replay, answers `must_pause` as in the recorded run.
     """
@@ -73,15 +126,13 @@ class TreeContext:
         self.deadlines: dict[int, int] = {}
         self.on_wake_up: Callable[[], object] | None = None
         self.woken_by: NodeConfig | None = None
-        self.is_interrupted = False
-        self.must_check_end = False
-        self.has_timed_out = False
+        self.cause = 0
+        self.limit = TickLimit()
         self.stopped_ns = 0
         self.uses_time = False  # most trees without timers never read the clock, which takes time
         self.tick_start = -1
         self.journal: Journal | None = None
         self.recorded_pause: Callable[[int, int], bool] | None = None
-        self._tick_end = 0  # ns of real time, 0 = no limit
 
     @property
     def in_event_loop(self) -> bool:
@@ -93,8 +144,9 @@ class TreeContext:
         """Whether a wake-up is pending."""
         return self._is_woken
 
-    def wake_up(self) -> None:
+    def wake_up(self, cause: int = -1) -> None:
         """Request a tick as soon as possible. Thread-safe."""
+        self.cause = cause
         self._is_woken = True
         self.wake_event.set()
         # Read once: the event loop's thread may set it to None at any time.
@@ -148,42 +200,10 @@ class TreeContext:
             self.wake_event.wait(seconds)
         self._clear_wake_up()
 
-    def set_tick_limit(self, seconds: float) -> None:
-        """Limit the tick that begins now to *seconds* of real time, whatever clock the tree has.
-
-        Only nodes that repeat other nodes check the limit, by `must_pause`.
-        """
-        self._tick_end = time.monotonic_ns() + round(seconds * NS_PER_S)
-        self.has_timed_out = False
-        self.must_check_end = True
-
-    def clear_tick_limit(self) -> None:
-        """End the effect of `set_tick_limit`."""
-        self._tick_end = 0
-        self.must_check_end = self.is_interrupted
-
     def add_stopped_time(self, nanoseconds: int) -> None:
         """Do not count *nanoseconds*, during which the tick was stopped at a breakpoint."""
         self.stopped_ns += nanoseconds
-        if self._tick_end:
-            self._tick_end += nanoseconds
-
-    def interrupt(self) -> None:
-        """Let ticks that repeat nodes end as soon as possible. Thread-safe."""
-        self.is_interrupted = True
-        self.must_check_end = True
-
-    def must_end_tick(self) -> bool:
-        """Return whether the tick must end now."""
-        if self.is_interrupted:
-            return True
-        if self._tick_end and time.monotonic_ns() >= self._tick_end:
-            self.has_timed_out = True
-            return True
-        # Python handles signals (Ctrl-C) only in interpreted functions, such as this method of Event. A tick
-        # of compiled nodes might call none.
-        self.wake_event.is_set()
-        return self.is_interrupted
+        self.limit.extend(nanoseconds)
 
     def must_pause(self, uid: int, count: int) -> bool:
         """Return whether the node *uid*, which has repeated its child *count* times, must pause.
@@ -192,10 +212,10 @@ class TreeContext:
         """
         if self.recorded_pause is not None:
             return self.recorded_pause(uid, count)
-        must_end = self.must_end_tick()
-        if must_end and self.journal is not None:
+        is_reached = self.limit.is_reached()
+        if is_reached and self.journal is not None:
             self.journal.add_pause(uid, count)
-        return must_end
+        return is_reached
 
     def _clear_wake_up(self) -> bool:
         # A wake-up that another thread sends between these lines may count twice, but is never lost.
@@ -209,5 +229,6 @@ class TreeContext:
         for uid in due:
             del self.deadlines[uid]
         if due:
+            self.cause = due[0]
             self._is_woken = True
             self.wake_event.set()

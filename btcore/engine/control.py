@@ -5,7 +5,7 @@ from typing import ClassVar
 
 from mypy_extensions import mypyc_attr
 
-from btcore.engine.node import RESETS_CHILD, TreeNode, attach_to_tree, halt_node, reset_status
+from btcore.engine.node import TreeNode, attach_to_tree, halt_node, reset_status
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.node_spec import NodeSpec
 from btcore.engine.observers import Observers
@@ -278,4 +278,3 @@ def enable_child_reset(node: DecoratorNode) -> None:
     Call it once, after `set_children` and `__init__`, which a class may override to change the child.
     """
     node._decorated_child = node.child
-    node._tick_flags |= RESETS_CHILD

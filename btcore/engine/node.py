@@ -37,12 +37,6 @@ from btcore.status import (
 if TYPE_CHECKING:
     from btcore.engine.journal import Journal  # imported when a recording begins
 
-# Flags of TreeNode._tick_flags: what else execute_tick() does for a node. One attribute holds them all: an
-# attribute for each flag makes the benchmark's tree `bump-and-go` 2 % slower (pure).
-MUST_COMPLETE: Final = 1  # raise if the result is RUNNING
-RESETS_CHILD: Final = 2  # reset the child of a decorator when the child has completed
-OVERRIDES_EXECUTE_TICK: Final = 4  # let the class's own execute_tick() tick the node; the greatest flag
-
 NO_CHILDREN: Final[list["TreeNode"]] = []
 _NO_CONFIG: Final = NodeConfig("", "")
 _STILL_RUNNING: Final = (
@@ -97,8 +91,10 @@ class TreeNode:
     _status_before_reset: Status = IDLE
     """The last result, for drawings of a tree whose parents have reset it."""
     _tick_extras: TickExtras | None = None
-    """None = the node has no conditions, callbacks or counters."""
-    _tick_flags: int = 0
+    """None = the node has no conditions, callbacks, counters or journal."""
+    _overrides_execute_tick: bool = False
+    _raises_if_running: bool = False
+    """The value of `_must_complete`, which takes longer to read (compiled)."""
     _decorated_child: "TreeNode | None" = None
     """The child of a decorator, which `execute_tick` resets when it has completed; None for other nodes."""
     _context: TreeContext
@@ -185,8 +181,7 @@ class TreeNode:
         """Set the function that is called before each tick, with the node as argument; thread-safe.
 
         If the function returns SUCCESS or FAILURE, the node is not ticked and has this result. The function
-        is not called when a pre-condition determines the result, nor for a node that has completed and was
-        not reset.
+        is not called if a pre-condition determines the result, nor for a completed node before its reset.
 
         Args:
             callback: The function; None removes it.
@@ -200,8 +195,7 @@ class TreeNode:
         """Set the function that is called after each tick and its post-conditions; thread-safe.
 
         The arguments of the function are the node and its result. If the function returns SUCCESS or FAILURE,
-        the node has this result instead, even if a pre-condition or the pre-tick function had determined the
-        result.
+        this is the result, even if a pre-condition or the pre-tick function had determined it.
 
         Args:
             callback: The function; None removes it.
@@ -311,7 +305,7 @@ class TreeNode:
     def wake_up(self) -> None:
         """Request another tick of the tree as soon as possible. Thread-safe."""
         self._context.woken_by = self.config
-        self._context.wake_up()
+        self._context.wake_up(self.config.uid)
 
     def wake_at(self, deadline: int) -> None:
         """Request a tick at *deadline* (ns, tree's clock). This replaces an earlier request of the node."""
@@ -335,9 +329,8 @@ def attach_to_tree(node: TreeNode, config: NodeConfig, context: TreeContext, bla
     node._status_before_reset = IDLE
     node._tick_extras = None
     node._decorated_child = None
-    node._tick_flags = MUST_COMPLETE if node._must_complete else 0
-    if type(node).execute_tick is not TreeNode.execute_tick:
-        node._tick_flags |= OVERRIDES_EXECUTE_TICK
+    node._raises_if_running = node._must_complete
+    node._overrides_execute_tick = type(node).execute_tick is not TreeNode.execute_tick
     node._context = context
     node._blackboard = blackboard
     if config.conditions:
@@ -353,7 +346,7 @@ def start_recording(node: TreeNode, journal: "Journal", is_external: bool) -> No
     """
     with node._context.lock:
         node._tick_extras = extras = node._tick_extras or TickExtras()
-        extras.journal = journal
+        extras.boundary_journal = journal
         extras.is_external = is_external
 
 
@@ -362,7 +355,7 @@ def stop_recording(node: TreeNode) -> None:
     with node._context.lock:
         extras = node._tick_extras
         if extras is not None:
-            extras.journal = None
+            extras.boundary_journal = None
             extras.is_external = False
             if extras.is_empty:
                 node._tick_extras = None
@@ -415,9 +408,7 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
     Args:
         ignore_override: Whether an override of execute_tick() is not called, because it is the caller.
     """
-    flags = node._tick_flags
-    # The greatest flag is compared with `>=`, because `&` takes 20 ns more (pure).
-    if flags >= OVERRIDES_EXECUTE_TICK and not ignore_override:
+    if node._overrides_execute_tick and not ignore_override:
         return node.execute_tick()
     extras = node._tick_extras
     status: Status
@@ -439,7 +430,7 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
                         observers.record_success(node.config)
                     else:
                         observers.record_transition(observers.now(), node.config, stored, status)
-        if status is RUNNING and flags & MUST_COMPLETE:
+        if status is RUNNING and node._raises_if_running:
             raise NodeError(_STILL_RUNNING)
     except NodeExecutionError as error:
         add_to_backtrace(node, error)
@@ -448,16 +439,16 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
         raise
     except BaseException as error:  # also SystemExit: a leaf must not end the program without being named
         raise execution_error(node, error, "ticking") from error
-    if flags & RESETS_CHILD:
+    if node._decorated_child is not None:
         child = node._decorated_child
-        if child is not None and (child._status is SUCCESS or child._status is FAILURE):
+        if child._status is SUCCESS or child._status is FAILURE:
             reset_status(child)
     return status
 
 
 def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
     """Call `tick` of *node* unless a pre-condition or callback decides, then what *extras* adds after it."""
-    journal = extras.journal
+    journal = extras.boundary_journal
     if journal is not None and not journal.is_inside:
         return _tick_for_external_parent(node, extras, journal)
     conditions = extras.conditions
@@ -578,7 +569,7 @@ def reset_status(node: TreeNode) -> None:
 def halt_node(node: TreeNode) -> None:
     """Halt *node*, whatever its status; see `TreeNode.halt_node`."""
     extras = node._tick_extras
-    journal = None if extras is None else extras.journal
+    journal = None if extras is None else extras.boundary_journal
     if journal is not None and not journal.is_inside:
         _halt_for_external_parent(node, journal)
         return
@@ -604,8 +595,10 @@ def halt_node(node: TreeNode) -> None:
         raise execution_error(node, error, "being halted") from error
 
 
-# --- ticks and halts while the tree is recorded
+# --- ticks and halts at a boundary between built-in and external nodes, while the tree is recorded
 #
+# Built-in code runs inside the journal: what it does follows from what is recorded. External code, that of
+# nodes that are not built in and of callbacks, runs outside: its results and writes are recorded.
 
 
 def _tick_for_external_parent(node: TreeNode, extras: TickExtras, journal: "Journal") -> Status:

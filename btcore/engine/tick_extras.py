@@ -114,6 +114,16 @@ class TickCounts:
         self.skipped = 0
         self.halted = 0
 
+    def by_name(self) -> dict[str, int]:
+        """Return the counters by their names."""
+        return {
+            "ticks": self.ticks,
+            "success": self.success,
+            "failure": self.failure,
+            "skipped": self.skipped,
+            "halted": self.halted,
+        }
+
     def add_result(self, status: Status) -> None:
         """Count the result *status* of a tick."""
         if status is SUCCESS:
@@ -130,8 +140,9 @@ class TickExtras:
     Most nodes of a tree in a program have none; under `btcore run` all nodes have counters.
 
     Attributes:
-        journal: The journal of the tree, if it is recorded and the node or its parent is external.
-        is_external: Whether the node is external, that is, not built in: the journal records its results.
+        boundary_journal: The journal of the tree, if it is recorded and the node or its parent is external,
+            that is, not built in.
+        is_external: Whether the node is external, so that the journal records its results.
     """
 
     def __init__(self) -> None:
@@ -139,7 +150,7 @@ class TickExtras:
         self.tick_counts: TickCounts | None = None
         self.pre_tick: Callable[[Any], Status] | None = None
         self.post_tick: Callable[[Any, Status], Status] | None = None
-        self.journal: Journal | None = None
+        self.boundary_journal: Journal | None = None
         self.is_external = False
 
     @property
@@ -150,5 +161,5 @@ class TickExtras:
             and self.tick_counts is None
             and self.pre_tick is None
             and self.post_tick is None
-            and self.journal is None
+            and self.boundary_journal is None
         )

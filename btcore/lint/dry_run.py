@@ -86,7 +86,7 @@ class DryRun(NodeCreator):
         self.create_nodes(tree)
         for use in self._recorded:
             try:
-                entry = use.scope.find(use.key) or use.scope.create(use.key)
+                entry = use.scope.find(use.key) or use.scope.declare(use.key)
             except BlackboardError:
                 continue  # a key with two @, which has been reported
             self.uses.setdefault(entry, []).append(use)

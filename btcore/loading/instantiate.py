@@ -3,7 +3,8 @@
 This is the fourth and last stage of loading.
 """
 
-from collections.abc import Sequence
+import reprlib
+from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import Final
 
@@ -29,7 +30,7 @@ from btcore.fixes import SetAttributes
 from btcore.registry.manifest import Manifest, takes_children
 from btcore.registry.registry import Registry, library_of
 from btcore.registry.resources import Resources
-from btcore.tree.tree import Subtree, Tree
+from btcore.tree.tree import Subtree, Tree, TreeDocument
 from btcore.values import parse_constant, type_of
 from btcore.xml.plan.plan import Plans, report_invalid_scripts
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
@@ -51,11 +52,13 @@ def instantiate(
 ) -> Tree:
     """Create the nodes of the main tree of *plans*, and return the tree.
 
-    `btcore.loading.load.MakeArguments` describes the other parameters.
+    `btcore.load` describes the other parameters.
 
     Raises:
         TreeError: The plans have errors, or nodes could not be created. It holds all errors.
+        TypeError: *resources* is not a list.
     """
+    resources = list_resources(resources)
     plans.diagnostics.raise_errors()
     main = plans.main_tree
     assert main is not None, "a missing main tree is an error"
@@ -70,13 +73,25 @@ def instantiate(
         creator.context,
         plans.registry,
         tick_limit,
-        _texts(plans.definitions.sources),
+        _list_documents(plans.definitions.sources),
     )
 
 
-def _texts(sources: Sources) -> list[tuple[str, str, bool]]:
+def list_resources(resources: object) -> Sequence[object]:
+    """Return the *resources* of a program as a list.
+
+    Raises:
+        TypeError: They are not a list.
+    """
+    # A text can be iterated, but is a single object here.
+    if isinstance(resources, (str, bytes)) or not isinstance(resources, Iterable):
+        raise TypeError(f"resources={reprlib.repr(resources)} is not a list: write resources=[…]")
+    return resources if isinstance(resources, Sequence) else list(resources)
+
+
+def _list_documents(sources: Sources) -> list[TreeDocument]:
     shared = sources.shared_documents
-    return [(document.file, document.text, document in shared) for document in sources.documents]
+    return [TreeDocument(document.file, document.text, document in shared) for document in sources.documents]
 
 
 def create_leaf_tree(leaf: type[TreeNode], id: str, clock: Clock) -> Tree:
@@ -234,7 +249,7 @@ class NodeCreator:
             key = binding.key
             if key is not None and binding.is_explicit:
                 try:
-                    entry = blackboard.create(key, port.type, only_read=not port.writes)
+                    entry = blackboard.declare(key, port.type, only_read=not port.writes)
                 except (BlackboardError, ConversionError) as error:
                     self._report_type_conflict(node_plan, port, draft, blackboard.find(key), error)
                 else:
@@ -317,19 +332,17 @@ class NodeCreator:
             draft.report(INCONVERTIBLE_TEXT, str(error), node_plan.element)
             return
         set_names = {binding.name for binding in node_plan.bindings}
-        ports = node_plan.manifest.ports.values()
-        # If a node can't be created and lacks an input port, the message names the port.
-        missing = [port for port in ports if port.reads and port.name not in set_names]
-        code = MISSING_PORT if missing else NODE_NOT_CREATED
-        values = {
+        missing = {
             port.name: _SCRIPT_EXAMPLES.get(port.role, f"{{{port.name}}}")
-            for port in missing
-            if port.role in LOAD_TIME_ROLES
+            for port in node_plan.manifest.ports.values()
+            if port.role in LOAD_TIME_ROLES and port.name not in set_names
         }
-        written = " ".join(f'{name}="…"' for name in values)
-        hint = f"write {written}" if values else ""
-        fixes = [SetAttributes(values)] if values else []
-        draft.report(code, str(error), node_plan.element, hint=hint, fixes=fixes)
+        if missing:
+            hint = "write " + " ".join(f'{name}="…"' for name in missing)
+            fixes = [SetAttributes(missing)]
+            draft.report(MISSING_PORT, str(error), node_plan.element, hint=hint, fixes=fixes)
+        else:
+            draft.report(NODE_NOT_CREATED, str(error), node_plan.element)
 
     def _substitute(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> Manifest:
         """Return the manifest after the registry's substitution rules; that of the plan after an error."""

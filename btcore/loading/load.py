@@ -5,7 +5,6 @@ import reprlib
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from os import PathLike
-from typing import Any, TypedDict, Unpack
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import Clock
@@ -14,14 +13,10 @@ from btcore.diagnostics import Diagnostic
 from btcore.errors import TreeError
 from btcore.loading.instantiate import instantiate
 from btcore.registry.registry import Registry
-from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans, plan_document
 from btcore.xml.read.document import Diagnostics, Document
 from btcore.xml.read.read import PackageResolver, parse_file, parse_text
-
-# What the API reference shows on the page of this module; it shows the functions on the page of `btcore`.
-__all__ = ["LoadArguments", "MakeArguments"]
 
 
 @contextmanager
@@ -48,13 +43,30 @@ def paused_garbage_collection() -> Iterator[None]:
             gc.enable()
 
 
-class MakeArguments(TypedDict, total=False):
-    """The arguments with which a registered tree is made; each may be omitted.
+def load(
+    path: str | PathLike[str],
+    *more: str | PathLike[str],
+    nodes: Registry | None = None,
+    tree: str | None = None,
+    format: int | None = None,
+    packages: PackageResolver | None = None,
+    confined: bool = False,
+    resources: Sequence[object] = (),
+    blackboard: Blackboard | None = None,
+    clock: Clock | None = None,
+    tick_limit: float | None = None,
+) -> Tree:
+    """Return the tree in an XML file, ready to be ticked.
 
-    Attributes:
+    Args:
+        path: The XML file.
+        more: Further XML files, whose trees the first file may call without an include.
         nodes: The nodes and trees that the tree may use; default `Registry.standard`.
+        tree: The ID of the tree to load; default the main tree of the first document.
         format: The XML format, 3 or 4; default the `BTCPP_format` of the first document, or 3 if it has none.
         packages: A function that returns the share directory of a ROS package that an `<include>` names.
+        confined: Whether includes from outside of the folder of the main XML file are errors, for trees
+            from strangers.
         resources: Objects that leaves get by the types of their parameters, for example a robot.
         blackboard: The blackboard of the main tree; it may have entries, and other trees may share it.
         clock: The clock; default the first of *resources* that is a clock, else the system's clock. The
@@ -63,58 +75,9 @@ class MakeArguments(TypedDict, total=False):
         tick_limit: The longest time (s, real time) for which a tick may repeat nodes; default no limit. See
             `Tree`.
 
-    Examples:
-        >>> import btcore
-        >>> from btcore.loading.load import MakeArguments
-        >>> nodes = btcore.Registry.standard()
-        >>> xml = '<root BTCPP_format="4"><BehaviorTree ID="A"><AlwaysSuccess/></BehaviorTree></root>'
-        >>> nodes.add_trees(xml)
-        >>> arguments: MakeArguments = {"nodes": nodes, "clock": btcore.SimClock()}
-        >>> btcore.make("A", **arguments).tick_once()
-        <Status.SUCCESS: 2>
-    """
-
-    nodes: Registry | None
-    format: int | None
-    packages: PackageResolver | None
-    resources: Sequence[object]
-    blackboard: Blackboard | None
-    clock: Clock | None
-    tick_limit: float | None
-
-
-class LoadArguments(MakeArguments, total=False):
-    """The arguments with which a tree is loaded: these, and those of `MakeArguments`. Each may be omitted.
-
-    Attributes:
-        tree: The ID of the tree to load; default the main tree of the first document.
-        confined: Whether includes from outside of the folder of the main XML file are errors, for trees
-            from strangers. The folder of a text is the working directory.
-
-    Examples:
-        >>> import btcore
-        >>> from btcore.loading.load import LoadArguments
-        >>> arguments: LoadArguments = {"nodes": btcore.Registry.standard(), "clock": btcore.SimClock()}
-        >>> xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Sleep msec="5"/></BehaviorTree></root>'
-        >>> btcore.loads(xml, **arguments).tick_while_running()
-        <Status.SUCCESS: 2>
-    """
-
-    tree: str | None
-    confined: bool
-
-
-def load(path: str | PathLike[str], *more: str | PathLike[str], **arguments: Unpack[LoadArguments]) -> Tree:
-    """Return the tree in an XML file, ready to be ticked.
-
-    Args:
-        path: The XML file.
-        more: Further XML files, whose trees the first file may call without an include.
-        arguments: See `LoadArguments`.
-
     Raises:
         TreeError: The files have errors, see `TreeError`. It holds file, line and column of each.
-        TypeError: *nodes* is not a Registry, or *resources* is not a list, or an argument is unknown.
+        TypeError: *nodes* is not a Registry, or *resources* is not a list.
         ValueError: *tick_limit* is not a positive number.
 
     Examples:
@@ -126,20 +89,41 @@ def load(path: str | PathLike[str], *more: str | PathLike[str], **arguments: Unp
         <Status.SUCCESS: 2>
     """
     with paused_garbage_collection():
-        return _create_tree(plan_inputs(parse_file, (path, *more), arguments), arguments)
+        plans = plan_inputs(parse_file, (path, *more), nodes, tree, format, packages, confined)
+        return instantiate(plans, resources, blackboard, clock, tick_limit)
 
 
-def loads(text: str, *more: str, **arguments: Unpack[LoadArguments]) -> Tree:
+def loads(
+    text: str,
+    *more: str,
+    nodes: Registry | None = None,
+    tree: str | None = None,
+    format: int | None = None,
+    packages: PackageResolver | None = None,
+    confined: bool = False,
+    resources: Sequence[object] = (),
+    blackboard: Blackboard | None = None,
+    clock: Clock | None = None,
+    tick_limit: float | None = None,
+) -> Tree:
     """Return the tree in an XML text, ready to be ticked.
 
     Args:
         text: The XML. Paths of includes are relative to the working directory.
         more: Further XML texts, whose trees the first text may call.
-        arguments: See `LoadArguments`.
+        nodes: As in `load`.
+        tree: As in `load`.
+        format: As in `load`.
+        packages: As in `load`.
+        confined: As in `load`; the folder of a text is the working directory.
+        resources: As in `load`.
+        blackboard: As in `load`.
+        clock: As in `load`.
+        tick_limit: As in `load`.
 
     Raises:
         TreeError: The texts have errors, see `TreeError`. It holds line and column of each.
-        TypeError: *nodes* is not a Registry, or *resources* is not a list, or an argument is unknown.
+        TypeError: *nodes* is not a Registry, or *resources* is not a list.
         ValueError: *tick_limit* is not a positive number.
 
     Examples:
@@ -149,20 +133,37 @@ def loads(text: str, *more: str, **arguments: Unpack[LoadArguments]) -> Tree:
         <Status.SUCCESS: 2>
     """
     with paused_garbage_collection():
-        return _create_tree(plan_inputs(parse_text, (text, *more), arguments), arguments)
+        plans = plan_inputs(parse_text, (text, *more), nodes, tree, format, packages, confined)
+        return instantiate(plans, resources, blackboard, clock, tick_limit)
 
 
-def make(id: str, /, **arguments: Unpack[MakeArguments]) -> Tree:
+def make(
+    id: str,
+    /,
+    *,
+    nodes: Registry | None = None,
+    format: int | None = None,
+    packages: PackageResolver | None = None,
+    resources: Sequence[object] = (),
+    blackboard: Blackboard | None = None,
+    clock: Clock | None = None,
+    tick_limit: float | None = None,
+) -> Tree:
     """Return a new instance of a tree that was registered with `Registry.add_trees`.
 
     Args:
         id: The ID of the tree.
-        arguments: See `MakeArguments`. *nodes* is the registry of the tree. Whether includes are *confined*
-            is an argument of `Registry.add_trees`.
+        nodes: The registry of the tree. Whether includes are *confined* is an argument of its `add_trees`.
+        format: As in `load`.
+        packages: As in `load`.
+        resources: As in `load`.
+        blackboard: As in `load`.
+        clock: As in `load`.
+        tick_limit: As in `load`.
 
     Raises:
         TreeError: There is no such tree, or the registered documents have errors. It holds all of them.
-        TypeError: *nodes* is not a Registry, or *resources* is not a list, or an argument is unknown.
+        TypeError: *nodes* is not a Registry, or *resources* is not a list.
         ValueError: *tick_limit* is not a positive number.
 
     Examples:
@@ -174,8 +175,7 @@ def make(id: str, /, **arguments: Unpack[MakeArguments]) -> Tree:
         >>> first is second
         False
     """
-    check_argument_names(arguments, MakeArguments.__annotations__)
-    registry = _registry(arguments.get("nodes"))
+    registry = _registry(nodes)
     documents = registry.documents
     if not documents:
         hint = "register it: nodes.add_trees(…)"
@@ -183,103 +183,39 @@ def make(id: str, /, **arguments: Unpack[MakeArguments]) -> Tree:
     # The document of the tree; the last document if the tree is in an included file.
     main = next((document for document in reversed(documents) if _defines(document, id)), documents[-1])
     with paused_garbage_collection():
-        plans = plan_document(main, registry, id, arguments.get("format"), packages=arguments.get("packages"))
-        return _create_tree(plans, arguments)
-
-
-def required_resources(
-    path: str | PathLike[str], *more: str | PathLike[str], **arguments: Unpack[LoadArguments]
-) -> list[Any]:
-    """Return the types of the resources that the leaves of a tree need, each once.
-
-    Args:
-        path: The XML file.
-        more: As in `load`.
-        arguments: As in `load`.
-
-    Raises:
-        TreeError: The files have errors.
-        TypeError: *nodes* is not a Registry, or an argument is unknown.
-
-    Examples:
-        >>> from pathlib import Path
-        >>> import btcore
-        >>> class Gripper:
-        ...     pass
-        >>> @btcore.action
-        ... def grasp(gripper: Gripper):
-        ...     pass
-        >>> xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Grasp/></BehaviorTree></root>'
-        >>> _ = Path("grasp.xml").write_text(xml)
-        >>> nodes = btcore.Registry.standard()
-        >>> nodes.add(grasp)
-        >>> btcore.required_resources("grasp.xml", nodes=nodes) == [Gripper]
-        True
-    """
-    plans = plan_inputs(parse_file, (path, *more), arguments)
-    plans.diagnostics.raise_errors()
-    return plans.required_resources()
+        plans = plan_document(main, registry, id, format, packages=packages)
+        return instantiate(plans, resources, blackboard, clock, tick_limit)
 
 
 def plan_inputs(
-    parse: Callable[..., Document], inputs: Iterable[str | PathLike[str]], arguments: LoadArguments
+    parse: Callable[..., Document],
+    inputs: Iterable[str | PathLike[str]],
+    nodes: Registry | None = None,
+    tree: str | None = None,
+    format: int | None = None,
+    packages: PackageResolver | None = None,
+    confined: bool = False,
 ) -> Plans:
     """Return the plans of the trees in XML files or texts: `load` and `loads` without creating nodes.
 
     Args:
         parse: `parse_file` or `parse_text`.
         inputs: The paths or the texts; the trees of the first may call those of the others.
-        arguments: As in `load`.
 
     Raises:
         TreeError: An input cannot be read or parsed; other errors are in the diagnostics of the plans.
-        TypeError: *nodes* is not a Registry, or an argument is unknown.
+        TypeError: *nodes* is not a Registry.
     """
-    check_argument_names(arguments)
     documents: list[Document] = []
     errors: list[Diagnostic] = []
     for path_or_text in inputs:
         try:
-            documents.append(parse(path_or_text, confined=arguments.get("confined", False)))
+            documents.append(parse(path_or_text, confined=confined))
         except TreeError as error:
             errors += error.diagnostics
     Diagnostics(tuple(errors)).raise_errors()
-    main, *others = documents
-    return plan_document(
-        main,
-        _registry(arguments.get("nodes")),
-        arguments.get("tree"),
-        arguments.get("format"),
-        others=others,
-        packages=arguments.get("packages"),
-    )
-
-
-def _create_tree(plans: Plans, arguments: MakeArguments) -> Tree:
-    resources, blackboard = find_resources(arguments), arguments.get("blackboard")
-    return instantiate(plans, resources, blackboard, arguments.get("clock"), arguments.get("tick_limit"))
-
-
-def find_resources(arguments: MakeArguments) -> Sequence[object]:
-    """Return the resources among the arguments.
-
-    Raises:
-        TypeError: The resources are not a list.
-    """
-    resources = arguments.get("resources", ())
-    # A text can be iterated, but is a single object here.
-    if isinstance(resources, (str, bytes)) or not isinstance(resources, Iterable):
-        raise TypeError(f"resources={reprlib.repr(resources)} is not a list: write resources=[…]")
-    return resources if isinstance(resources, Sequence) else list(resources)
-
-
-def check_argument_names(
-    arguments: MakeArguments, known: Iterable[str] = LoadArguments.__annotations__
-) -> None:
-    """Raise TypeError if an argument is not one of *known*."""
-    for name in arguments.keys() - known:
-        hint = did_you_mean(name, known)
-        raise TypeError(f"unexpected keyword argument '{name}'{hint}")
+    main, *shared = documents
+    return plan_document(main, _registry(nodes), tree, format, shared_documents=shared, packages=packages)
 
 
 def _defines(document: Document, tree: str) -> bool:

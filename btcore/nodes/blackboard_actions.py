@@ -61,7 +61,7 @@ class SetBlackboard(SyncAction):
                 raise BlackboardError(f"port [value] reads {{{source_key}}}, which is not on the blackboard")
             # Created even if there is no value to copy, as in BehaviorTree.CPP.
             if board.find(key) is None:
-                board.create(key, source.declared)
+                board.declare(key, source.declared)
             if source.value is None:
                 return self.nothing_to_copy(key)
             self.copy(key, source)

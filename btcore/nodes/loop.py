@@ -120,7 +120,7 @@ class LoopNode(DecoratorNode):
         if queue is None or queue.key is None:
             return
         # An entry that was removed is created again, as in BehaviorTree.CPP; it has no value then.
-        value = (self._blackboard.find(queue.key) or self._blackboard.create(queue.key)).value
+        value = (self._blackboard.find(queue.key) or self._blackboard.declare(queue.key)).value
         if value is None:
             raise BlackboardError(
                 f"port [queue] reads {{{queue.key}}}, which has no value: write a list or a text, such as "

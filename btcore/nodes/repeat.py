@@ -93,7 +93,7 @@ class RepeatedNode(DecoratorNode):
     def _must_pause(self) -> bool:
         # Without a tick limit, the call only lets Python handle signals, which takes time and may be late.
         context = self._context
-        is_due = context.must_check_end or self._count % _REPETITIONS_PER_CHECK == 0
+        is_due = context.limit.is_set or self._count % _REPETITIONS_PER_CHECK == 0
         return is_due and context.must_pause(self.config.uid, self._count)
 
     def limit_after(self, limit: int) -> int:

@@ -30,13 +30,12 @@ from btcore.engine.signature import (
     name_or_config_hint,
 )
 from btcore.errors import NodeError, RegistrationError
-from btcore.registry.forgotten_awaits import check_awaits
 from btcore.registry.registration_checks import (
     check_class,
     check_id,
     check_methods,
-    check_outputs_are_called,
     check_ports,
+    check_source,
 )
 from btcore.registry.resources import Resources, bind_resources, class_resources, is_tree_resource
 from btcore.status import NodeType
@@ -243,8 +242,8 @@ def create_manifest(
         format: The XML format whose rules for port names apply.
     """
     check_id(id)
-    check_awaits(id, implementation)
     if isinstance(implementation, type):
+        check_source(id, implementation)
         ports = class_ports(implementation, types, names)
         check_ports(id, ports, format)
         check_class(id, implementation)
@@ -264,7 +263,7 @@ def create_manifest(
         )
     parameters = function_parameters(implementation, types, names)
     outputs = [item.name for item in parameters if item.port is not None and not item.port.reads]
-    check_outputs_are_called(id, implementation, outputs)
+    check_source(id, implementation, outputs)
     ports = [parameter.port for parameter in parameters if parameter.port is not None]
     check_ports(id, ports, format)
     return Manifest(id, leaf_class(implementation), ports, parameters, library, implementation)

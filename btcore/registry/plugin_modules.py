@@ -62,11 +62,6 @@ def plugin_error(library: str, error: BaseException, doing: str = "it was import
 
         last = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{last.filename}:{last.lineno}"
-    message = f"plugin '{library}' raised while {doing}: {where}: {type(error).__name__}: {error}"
-    if isinstance(error, ModuleNotFoundError):
-        from btcore.moved_modules import MOVED_MODULES
-
-        # Python names the missing package, not the module in it that a plugin imports.
-        moved = [new for old, new in MOVED_MODULES.items() if f"{old}.".startswith(f"{error.name}.")]
-        message += f": it has moved to {' or '.join(moved)}" if moved else ""
-    return RegistrationError(message)
+    return RegistrationError(
+        f"plugin '{library}' raised while {doing}: {where}: {type(error).__name__}: {error}"
+    )

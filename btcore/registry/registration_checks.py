@@ -1,13 +1,13 @@
-"""Checks at registration: names, ports, defaults and methods that would make every tree fail."""
+"""Checks at registration: names, ports, defaults, methods and code that would make every tree fail."""
 
-import dis
+import ast
+import inspect
 from collections.abc import Sequence
-from inspect import isabstract, unwrap
-from types import CodeType
+from textwrap import dedent
 from typing import Any, Final
 
 from btcore.blackboard.ports import UNSET, Port, remapped_key
-from btcore.engine.coroutine import CoroutineAction
+from btcore.engine.coroutine import CoroutineAction, running, sleep
 from btcore.engine.leaf import StatefulAction
 from btcore.engine.node import TreeNode
 from btcore.engine.threaded import ThreadedAction
@@ -23,6 +23,7 @@ _METHODS_TO_OVERRIDE: Final[tuple[tuple[type[TreeNode], str], ...]] = (
     (StatefulAction, "on_running"),
 )
 """The methods that subclasses of these action classes must override."""
+_PAUSES: Final = frozenset(("running", "sleep"))
 
 
 def check_id(id: str) -> None:
@@ -79,7 +80,7 @@ def _is_known(value_type: ValueType) -> bool:
 def check_class(id: str, cls: type[TreeNode]) -> None:
     """Raise RegistrationError if *cls* is abstract or a frozen dataclass."""
     name = cls.__qualname__
-    if isabstract(cls):
+    if inspect.isabstract(cls):
         missing = join_names(f"{method}()" for method in sorted(getattr(cls, "__abstractmethods__", ())))
         raise RegistrationError(f"<{id}>: {name} is abstract: derive a class that implements {missing}")
     dataclass = getattr(cls, "__dataclass_params__", None)
@@ -99,24 +100,61 @@ def check_methods(id: str, cls: type[TreeNode]) -> None:
             )
 
 
-def check_outputs_are_called(id: str, function: Any, outputs: Sequence[str]) -> None:
-    """Raise RegistrationError if *function* assigns to a parameter that it must call to write the output.
+def check_source(id: str, leaf: Any, outputs: Sequence[str] = ()) -> None:
+    """Raise RegistrationError if a leaf does not await a pause, or assigns to an output that it must call.
 
-    A function that has used the parameter before it assigns to the name is accepted.
+    Python does not warn about either, although they have no effect. Only the source of the leaf itself is
+    checked, if there is one: not the functions that it calls.
+
+    Args:
+        leaf: The function or the class.
+        outputs: The parameters of the function that write outputs.
     """
-    code = getattr(unwrap(function), "__code__", None)
-    unused = set(outputs)
-    if not unused or not isinstance(code, CodeType):
-        return
-    for instruction in dis.get_instructions(code):
-        # Python 3.13 joins two instructions: STORE_FAST_LOAD_FAST has the names of both.
-        names = instruction.argval if isinstance(instruction.argval, tuple) else (instruction.argval,)
-        if unused.isdisjoint(name for name in names if isinstance(name, str)):
+    for function in _functions_of(leaf):
+        code = getattr(function, "__code__", None)
+        if code is None or (not outputs and _PAUSES.isdisjoint(code.co_names)):
             continue
-        if instruction.opname.startswith(("STORE_FAST", "STORE_DEREF")) and names[0] in unused:
+        try:
+            source = ast.parse(dedent(inspect.getsource(function)))
+        except (OSError, SyntaxError):
+            continue  # a function in a console, or a lambda
+        for node in ast.walk(source):
+            if isinstance(node, ast.Expr) and isinstance(node.value, ast.Call):
+                _check_await(id, function, node.value)
+        names = [node for node in ast.walk(source) if isinstance(node, ast.Name) and node.id in outputs]
+        used = {node.id for node in names if isinstance(node.ctx, ast.Load)}
+        if unused := [node.id for node in names if node.id not in used]:
             raise RegistrationError(
-                f"<{id}>: {function.__qualname__} assigns to its output '{names[0]}', which writes "
-                f"nothing: call it with the value, {names[0]}(…)"
+                f"<{id}>: {function.__qualname__} assigns to its output '{unused[0]}', which writes "
+                f"nothing: call it with the value, {unused[0]}(…)"
             )
-        if instruction.opname != "MAKE_CELL":
-            unused.difference_update(names)
+
+
+def _functions_of(leaf: Any) -> list[Any]:
+    """Return a function, or those of a class without the base classes of btcore."""
+    members = [leaf]
+    if isinstance(leaf, type):
+        parents = (parent for parent in leaf.__mro__ if not parent.__module__.startswith("btcore."))
+        members = [member for parent in parents for member in vars(parent).values()]
+    return [inspect.unwrap(getattr(member, "__func__", member)) for member in members if callable(member)]
+
+
+def _check_await(id: str, function: Any, call: ast.Call) -> None:
+    """Check that *call*, whose result is not used, is no pause: `sleep()`, or `btcore.sleep()`."""
+    module, _, name = ast.unparse(call.func).rpartition(".")
+    names = function.__globals__
+    called = getattr(names.get(module), name, None) if module else names.get(name)
+    if called is not running and called is not sleep:
+        return
+    pause = "running()" if called is running else "sleep(…)"
+    if inspect.iscoroutinefunction(function):
+        remedy = f"write `await {pause}`"
+    elif inspect.isgeneratorfunction(function):
+        remedy = f"write `yield {pause}`"
+    else:
+        remedy = f"make the function an `async def`, and write `await {pause}`"
+    code = function.__code__
+    raise RegistrationError(
+        f"<{id}>: {function.__qualname__} calls {name}() in {code.co_filename}:"
+        f"{code.co_firstlineno + call.lineno - 1} without await, which has no effect: {remedy}"
+    )

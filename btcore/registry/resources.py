@@ -19,6 +19,9 @@ from btcore.suggestions import with_article
 
 _ENGINE: Final = "btcore"
 
+TypeRef = type | str
+"""A class or protocol whose objects are provided or needed, or its full name, if it is not imported."""
+
 
 class Resources(list[object]):
     """The objects for the leaves of a tree. A provider with a parameter of this type gets those of the run.
@@ -117,6 +120,24 @@ class Resources(list[object]):
                     f"but the leaf needs the class of '{resource_type.__module__}'"
                 )
         return self.missing_note
+
+
+def full_name(type: TypeRef) -> str:
+    """Return the module and the qualified name of a type."""
+    if isinstance(type, str):
+        return type
+    return f"{getattr(type, '__module__', '?')}.{getattr(type, '__qualname__', type)}"
+
+
+def fits(resource: object, needed: TypeRef) -> bool:
+    """Return whether an object is of a type, or satisfies it as a protocol."""
+    classes = type(resource).__mro__
+    if isinstance(needed, str):
+        return needed in map(full_name, classes)
+    try:
+        return isinstance(resource, needed)
+    except TypeError:  # a protocol that is not checked at run time
+        return needed in classes
 
 
 def describe_ambiguity(fitting: Sequence[object], use: str) -> str:

@@ -1,9 +1,9 @@
 """Choosing the providers of a run: which are used, and in which order they are opened.
 
 A provider of a type is used if a leaf or a used provider needs the type, and no object of the program has it.
-A side-effect provider is used if one of its settings was given. The needed types are assigned one after the
-other. The candidates for a type are its providers whose required options were given, and whose own needs can
-be provided. Of several candidates, the first criterion in which they differ decides:
+A side-effect provider is used if one of its settings was given. The candidates for a type are its providers
+whose required options were given, and whose own needs can be provided. Of several candidates, the first
+criterion in which they differ decides:
 
     | the best candidate …                      | for example, in a run …      | is preferred to            |
     |-------------------------------------------|------------------------------|----------------------------|
@@ -14,18 +14,21 @@ be provided. Of several candidates, the first criterion in which they differ dec
     | 4 is not a default                        | with another package's robot | `simulator`                |
 
 The other candidates are rejected. They are used for no other type either, and neither is a provider that
-needs what only they provide: the map of a simulated world does not fit another robot. Since they, or such a
-provider, may be used already, the choice begins anew without them.
+needs what only they provide: the map of a simulated world does not fit another robot.
+
+The choice consists of rounds. Each round follows the needs from the leaves, through types with a single
+candidate, to a type with several candidates, and rejects all but the best of them. In the last round each
+needed type has a single candidate.
 
 For example, the leaves of `btcore run patrolling --ros2 tiago --map house.yaml` need a `Robot`, `Waypoints`
 and a `PoseNavigator`:
 
-1. `simulator` and `ros_robot` provide a `Robot`. The required option of `ros_robot`, `--ros2`, was given, so
-   that `simulator` is rejected, and the choice begins anew.
-2. `navigator` provides the `PoseNavigator`, and needs a `Navigation`, which needs an `OccupancyMap`. It is
-   that of `map_file`: `world_map` needs the world of `simulator`, which is rejected.
-3. The order is: `ros_session`, which `ros_robot` needs, `ros_robot`, `waypoints`, `map_file`, `navigation`,
-   `navigator`.
+1. In the first round, `simulator` and `ros_robot` provide a `Robot`. The required option of `ros_robot`,
+   `--ros2`, was given, so that `simulator` is rejected.
+2. In a later round, `navigator` provides the `PoseNavigator`, and needs a `Navigation`, which needs an
+   `OccupancyMap`. It is that of `map_file`: `world_map` needs the world of `simulator`, which is rejected.
+3. In the last round, the order is: `ros_session`, which `ros_robot` needs, `ros_robot`, `waypoints`,
+   `map_file`, `navigation`, `navigator`.
 """
 
 from collections.abc import Mapping, Sequence, Set
@@ -34,9 +37,9 @@ from typing import NamedTuple
 from btcore.clock import Clock
 from btcore.errors import ProviderError
 from btcore.options import required_option_names
-from btcore.registry.resources import describe_ambiguity
+from btcore.registry.resources import TypeRef, describe_ambiguity, fits, full_name
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.providers import Provider, TypeRef, fits, full_name
+from btcore.runs.providers import Provider
 from btcore.runs.settings import RunSettings, Settings
 from btcore.suggestions import join_names, with_article
 
@@ -108,10 +111,10 @@ def choose_providers(
     ]
     rejected: dict[Provider, str] = {}
     while True:
-        attempt = _Attempt(available, _Candidates(available, given, resources, rejected))
-        newly_rejected = attempt.assign(requests, side_effects)
+        this_round = _Round(available, _Candidates(available, given, resources, rejected))
+        newly_rejected = this_round.follow_needs(requests, side_effects)
         if not newly_rejected:
-            return attempt.result()
+            return this_round.result()
         rejected |= newly_rejected
 
 
@@ -135,7 +138,11 @@ class _Found(NamedTuple):
 
 
 class _Candidates(NamedTuple):
-    """What can be provided in a run, unless it is rejected."""
+    """What can be provided in a run, unless it is rejected.
+
+    A type can be provided if one of its providers has no obstacle, and a provider has none if each type that
+    it needs can be provided. Therefore `find` and `_find_obstacle` call each other.
+    """
 
     available: AvailableProviders
     given: Set[type[Settings]]
@@ -200,8 +207,8 @@ class _Rank(NamedTuple):
     is_not_default: bool
 
 
-class _Attempt:
-    """An attempt to assign a provider to each needed type. It ends when further providers are rejected."""
+class _Round:
+    """A round of the choice: it assigns a provider to each needed type, or rejects further providers."""
 
     def __init__(self, available: AvailableProviders, candidates: _Candidates) -> None:
         self._available = available
@@ -212,14 +219,16 @@ class _Attempt:
         self._objects: dict[str, object] = {}
         self._problems: dict[str, str] = {}
 
-    def assign(self, requests: Sequence[_Request], side_effects: Sequence[Provider]) -> dict[Provider, str]:
-        """Assign a provider to each needed type, until providers are rejected; return why these are."""
+    def follow_needs(
+        self, requests: Sequence[_Request], side_effects: Sequence[Provider]
+    ) -> dict[Provider, str]:
+        """Assign providers to needed types, until others are rejected; return these with the reasons."""
         self._pending = [self._candidates.find(request) for request in requests]
         for provider in side_effects:
             self._use(provider, ())
         while self._pending:
-            # Needed types come before optional ones, and types with a single candidate before others: it is
-            # then preferred for the other types.
+            # Needed types come before optional ones, and types with a single candidate before others: this
+            # candidate is then preferred for the other types.
             found = min(self._pending, key=lambda each: (each.request.is_optional, len(each.candidates) > 1))
             self._pending.remove(found)
             if full_name(found.request.type) not in (*self._providers, *self._objects):
@@ -229,7 +238,7 @@ class _Attempt:
         return {}
 
     def _assign_type(self, found: _Found) -> dict[Provider, str]:
-        """Assign a provider or an object of the program; return the providers that are rejected by this."""
+        """Assign an object of the program or the only candidate; or return the providers to reject."""
         request, candidates, problem = found
         name, title = full_name(request.type), _title(request.type)
         own = self._candidates.find_object(request.type)
@@ -244,15 +253,17 @@ class _Attempt:
             if request.chain and not request.is_optional:
                 raise ProviderError(problem)
             return {}
-        best = self._providers[name] = self._select_best(request, candidates)
-        if best not in self._used:
+        best = self._select_best(request, candidates)
+        if len(candidates) == 1:
+            self._providers[name] = best
             self._use(best, request.chain)
         others = [other for other in candidates if other is not best]
         return dict.fromkeys(others, f"{best.name} provides the {title}")
 
     def _use(self, provider: Provider, chain: tuple[Provider, ...]) -> None:
-        self._used[provider] = None
-        self._pending += map(self._candidates.find, _create_requests(provider, chain))
+        if provider not in self._used:
+            self._used[provider] = None
+            self._pending += map(self._candidates.find, _create_requests(provider, chain))
 
     def _select_best(self, request: _Request, candidates: Sequence[Provider]) -> Provider:
         ranks = {provider: self._rank(provider) for provider in candidates}
@@ -274,7 +285,7 @@ class _Attempt:
         )
 
     def result(self) -> Choice:
-        """Return the choice, when each needed type is assigned."""
+        """Return the choice, when a provider or an object is assigned to each needed type."""
         self._add_clock()
         rejected = self._candidates.rejected
         choice = Choice([], self._providers, self._objects, self._problems, rejected)

@@ -13,10 +13,11 @@ from types import TracebackType
 from btcore.clock import Clock, SimClock, SystemClock, is_clock
 from btcore.entry_points import names_by_remedy
 from btcore.errors import BtcoreError, ProviderError
-from btcore.registry.resources import Resources
+from btcore.registry.resources import Resources, TypeRef, fits, full_name
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice, choose_providers, title_with_article
-from btcore.runs.providers import TYPES_OF_RUN, Need, Provider, Report, TypeRef, fits, full_name, is_settings
+from btcore.runs.providers import TYPES_OF_RUN, Need, Provider, is_settings
+from btcore.runs.report import Report
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
 from btcore.suggestions import join_names
 from btcore.tree.tree import Tree
@@ -107,8 +108,6 @@ class RunProviders:
         clock: The clock that the program has given, or None.
 
     Attributes:
-        wanted_types: The types that the program wants, and without which the run cannot begin.
-        optional_types: The types that the program can do without.
         choice: The used providers.
         report: The report of the run.
         tree: The first tree, or the tree that has replaced it; None before its creation.
@@ -130,24 +129,28 @@ class RunProviders:
         self._program_clock = clock
         self._leaf_types = leaf_types
         self._opened: dict[Provider, OpenedProvider] = {}
-        self.wanted_types: list[TypeRef] = []
-        self.optional_types: list[TypeRef] = []
+        self._wanted_types: list[TypeRef] = []
+        self._optional_types: list[TypeRef] = []
         self.choice = Choice()
         self.report = report
         self.tree: Tree | None = None
         self.resources = Resources()
         self.resources.missing_note = "the run does not provide it"
 
+    def want(self, types: Sequence[TypeRef], is_optional: bool) -> None:
+        """Provide *types* for the program, which can do without them if *is_optional*."""
+        (self._optional_types if is_optional else self._wanted_types).extend(types)
+
     def choose(self) -> None:
         """Choose the providers."""
         self.choice = choose_providers(
-            [*self._leaf_types, *self.wanted_types],
+            [*self._leaf_types, *self._wanted_types],
             self._available,
             self._settings.classes,
             self._program_resources,
-            self.optional_types,
+            self._optional_types,
         )
-        for name in map(full_name, self.wanted_types):
+        for name in map(full_name, self._wanted_types):
             problem = self.choice.problems.get(name)
             if problem is not None:
                 raise ProviderError("; ".join([problem, *self._explain_unavailable()]))
@@ -168,7 +171,7 @@ class RunProviders:
                 known = set(map(id, self.resources))
                 objects = self._open(provider, stack)
                 self.resources += [provided for provided in objects if id(provided) not in known]
-        for type in (*self._leaf_types, *self.wanted_types, *self.optional_types):
+        for type in (*self._leaf_types, *self._wanted_types, *self._optional_types):
             assigned = self._find_assigned(full_name(type))
             if assigned is not None:
                 self.resources.assign(type, assigned)

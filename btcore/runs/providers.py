@@ -20,7 +20,6 @@ publisher, is named after the provider alone.
 
 import ast
 import inspect
-import json
 import sys
 import typing
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
@@ -31,70 +30,14 @@ from typing import Any, Final, NamedTuple, TypeGuard, Union, get_args, get_origi
 
 from btcore.clock import Clock
 from btcore.errors import ProviderError
-from btcore.escaping import escape_controls
 from btcore.options import required_option_names
-from btcore.registry.resources import Resources
-from btcore.runs.run_end import EndReason
+from btcore.registry.resources import Resources, TypeRef, full_name
+from btcore.runs.report import Report
 from btcore.runs.settings import Settings
 from btcore.tree.tree import Tree
 
 _GENERAL_MODULES: Final = ("builtins", "typing", "abc", "typing_extensions")
 """Modules whose classes are no types of resources, although they are base classes of them."""
-
-
-TypeRef = type | str
-"""A class or protocol whose objects are provided or needed, or its full name, if it is not imported."""
-
-
-class Report(dict[str, object]):
-    """The results of a run for the summary and for `--json`, by heading. A provider may have it as parameter.
-
-    Args:
-        find_end_reason: Returns why the run ended, or None before its end.
-
-    Attributes:
-        print_warning: Prints the warnings, by default on stderr.
-    """
-
-    def __init__(self, find_end_reason: Callable[[], EndReason | None] = lambda: None) -> None:
-        super().__init__()
-        self._find_end_reason = find_end_reason
-        self.print_warning = _print_warning
-
-    @property
-    def end_reason(self) -> EndReason | None:
-        """Why the run ended; None before its end."""
-        return self._find_end_reason()
-
-    def warn(self, message: str) -> None:
-        """Print a warning."""
-        self.print_warning(message)
-
-    def __setitem__(self, heading: str, values: object) -> None:
-        """Set the results under *heading*.
-
-        Raises:
-            TypeError: The results are not JSON data.
-        """
-        json.dumps(values)
-        super().__setitem__(heading, values)
-
-    def add(self, heading: str, values: dict[str, object]) -> None:
-        """Add results under *heading*, besides those that are there already.
-
-        Args:
-            heading: The heading in the summary, and the key in `--json`.
-            values: The results, as JSON data.
-
-        Raises:
-            TypeError: The results are not JSON data.
-        """
-        before = self.get(heading)
-        self[heading] = {**before, **values} if isinstance(before, dict) else values
-
-
-def _print_warning(message: str) -> None:
-    print(f"warning: {escape_controls(message)}", file=sys.stderr)
 
 
 TYPES_OF_RUN: Final[tuple[TypeRef, ...]] = (Clock, Tree, Report, Resources)
@@ -106,7 +49,7 @@ class Need(NamedTuple):
 
     Attributes:
         parameter: The name of the parameter.
-        type: The type, which may stand for a class that is not imported, see `full_name`.
+        type: The type.
         is_optional: Whether the parameter may be None.
     """
 
@@ -180,7 +123,8 @@ class Provider:
         if get_origin(annotation) in (Iterator, Iterable, Generator):
             annotation = get_args(annotation)[0]
         annotation, _ = _without_none(annotation)
-        return get_args(annotation) if get_origin(annotation) is tuple else (annotation or NoneType,)
+        annotations = get_args(annotation) if get_origin(annotation) is tuple else (annotation or NoneType,)
+        return tuple(map(_type_ref, annotations))
 
     @property
     def provides_several(self) -> bool:
@@ -202,7 +146,8 @@ class Provider:
         for parameter in inspect.signature(self.function).parameters.values():
             if parameter.name not in self._hints:
                 raise ProviderError(f"the parameter '{parameter.name}' of the provider {self} has no type")
-            needs.append(Need(parameter.name, *_without_none(self._hints[parameter.name])))
+            annotation, is_optional = _without_none(self._hints[parameter.name])
+            needs.append(Need(parameter.name, _type_ref(annotation), is_optional))
         return tuple(needs)
 
     @cached_property
@@ -299,48 +244,36 @@ def is_settings(annotation: Any) -> TypeGuard[type[Settings]]:
     return isinstance(annotation, type) and issubclass(annotation, Settings)
 
 
-def full_name(type: TypeRef) -> str:
-    """Return the module and the qualified name of a type.
+class _NotImported:
+    """The base class of placeholders for classes that are imported under TYPE_CHECKING alone."""
 
-    An annotation may name a class that is imported under TYPE_CHECKING alone; its place is taken by an empty
-    class with the same name and module. A full name stands for itself.
-    """
-    if isinstance(type, str):
-        return type
-    return f"{getattr(type, '__module__', '?')}.{getattr(type, '__qualname__', type)}"
+    full_name: str
 
 
-def fits(resource: object, needed: TypeRef) -> bool:
-    """Return whether an object is of a type, see `full_name`, or satisfies it as a protocol."""
-    if any(full_name(base) == full_name(needed) for base in type(resource).__mro__):
-        return True
-    try:
-        # `isinstance` raises a TypeError for a full name, and for a protocol that is not checked at run time.
-        return isinstance(resource, needed) and getattr(needed, "_is_protocol", False)  # type: ignore[arg-type]
-    except TypeError:
-        return False
+def _type_ref(annotation: Any) -> TypeRef:
+    if isinstance(annotation, type) and issubclass(annotation, _NotImported):
+        return annotation.full_name
+    type_ref: TypeRef = annotation
+    return type_ref
 
 
 def _resolve(function: Callable[..., Any]) -> dict[str, Any]:
-    """Return the annotations of *function*; classes that are imported for types alone are empty."""
+    """Return the annotations of *function*; placeholders replace classes that are not imported."""
     try:
         return typing.get_type_hints(function)
     except NameError:
-        return typing.get_type_hints(function, localns=_empty_classes(sys.modules[function.__module__]))
+        module = sys.modules[function.__module__]
+        return typing.get_type_hints(function, _create_placeholders(module) | vars(module))
 
 
-def _empty_classes(module: ModuleType) -> dict[str, Any]:
-    """Return an empty class for each name that *module* imports under TYPE_CHECKING alone."""
+def _create_placeholders(module: ModuleType) -> dict[str, Any]:
+    """Return a placeholder for each name in an import of *module*, by the name."""
     source = ast.parse(Path(str(module.__file__)).read_bytes())
-    guarded = (
-        statement
-        for block in source.body
-        if isinstance(block, ast.If) and "TYPE_CHECKING" in ast.unparse(block.test)
-        for statement in block.body
-        if isinstance(statement, ast.ImportFrom)
-    )
     return {
-        alias.asname or alias.name: type(alias.name, (), {"__module__": statement.module})
-        for statement in guarded
+        alias.asname or alias.name: type(
+            alias.name, (_NotImported,), {"full_name": f"{statement.module}.{alias.name}"}
+        )
+        for statement in ast.walk(source)
+        if isinstance(statement, ast.ImportFrom)
         for alias in statement.names
     }

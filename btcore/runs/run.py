@@ -7,25 +7,22 @@ from contextlib import ExitStack, contextmanager
 from itertools import chain
 from os import PathLike
 from types import TracebackType
-from typing import Self, TypeVar, Unpack
+from typing import Self, TypeVar
 
+from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import NS_PER_S, Clock
 from btcore.engine.leaf import StatefulAction
 from btcore.errors import BtcoreError, NodeExecutionError, OutputError, ProviderError, TreeError
 from btcore.exit_codes import ExitCode
-from btcore.loading.instantiate import create_leaf_tree, instantiate
-from btcore.loading.load import (
-    LoadArguments,
-    check_argument_names,
-    find_resources,
-    paused_garbage_collection,
-    plan_inputs,
-)
-from btcore.registry.resources import Resources
+from btcore.loading.instantiate import create_leaf_tree, instantiate, list_resources
+from btcore.loading.load import paused_garbage_collection, plan_inputs
+from btcore.registry.registry import Registry
+from btcore.registry.resources import Resources, TypeRef
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice
 from btcore.runs.opening import RunProviders
-from btcore.runs.providers import Provider, Report, TypeRef
+from btcore.runs.providers import Provider
+from btcore.runs.report import Report
 from btcore.runs.run_end import EndReason, RunEnd
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
 from btcore.runs.tick_loop import OnEnd, OnTick, Reload, TickLoop, Until
@@ -33,7 +30,7 @@ from btcore.signals import EndingSignals
 from btcore.status import Status
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
-from btcore.xml.read.read import parse_file
+from btcore.xml.read.read import PackageResolver, parse_file
 
 T = TypeVar("T")
 
@@ -65,13 +62,20 @@ class TreelessProgram:
 
 
 Runnable = str | PathLike[str] | Plans | TreelessProgram
-"""What a run ticks: the path of an XML file, the plans of a tree, or a program."""
+"""What a run ticks: the tree in an XML file or of plans, or a program without a tree."""
 
 
-def _plan_source(source: object, arguments: LoadArguments) -> Plans | TreelessProgram:
+def _plan_source(
+    source: object,
+    nodes: Registry | None,
+    tree: str | None,
+    format: int | None,
+    packages: PackageResolver | None,
+    confined: bool,
+) -> Plans | TreelessProgram:
     if isinstance(source, (str, PathLike)):
         with paused_garbage_collection():
-            source = plan_inputs(parse_file, (source,), arguments)
+            source = plan_inputs(parse_file, (source,), nodes, tree, format, packages, confined)
     if isinstance(source, Plans):
         source.diagnostics.raise_errors()
     elif not isinstance(source, TreelessProgram):
@@ -99,16 +103,20 @@ class Run:
       exception leaves the run as SystemExit.
 
     Args:
-        source: The path of an XML file, the plans of a tree, or a program; or a list of them.
-        providers: Providers of the program, besides those of installed packages; or all that may be used.
+        source: The path of an XML file, the plans of a tree, or a `TreelessProgram`; or a list of them.
+        providers: Providers besides those of installed packages; or all providers that may be used.
         settings: Settings of providers, and `RunSettings`.
-        prepare: Called on entry when the trees were created, before the providers that need the tree are
-            opened.
-        arguments: As in `btcore.load`, for all trees: a *blackboard* is shared by them. Those about reading a
-            file have no effect on plans and programs. The *resources* are also for providers, and are
-            preferred to providers of the same types. The default of *clock* is the clock of a provider, or
-            the first of *resources* that is a clock; without one, the system's clock, or a simulated clock
-            with `RunSettings.fast`.
+        prepare: Called on entry when the trees were created, before the providers that need the tree open.
+        nodes: As in `btcore.load`. The arguments up to *confined* have no effect on plans.
+        tree: As in `btcore.load`.
+        format: As in `btcore.load`.
+        packages: As in `btcore.load`.
+        confined: As in `btcore.load`.
+        resources: Objects for leaves and providers, which are preferred to providers of the same types.
+        blackboard: The blackboard of the main trees, which share it.
+        clock: The clock; default the clock of a provider, or the first of *resources* that is a clock;
+            without one, the system's clock, or a simulated clock with `RunSettings.fast`.
+        tick_limit: As in `btcore.load`.
 
     Attributes:
         settings: The settings by their classes.
@@ -141,16 +149,25 @@ class Run:
         providers: Sequence[Provider] | AvailableProviders = (),
         settings: Sequence[Settings] | GivenSettings = (),
         prepare: Callable[["Run"], None] | None = None,
-        **arguments: Unpack[LoadArguments],
+        nodes: Registry | None = None,
+        tree: str | None = None,
+        format: int | None = None,
+        packages: PackageResolver | None = None,
+        confined: bool = False,
+        resources: Sequence[object] = (),
+        blackboard: Blackboard | None = None,
+        clock: Clock | None = None,
+        tick_limit: float | None = None,
     ) -> None:
-        check_argument_names(arguments)
         sources: Sequence[object] = [source]
         if isinstance(source, Sequence) and not isinstance(source, (str, Plans)):  # plans are a tuple
             sources = source
         if not sources:
-            raise ValueError("there is no run of an empty list: pass a tree or a program")
-        self._sources = [_plan_source(each, arguments) for each in sources]
-        self._load_arguments = arguments
+            raise ValueError("there is no run of an empty list: pass a tree or a TreelessProgram")
+        reading = (nodes, tree, format, packages, confined)
+        self._sources = [_plan_source(each, *reading) for each in sources]
+        self._blackboard = blackboard
+        self._tick_limit = tick_limit
         plans = [planned for planned in self._sources if isinstance(planned, Plans)]
         leaf_types = list(dict.fromkeys(chain(*(tree.required_resources() for tree in plans))))
         self._prepare = prepare
@@ -161,8 +178,9 @@ class Run:
         self.elapsed_s = 0.0
         self.wall_s = 0.0
         available = providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)
-        resources, clock = find_resources(arguments), arguments.get("clock")
-        self._providers = RunProviders(available, self.settings, leaf_types, resources, clock, self.report)
+        self._providers = RunProviders(
+            available, self.settings, leaf_types, list_resources(resources), clock, self.report
+        )
         self._loop = TickLoop(self.run_settings)
         self._signals = EndingSignals()
         self._stack = ExitStack()
@@ -171,14 +189,18 @@ class Run:
     # --- opening
 
     def want(self, *types: TypeRef, optional: bool = False) -> Self:
-        """Let the run provide *types*, too; see `find`. Call it before the entry.
+        """Let the run provide *types*, too; see `find`.
 
         Args:
             types: The types.
             optional: Whether the run continues if nothing provides one of them.
+
+        Raises:
+            RuntimeError: The run was entered, so that its providers are chosen.
         """
-        wanted = self._providers.optional_types if optional else self._providers.wanted_types
-        wanted += types
+        if self.trees:
+            raise RuntimeError("the run was entered already: call want() before 'with'")
+        self._providers.want(types, optional)
         return self
 
     def find(self, type: Callable[..., T]) -> T | None:  # type[T] would exclude protocols
@@ -252,11 +274,9 @@ class Run:
     def _create_tree(self, source: Plans | TreelessProgram) -> Tree:
         if isinstance(source, TreelessProgram):
             return source.create_tree(self.clock)
-        arguments = self._load_arguments
-        blackboard, tick_limit = arguments.get("blackboard"), arguments.get("tick_limit")
         try:
             with paused_garbage_collection():
-                return instantiate(source, self.resources, blackboard, self.clock, tick_limit)
+                return instantiate(source, self.resources, self._blackboard, self.clock, self._tick_limit)
         except TreeError as error:
             for note in self._providers.explain_missing():
                 error.add_note(note)
@@ -315,18 +335,17 @@ class Run:
             self._loop.step()
         return self.status
 
-    def run_until_signal(self, program: Callable[[], None], stop: Callable[[], None]) -> None:
-        """Call *program*, which ticks trees itself, until it returns or a signal ends it.
-
-        The program passes each of its trees to `replace_tree`.
+    def run_until_signal(self, tick_trees: Callable[[], None], stop: Callable[[], None]) -> None:
+        """Call *tick_trees*, which ticks trees itself, until it returns or a signal ends it.
 
         Args:
-            program: Called once. It returns soon after a call of *stop*.
+            tick_trees: Called once. It passes each of its trees to `replace_tree` before it ticks it, and
+                returns soon after a call of *stop*.
             stop: Called by the handler of the first signal.
         """
         self._check_open()
         with self._stop_at_signal(stop):
-            program()
+            tick_trees()
 
     def pause(self) -> None:
         """Let `tick_to_end` stop ticking before the next tick, until `resume`. Any thread may call it.

@@ -34,7 +34,7 @@ class RunEnd:
         self._loop_end: LoopEnd | None = None
 
     def restart(self) -> None:
-        """Forget an earlier end by a loop or a signal, because the program ticks again."""
+        """Forget an earlier end by a loop or a signal, because the run continues."""
         self._signal, self._loop_end = 0, None
 
     def note_loop_end(self, reason: LoopEnd) -> None:

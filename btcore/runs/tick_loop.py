@@ -92,6 +92,9 @@ class TickLoop:
         self.missed_ticks = 0
         for tree in self.trees:
             tree.context.wake_event = self._wake_event
+            # The end of an earlier loop, such as by a signal, has no effect on this one.
+            tree.context.limit.resume()
+            tree.context.consume_wake_up()
 
     @property
     def clock(self) -> Clock:
@@ -203,8 +206,7 @@ class TickLoop:
         """Wait without ticking until a reload, and return None; or the reason why the loop ends before.
 
         In real time the clock, and a simulator that owns the clock, keep running. In simulated time nothing
-        can happen any more: the clock advances to the end of the duration at once, or stands still without a
-        duration.
+        can happen any more: the clock advances to the end of the duration at once, if there is one.
         """
         context = self.trees[0].context
         while not self._reload_if_saved():
@@ -254,7 +256,7 @@ class TickLoop:
         """
         self._is_stopping = True
         for tree in self.trees:
-            tree.context.interrupt()
+            tree.context.limit.interrupt()
         # In a thread, since the handler may have interrupted code that holds the locks that these calls need.
         # The access to `hooks` takes a lock, too.
         threading.Thread(target=self._end_waits, daemon=True).start()

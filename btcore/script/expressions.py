@@ -293,7 +293,7 @@ class Assignment(Expression):
     def _create(self, board: Blackboard, target: Name) -> Entry:
         if self.operator == ":=":
             try:
-                created = board.create(target.name)
+                created = board.declare(target.name)
             except BlackboardError as error:
                 raise target.error(str(error)) from None
             if board.find(target.name) is None:

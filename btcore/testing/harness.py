@@ -135,8 +135,10 @@ class Harness:
         from btcore.runs.run import Run
         from btcore.runs.settings import RunSettings
 
+        about_reading = ("nodes", "tree", "format", "packages", "confined")
+        reading = {name: options.pop(name) for name in about_reading if name in options}
         run = Run(
-            plan_inputs(parse_text if is_text else parse_file, (source,), options),
+            plan_inputs(parse_text if is_text else parse_file, (source,), **reading),
             settings=[RunSettings(fast=True), *settings],
             providers=AvailableProviders(providers, uses_installed=False),
             **options,

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Iterator, Sequence
 from math import inf
-from typing import TYPE_CHECKING, NoReturn, SupportsIndex, TextIO, TypeVar
+from typing import TYPE_CHECKING, NamedTuple, NoReturn, SupportsIndex, TextIO, TypeVar
 
 from mypy_extensions import mypyc_attr
 
@@ -62,6 +62,20 @@ class Subtree:
         return self.nodes[0]
 
 
+class TreeDocument(NamedTuple):
+    """A document from which a tree was loaded.
+
+    Attributes:
+        file: The file, or "".
+        text: The XML.
+        is_shared: Whether trees of later documents replace its trees.
+    """
+
+    file: str
+    text: str
+    is_shared: bool
+
+
 @mypyc_attr(allow_interpreted_subclasses=True)
 class Tree:
     """A behavior tree that can be ticked, with its blackboards and clock.
@@ -82,8 +96,7 @@ class Tree:
             None = no limit. A tick that repeats nodes for longer raises NodeExecutionError. The time at a
             breakpoint does not count. A single node that takes too long is not interrupted.
         context: The objects that the tree's nodes share.
-        documents: The documents from which the tree was loaded, the main document last: the file, the text,
-            and whether trees of later documents replace its trees.
+        documents: The documents from which the tree was loaded, the main document last.
 
     Examples:
         >>> import btcore
@@ -107,7 +120,7 @@ class Tree:
         context: TreeContext,
         registry: Registry,
         tick_limit: float | None = None,
-        documents: Sequence[tuple[str, str, bool]] = (),
+        documents: Sequence[TreeDocument] = (),
     ) -> None:
         self.id = id
         self.format = format
@@ -143,8 +156,7 @@ class Tree:
 
         Raises:
             BtcoreError: The tree is being ticked already, by another call.
-            NodeExecutionError: A node raised, or the tick exceeded `tick_limit`. The tree has been
-                halted.
+            NodeExecutionError: A node raised, or the tick exceeded `tick_limit`; the tree was halted.
         """
         return _tick(self, repeat=False)
 
@@ -153,8 +165,7 @@ class Tree:
 
         Raises:
             BtcoreError: The tree is being ticked already, by another call.
-            NodeExecutionError: A node raised, or the tick exceeded `tick_limit`. The tree has been
-                halted.
+            NodeExecutionError: A node raised, or the tick exceeded `tick_limit`; the tree was halted.
         """
         return _tick(self, repeat=True)
 
@@ -172,8 +183,7 @@ class Tree:
         Raises:
             ValueError: *period* is negative, infinite or NaN.
             BtcoreError: The tree is being ticked already, by another call.
-            NodeExecutionError: A node raised, or a tick exceeded `tick_limit`. The tree has been
-                halted.
+            NodeExecutionError: A node raised, or a tick exceeded `tick_limit`; the tree was halted.
         """
         clock = self.context.clock
         schedule = TickSchedule(period, clock.now())
@@ -205,8 +215,7 @@ class Tree:
         Raises:
             ValueError: *period* is negative, infinite or NaN.
             BtcoreError: The tree is being ticked already, by another call.
-            NodeExecutionError: A node raised, or a tick exceeded `tick_limit`. The tree has been
-                halted.
+            NodeExecutionError: A node raised, or a tick exceeded `tick_limit`; the tree was halted.
         """
         # Imported here, because importing asyncio takes as long as importing the engine.
         from asyncio import CancelledError
@@ -477,7 +486,7 @@ def _tick(tree: Tree, repeat: bool) -> Status:
     root = tree.root
     limit = tree.tick_limit
     if limit is not None:
-        context.set_tick_limit(limit)
+        context.limit.start(limit)
     try:
         tree._in_tick = True
         while True:
@@ -489,7 +498,8 @@ def _tick(tree: Tree, repeat: bool) -> Status:
                 context.stopped_ns = 0
                 observers.begin_tick(tree.ticks)
                 if context.journal is not None:  # a journal needs observers
-                    context.journal.begin_tick(tree.ticks, context.tick_start)
+                    context.journal.begin_tick(tree.ticks, context.tick_start, context.cause)
+                    context.cause = 0
             status = execute_tick(root)
             if status is SUCCESS or status is FAILURE:
                 reset_status(root)
@@ -499,9 +509,9 @@ def _tick(tree: Tree, repeat: bool) -> Status:
                 observers.end_tick(status, context.stopped_ns)
             if status is not RUNNING or not repeat or not context.consume_wake_up():
                 break
-            if context.must_end_tick():
+            if context.limit.is_reached():
                 break
-        if limit is not None and context.has_timed_out:
+        if limit is not None and context.limit.has_timed_out:
             raise tree._timeout_error()
     except NodeExecutionError as error:
         tree.status = IDLE
@@ -516,6 +526,6 @@ def _tick(tree: Tree, repeat: bool) -> Status:
         if context.journal is not None:
             context.journal.end_step(IDLE)  # without effect, unless the tick has raised
         if limit is not None:
-            context.clear_tick_limit()
+            context.limit.stop()
     tree.status = status
     return status

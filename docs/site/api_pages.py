@@ -10,9 +10,7 @@ PARENTS = [ROOT, ROOT / "monitor", ROOT / "robot_nodes", ROOT / "ros2", ROOT / "
 
 # The names of btcore, in the order of the index.
 GROUPS = {
-    "Loading and ticking trees": (
-        "load", "loads", "make", "Tree", "Subtree", "TreeResource", "required_resources",
-    ),
+    "Loading and ticking trees": ("load", "loads", "make", "Tree", "Subtree", "TreeResource"),
     "Runs and providers": (
         "Run", "RunSettings", "provider", "Settings", "option", "Report", "Resources",
     ),

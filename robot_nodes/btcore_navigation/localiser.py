@@ -17,7 +17,7 @@ from btcore_navigation.particles import (
     sample_motion_model,
     sample_particles,
 )
-from btcore_navigation.pose_validation import FITS, PoseValidator, contradicts_pose
+from btcore_navigation.pose_validation import MIN_FIT, PoseValidator, contradicts_pose
 from btcore_navigation.ray_casting import RayCaster
 from btcore_navigation.relocalisation import Relocaliser
 from btcore_robot.occupancy_map import OccupancyMap
@@ -321,7 +321,7 @@ class Localiser:
         doubtful = self._validator.is_pose_doubtful(scan, points, laser_xy, odometry, estimate)
         if self._dismissed is not None:
             is_recent = self.stamp - self._dismissed < DOUBT_PAUSE_NS
-            if is_recent and self._validator.fit < FITS and not self._validator.scan_jumped:
+            if is_recent and self._validator.fit < MIN_FIT and not self._validator.scan_jumped:
                 return
             self._dismissed = None
         if doubtful or self._doubting:
@@ -396,12 +396,12 @@ class Localiser:
         """
         estimate, open_points = self._estimate(odometry), points
         # People in the way would pull the match: leave out the beams that they shorten.
-        if self._confirmed and self._surfaces.fit(estimate, points) < FITS:
+        if self._confirmed and self._surfaces.fit(estimate, points) < MIN_FIT:
             open_points = points[self._visibility.unobstructed_beams(estimate, laser_xy, points)]
         carried = self._surfaces.match(
             estimate, open_points, laser_xy, deviation=ODOMETRY_DEVIATION, scales=ODOMETRY_SCALES
         )
-        if carried.share >= FITS:
+        if carried.share >= MIN_FIT:
             self._confirmed = True
             return carried.pose
         if self._confirmed:

@@ -11,9 +11,9 @@ from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import LaserScan, Pose2D
 from btcore_robot.time_limits import COMPARED_SCANS, is_stale
 
-RECENT = 3
+AVERAGED_SCANS = 3
 """The number of scans over which the fit is averaged."""
-FITS = 0.8
+MIN_FIT = 0.8
 """While at least this share of the beams ends on occupied cells, the pose is valid.
 
 Measured: 0.75 to 1 at true poses without people around, and at most 0.5 for a robot that was moved elsewhere.
@@ -22,18 +22,17 @@ MAX_THROUGH_SHARE = 0.12
 """A larger share of beams through walls contradicts the pose; at true poses it is 0 to 0.07."""
 MIN_HIT_SHARE = 0.2
 """A smaller share of beams on occupied cells contradicts the pose: almost nothing supports it."""
-IN_A_ROW = 2
+MIN_CONTRADICTIONS = 2
 """The number of consecutive scans that have to contradict the pose."""
-JUMPED = 0.5
+MAX_CHANGED_SHARE = 0.5
 """If a larger share of beams changes between two scans, the robot was moved elsewhere.
 
 For comparison: a person who suddenly appears right in front of the laser changes a quarter of the beams.
 """
-JUMPED_BOTH_WAYS, EACH_WAY = 0.35, 0.1
-"""The limit JUMPED_BOTH_WAYS replaces JUMPED if many beams became longer and many became shorter.
-
-"Many" means a larger share of the beams than EACH_WAY, for each of the two changes.
-"""
+MAX_CHANGED_SHARE_BOTH_WAYS = 0.35
+"""The limit in place of MAX_CHANGED_SHARE if many beams became longer and many became shorter."""
+MIN_SHARE_EACH_WAY = 0.1
+"""The share of beams that counts as many in MAX_CHANGED_SHARE_BOTH_WAYS, for each of the two changes."""
 
 _BEAMS = 60  # of a scan: about so many are compared
 _CHANGED = 0.4  # m: more than noise (σ 0.06 m) and a step of 0.03 m
@@ -68,6 +67,9 @@ class PoseValidator:
     People and objects in the way make some beams shorter than on the map, but none longer; the other beams
     still fit. So a pose is doubtful when beams go through walls, when almost no beam fits, or when most beams
     change between two scans.
+
+    Attributes:
+        scan_jumped: Whether most beams changed between two scans.
     """
 
     def __init__(self, surfaces: SignedDistanceField, visibility: RayCaster) -> None:
@@ -78,19 +80,18 @@ class PoseValidator:
 
     def reset(self) -> None:
         """Forget the previous scans' results and start again with a pose that is taken as valid."""
-        self._fits: deque[float] = deque(maxlen=RECENT)
+        self._fits: deque[float] = deque(maxlen=AVERAGED_SCANS)
         self._contradictions = 0
         self.scan_jumped = False
-        """Whether most beams changed between two scans."""
 
     @property
     def is_contradicted(self) -> bool:
         """Whether the last scans don't fit the pose, despite people and objects in the way."""
-        return self._contradictions >= IN_A_ROW
+        return self._contradictions >= MIN_CONTRADICTIONS
 
     @property
     def fit(self) -> float:
-        """The share (0 … 1) of beams that end on occupied cells: the mean over the last `RECENT` scans."""
+        """The share (0 … 1) of beams that end on occupied cells, the mean over `AVERAGED_SCANS` scans."""
         return sum(self._fits) / len(self._fits) if self._fits else 1.0
 
     def is_pose_doubtful(
@@ -114,11 +115,11 @@ class PoseValidator:
         if before is not None and not is_stale(before[0], scan.stamp, COMPARED_SCANS):
             turn = wrap_angle(odometry.yaw - before[1])
             farther, nearer = changed_beam_shares(before[0], scan, turn)
-            both_ways = min(farther, nearer) > EACH_WAY
-            if farther + nearer > (JUMPED_BOTH_WAYS if both_ways else JUMPED):
+            both_ways = min(farther, nearer) > MIN_SHARE_EACH_WAY
+            if farther + nearer > (MAX_CHANGED_SHARE_BOTH_WAYS if both_ways else MAX_CHANGED_SHARE):
                 self.scan_jumped = True
         self._fits.append(self._surfaces.fit(pose, points))
-        if self.fit >= FITS:
+        if self.fit >= MIN_FIT:
             self._contradictions = 0
             return False
         # The slower check by ray casting is needed only for a bad fit.

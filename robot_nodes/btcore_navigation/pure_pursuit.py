@@ -28,7 +28,16 @@ class Carrot:
 
 
 class PurePursuit:
-    """A path of *points* (m, shape `(n, 2)`, n ≥ 1) that a robot follows from its present position."""
+    """A path of *points* (m, shape `(n, 2)`, n ≥ 1) that a robot follows from its present position.
+
+    Attributes:
+        points: The points, without repetitions.
+        length: The length (m) of the path.
+        travelled: The distance (m) along the path to the robot's position; None before the first `locate`.
+        cross_track_error: The distance (m) from the robot to the path: positive to its left, negative to its
+            right.
+        heading: The direction (rad) of the path at the robot's position; None for a path of a single point.
+    """
 
     def __init__(self, points: NDArray[np.float64]) -> None:
         steps = np.hypot(*np.diff(points, axis=0).T) if len(points) > 1 else np.zeros(0)
@@ -37,17 +46,17 @@ class PurePursuit:
         self.points = points[kept]
         self._x = np.ascontiguousarray(self.points[:, 0])
         self._y = np.ascontiguousarray(self.points[:, 1])
-        self._along = np.concatenate(([0.0], np.cumsum(steps[steps > _MIN_DISTANCE])))
-        self.length = float(self._along[-1])
-        """The length (m) of the path."""
+        # The distance along the path to each point.
+        self._distances = np.concatenate(([0.0], np.cumsum(steps[steps > _MIN_DISTANCE])))
+        self.length = float(self._distances[-1])
         self.travelled: float | None = None
-        """The distance (m) along the path to the robot's position; None before the first `locate`."""
-        self.cross_track_distance = 0.0
-        """The distance (m) from the robot to the path."""
         self.cross_track_error = 0.0
-        """The distance (m) from the robot to the path: positive to its left, negative to its right."""
         self.heading: float | None = None
-        """The direction (rad) of the path at the robot's position; None for a path of a single point."""
+
+    @property
+    def cross_track_distance(self) -> float:
+        """The distance (m) from the robot to the path."""
+        return abs(self.cross_track_error)
 
     @property
     def remaining(self) -> float:
@@ -61,8 +70,8 @@ class PurePursuit:
         """
         low, high = 0, len(self._x)
         if self.travelled is not None:
-            low = max(int(np.searchsorted(self._along, self.travelled - _WINDOW_BEHIND)) - 1, 0)
-            high = min(int(np.searchsorted(self._along, self.travelled + _WINDOW_AHEAD)) + 1, high)
+            low = max(int(np.searchsorted(self._distances, self.travelled - _WINDOW_BEHIND)) - 1, 0)
+            high = min(int(np.searchsorted(self._distances, self.travelled + _WINDOW_AHEAD)) + 1, high)
         squares = (self._x[low:high] - pose.x) ** 2 + (self._y[low:high] - pose.y) ** 2
         nearest = low + int(squares.argmin())
         # The nearest position is on a segment that begins or ends at the nearest point.
@@ -70,19 +79,24 @@ class PurePursuit:
         for start in (nearest - 1, nearest):
             if 0 <= start < len(self._x) - 1:
                 x, y = float(self._x[start]), float(self._y[start])
-                along = float(self._along[start + 1] - self._along[start])
-                east, north = (float(self._x[start + 1]) - x) / along, (float(self._y[start + 1]) - y) / along
-                share = min(max((pose.x - x) * east + (pose.y - y) * north, 0.0), along)
-                off = math.hypot(x + share * east - pose.x, y + share * north - pose.y)
-                if off < best:
-                    best = off
-                    self.travelled = float(self._along[start]) + share
-                    self.cross_track_error = math.copysign(off, east * (pose.y - y) - north * (pose.x - x))
-                    self.heading = math.atan2(north, east)
+                before, after = float(self._distances[start]), float(self._distances[start + 1])
+                length = after - before
+                direction_x = (float(self._x[start + 1]) - x) / length
+                direction_y = (float(self._y[start + 1]) - y) / length
+                to_robot_x, to_robot_y = pose.x - x, pose.y - y
+                in_segment = min(max(to_robot_x * direction_x + to_robot_y * direction_y, 0.0), length)
+                distance = math.hypot(
+                    x + in_segment * direction_x - pose.x, y + in_segment * direction_y - pose.y
+                )
+                if distance < best:
+                    best = distance
+                    self.travelled = before + in_segment
+                    side = direction_x * to_robot_y - direction_y * to_robot_x  # positive: left of the path
+                    self.cross_track_error = math.copysign(distance, side)
+                    self.heading = math.atan2(direction_y, direction_x)
         if best == math.inf:
-            best = self.cross_track_error = math.sqrt(float(squares.min()))
-            self.travelled = float(self._along[nearest])
-        self.cross_track_distance = best
+            self.cross_track_error = math.sqrt(float(squares.min()))
+            self.travelled = float(self._distances[nearest])
 
     def carrot(self, pose: Pose2D, ahead: float) -> Carrot:
         """Return the point of the path to steer to, as seen from the robot; call `locate` first.
@@ -93,10 +107,10 @@ class PurePursuit:
                 path ends before, the point is its end.
         """
         place = min((self.travelled or 0.0) + ahead, self.length)
-        east = float(np.interp(place, self._along, self._x)) - pose.x
-        north = float(np.interp(place, self._along, self._y)) - pose.y
-        angle = wrap_angle(math.atan2(north, east) - pose.yaw)
-        return Carrot(math.hypot(east, north), angle)
+        offset_x = float(np.interp(place, self._distances, self._x)) - pose.x
+        offset_y = float(np.interp(place, self._distances, self._y)) - pose.y
+        angle = wrap_angle(math.atan2(offset_y, offset_x) - pose.yaw)
+        return Carrot(math.hypot(offset_x, offset_y), angle)
 
     def ahead(self, reach: float, step: float) -> NDArray[np.float64]:
         """Return points of the path ahead of the robot's position on the path; call `locate` first.
@@ -110,4 +124,5 @@ class PurePursuit:
         """
         travelled = self.travelled or 0.0
         places = np.arange(travelled, min(travelled + reach, self.length) + step / 2, step)
-        return np.stack((np.interp(places, self._along, self._x), np.interp(places, self._along, self._y)), 1)
+        x, y = np.interp(places, self._distances, self._x), np.interp(places, self._distances, self._y)
+        return np.stack((x, y), 1)

@@ -252,7 +252,7 @@ class TreeServer:
         """End `run` after the present tick; its goal is aborted. For signal handlers and other threads."""
         self._is_stopping = True
         if self.tree is not None:
-            self.tree.context.interrupt()
+            self.tree.context.limit.interrupt()
         # In a thread, since a signal handler may have interrupted code that holds the lock of an event.
         threading.Thread(target=self._end_waits, daemon=True).start()
 

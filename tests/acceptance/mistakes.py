@@ -3,8 +3,9 @@
 ``python tests/acceptance/mistakes.py`` proves that twelve trees are good, and seeds a hundred mistakes in
 them, one at a time. At least one question about each wrong tree must be refuted. Each counterexample is run
 again by leaves of this file, which know nothing of the prover, and the fault is looked for in what happens.
-The test that the prover writes must fail with the wrong tree and pass with the good one. ``--sample 10``
-takes some of the mistakes, by ``--seed``. The script exits with 1 if anything else happens.
+The test that the prover writes must fail with the wrong tree and pass with the good one, and the recording
+that it runs must be repeated exactly. ``--sample 10`` takes some of the mistakes, by ``--seed``. The script
+exits with 1 if anything else happens.
 """
 
 import argparse
@@ -18,7 +19,7 @@ import tomllib
 from collections import deque
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from seeded_mistakes import TREES, GoodTree, registry
 
@@ -27,7 +28,9 @@ from btcore import NodeExecutionError, SimClock, StatefulAction, Status
 from btcore.engine.leaf import Condition
 from btcore.xml.models.model_file import add_models
 from btcore_proof import Answer, Counterexample, RunTick, assert_holds_in_run, prove
-from btcore_proof.outcome_replay import outcomes_of_ticks
+from btcore_proof.declarations import declarations_beside
+from btcore_proof.tree_files import _plans, record_counterexample
+from btcore_recorder.verification import verify
 
 CYCLES = 20
 RANDOM_RUNS = 30
@@ -35,7 +38,10 @@ RANDOM_TICKS = 12
 
 
 def document(tree: GoodTree, replaced: Sequence[str] = ()) -> str:
-    """Return the XML of a tree, after the replacements."""
+    """Return the XML of a tree, after the replacements.
+
+    It also declares the leaves, which `GoodTree.leaves` lists as in `IsNear? <limit:double; Look >count:int`.
+    """
     xml = tree.xml + "</BehaviorTree>" + tree.more
     for old, new in zip(replaced[::2], replaced[1::2], strict=True):
         assert old in xml, f"the tree does not contain {old!r}"
@@ -187,6 +193,37 @@ class Missing:
     __hash__ = None  # type: ignore[assignment]
 
 
+class Question(NamedTuple):
+    """A question of a user; of a standard question, only the text.
+
+    Attributes:
+        text: The whole question.
+        kind: "never", "before" or "leads to"; "" for a standard question.
+        first: The first proposition.
+        second: The second proposition, or "".
+        max_ticks: The limit of "leads to" in ticks, or None.
+    """
+
+    text: str
+    kind: str = ""
+    first: str = ""
+    second: str = ""
+    max_ticks: int | None = None
+
+
+def parse_question(text: str) -> Question:
+    """Return the parts of a question."""
+    match = re.fullmatch(r"(.*?) leads to (.*?)(?: within (\d+) ticks)?", text)
+    if match is not None:
+        return Question(text, "leads to", match[1], match[2], int(match[3]) if match[3] else None)
+    if " before " in text and not text.startswith(("every", "no ")):
+        first, second = text.split(" before ")
+        return Question(text, "before", first, second)
+    if text.startswith("never "):
+        return Question(text, "never", text.removeprefix("never "))
+    return Question(text)
+
+
 def shows(file: Path, answer: Answer) -> bool:
     """Return whether a normal run with the results of a counterexample shows the fault."""
     run = answer.counterexample
@@ -194,7 +231,7 @@ def shows(file: Path, answer: Answer) -> bool:
         return never_happens(file, answer.detail)
     replay = Replay(file)
     premise = False
-    _, kind, first, second, limit = question_parts(answer.question)
+    question = parse_question(answer.question)
     pending = -1
     result: Status | None = Status.RUNNING
     ticks = [(tick.time, tick) for tick in run.ticks]
@@ -205,36 +242,23 @@ def shows(file: Path, answer: Answer) -> bool:
     for at, tick in ticks:
         assert result is Status.RUNNING
         result = replay.tick(at, tick)
-        if kind == "leads to":
-            if replay.holds(second):
+        if question.kind == "leads to":
+            if replay.holds(question.second):
                 pending = -1
             elif pending >= 0:
                 pending += 1
-            elif replay.holds(first):
+            elif replay.holds(question.first):
                 pending = 0
-        if kind == "before":
-            premise = premise or replay.holds(first)
-    if kind == "never":
-        return replay.holds(first)
-    if kind == "before":
-        return replay.holds(second) and not premise
-    if kind == "leads to":
-        too_late = limit is not None and pending >= limit
+        if question.kind == "before":
+            premise = premise or replay.holds(question.first)
+    if question.kind == "never":
+        return replay.holds(question.first)
+    if question.kind == "before":
+        return replay.holds(question.second) and not premise
+    if question.kind == "leads to":
+        too_late = question.max_ticks is not None and pending >= question.max_ticks
         return pending >= 0 and (too_late or result is not Status.RUNNING or run.cycle is not None)
     return violates_question(replay, answer.question, run, result)
-
-
-def question_parts(question: str) -> tuple[str, str, str, str, int | None]:
-    """Return a question with its kind, its propositions and the number of ticks."""
-    match = re.fullmatch(r"(.*?) leads to (.*?)(?: within (\d+) ticks)?", question)
-    if match is not None:
-        return question, "leads to", match[1], match[2], int(match[3]) if match[3] else None
-    if " before " in question and not question.startswith(("every", "no ")):
-        first, second = question.split(" before ")
-        return question, "before", first, second, None
-    if question.startswith("never "):
-        return question, "never", question.removeprefix("never "), "", None
-    return question, "", "", "", None
 
 
 def violates_question(replay: Replay, question: str, run: Counterexample, result: Status | None) -> bool:
@@ -357,12 +381,21 @@ def check_answer(good: Path, file: Path, answer: Answer, place: str, faults: lis
     run = answer.counterexample
     if run is None:
         return
-    ticks = outcomes_of_ticks(run)
     cycle = None if run.cycle is None else (run.cycle, run.period)
+    recording = file.parent / "run.btrec.txt"
+    declared = declarations_beside(file)
+    plans = _plans(file, registry(), [file], None, None, declared)
+    if not record_counterexample(plans, answer, declared, recording):
+        faults.append(f"{place}: {answer.question}: nothing is saved")
+        return
+    if not (verified := verify(recording)).is_same:
+        faults.append(f"{place}: {answer.question}: the recording is not repeated: {verified}")
     for tree, fails in ((file, True), (good, False)):
         failed = False
         try:
-            assert_holds_in_run(tree, answer.question, ticks, cycle=cycle, nodes=registry(), models=[tree])
+            assert_holds_in_run(
+                tree, answer.question, recording, cycle=cycle, nodes=registry(), models=[tree]
+            )
         except AssertionError:
             failed = True
         except btcore.BtcoreError as error:

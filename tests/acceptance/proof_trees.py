@@ -14,7 +14,9 @@ from xml.sax.saxutils import quoteattr
 
 from proof_plugins import DECLARED, HIDDEN, HIDDEN_TAGS, UNIT_MS
 
-from btcore.blackboard.ports import Direction, Port
+from btcore.blackboard.ports import LOAD_TIME_ROLES, Direction, Port, PortRole
+from btcore.lint.ports import is_required
+from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.status import NodeType
 from btcore.values import INT, STRING
@@ -194,7 +196,6 @@ _USER_NODES = {
     "UserTimer": NodeKind(1, 1, _duration("msec")),
     **dict.fromkeys(["UserCatch", "UserKeeps", "UserWrites"], NodeKind(1, 1, _fixed(value="{u}"))),
 }
-_TIMED = ("Delay", "Timeout", "UserTimer")
 MOST_TIMERS = 2
 _CONDITIONS = ("@a == 0", "@a == 1", "@b == @a", "1 / @z < 0", "@z == @z", "@u > 0", "@a == 1 && @u != 1")
 _STATEMENTS = (
@@ -223,16 +224,52 @@ _BUILT_IN: dict[int, dict[str, Callable[[random.Random], Attributes]]] = {
 }
 
 
-def missing_nodes() -> list[str]:
-    """Return the built-in control nodes and decorators that random trees never contain."""
-    registry = Registry.standard()
-    kinds = (NodeType.CONTROL, NodeType.DECORATOR)
-    return [
-        f"{id} of format {format}"
-        for format, known in NODES.items()
-        for id, manifest in registry.manifests_of(format).items()
-        if manifest.type in kinds and id not in known
-    ]
+_TEXTS: dict[PortRole, Callable[[random.Random, int], str]] = {
+    PortRole.CONDITION: lambda rng, children: rng.choice(_CONDITIONS),
+    PortRole.SCRIPT: lambda rng, children: rng.choice(_STATEMENTS),
+    PortRole.DURATION: lambda rng, children: str(UNIT_MS * rng.choice([0, 1, 2])),
+    PortRole.REPETITIONS: lambda rng, children: rng.choice("123"),
+    PortRole.SUCCESSES: lambda rng, children: str(rng.randint(1, children)),
+    PortRole.FAILURES: lambda rng, children: str(rng.randint(1, children)),
+}
+
+
+def _derive_kind(manifest: Manifest) -> NodeKind | None:
+    """Return how random trees contain a node; None if it has a mandatory port that needs a certain text."""
+    roles = {port.name: port.role for port in manifest.ports.values() if is_required(manifest, port)}
+    roles |= {port.name: port.role for port in manifest.ports.values() if port.role in LOAD_TIME_ROLES}
+    if not _TEXTS.keys() >= set(roles.values()):
+        return None
+
+    def make(rng: random.Random, children: int) -> Attributes:
+        return {name: _TEXTS[role](rng, children) for name, role in roles.items()}
+
+    least, most = manifest.spec.child_count
+    return NodeKind(max(least, 1), 4 if most is None else most, make)
+
+
+_TIMED = ["Delay", "Timeout", "UserTimer"]
+
+
+def _add_other_nodes() -> list[str]:
+    """Add the built-in nodes that `NODES` does not list, and return those that must be listed there."""
+    unknown = []
+    for format, known in NODES.items():
+        for id, manifest in Registry.standard().manifests_of(format).items():
+            if manifest.type not in (NodeType.CONTROL, NodeType.DECORATOR) or id in known:
+                continue
+            kind = _derive_kind(manifest)
+            if kind is None:
+                unknown.append(f"{id} of format {format}")
+                continue
+            known[id] = kind
+            if any(port.role is PortRole.DURATION for port in manifest.ports.values()):
+                _TIMED.append(id)
+    return unknown
+
+
+UNKNOWN_NODES = _add_other_nodes()
+"""The built-in control nodes and decorators that random trees never contain."""
 
 
 class Atom(NamedTuple):

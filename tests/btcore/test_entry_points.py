@@ -10,7 +10,8 @@ import pytest
 
 from btcore import entry_points
 from btcore.clock import Clock
-from btcore.runs.providers import Provider, full_name
+from btcore.registry.resources import full_name
+from btcore.runs.providers import Provider
 
 POINTS = {
     point.name: point

@@ -313,7 +313,7 @@ class ColumnTable:
             BlackboardError: The key cannot be created, or has another type.
         """
         before = board.find(key)
-        entry = board.create(key, declared)
+        entry = board.declare(key, declared)
         if before is None:
             self.version += 1
         return self.column_of(entry, key)

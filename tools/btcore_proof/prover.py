@@ -569,4 +569,4 @@ def write_entries(tree: Tree, values: Mapping[str, object]) -> None:
     """Write entries of the main tree's blackboard before the first tick."""
     board = tree.blackboard
     for key, value in values.items():
-        board.create(key).put(value, 0)
+        board.declare(key).put(value, 0)

@@ -1,14 +1,18 @@
-"""The files of recordings: their forms, by the extension or the first bytes."""
+"""The files of recordings: their names, and their forms, by the extension or the first bytes."""
 
 import logging
+import os
+import re
 from collections.abc import Iterable
+from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
 from typing import Final, Protocol
 
 from btcore.escaping import escape_controls
 from btcore.extras import describe_missing
 from btcore.logs.files import LogError, read_bytes
-from btcore.output_files import write_file
+from btcore.output_files import numbered_file, write_file
 from btcore.suggestions import suggestion
 from btcore_recorder.inputs import RunRecording
 from btcore_recorder.lines import Line, read_lines, recording_lines
@@ -23,6 +27,10 @@ _log = logging.getLogger("btcore")
 RECONSTRUCTED: Final = "reconstructed"
 """The name of an item in the versions of a head: the log from which the recording was reconstructed."""
 _MAX_NAME: Final = 200
+FOLDER_BYTES: Final = 500_000_000
+"""Maximum size of the recordings in a folder; beyond it, the oldest are removed."""
+
+_NAME_IN_FOLDER: Final = r"\d{4}-\d\d-\d\dT\d\d-\d\d-\d\d_.+"
 _MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
 
 
@@ -108,3 +116,48 @@ def save_recording(path: Path, recording: RunRecording, paths: Iterable[str]) ->
         write_file(path, form.take_end())
     except OSError as error:
         raise LogError(f"{path}: cannot write the recording: {error.strerror or error}") from None
+
+
+class RecordingFiles:
+    """The names of the recordings of a run.
+
+    Args:
+        path: A file, to which numbered files are added, as `run.2.btrec.txt`; or a folder, which exists
+            already, or whose name has no extension: there a name consists of the time and the tree.
+
+    Attributes:
+        is_folder: Whether *path* is a folder.
+        count: The number of names that were given.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.is_folder = path.is_dir() or not path.suffix
+        self.count = 0
+        self._path = path
+
+    def next(self, tree_id: str) -> Path:
+        """Return the name of the next recording. A folder is created, and its oldest recordings are removed.
+
+        Raises:
+            LogError: The folder cannot be created.
+        """
+        self.count += 1
+        if not self.is_folder:
+            return numbered_file(self._path, self.count)
+        try:
+            self._path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise LogError(f"{self._path}: cannot create the folder: {error.strerror or error}") from None
+        self._remove_oldest()
+        tree = re.sub(r"[^\w-]", "_", tree_id)[:60]
+        now = datetime.now().strftime("%Y-%m-%dT%H-%M-%S")
+        return self._path / f"{now}_{tree}_{os.getpid()}-{self.count:05}{TEXT}"
+
+    def _remove_oldest(self) -> None:
+        with suppress(OSError):  # another process may remove the same files
+            named = [file for file in self._path.iterdir() if re.fullmatch(_NAME_IN_FOLDER, file.name)]
+            left = FOLDER_BYTES
+            for file in sorted(named, reverse=True):
+                left -= file.stat().st_size
+                if left < 0:
+                    file.unlink(missing_ok=True)

@@ -18,16 +18,8 @@ from btcore.runs.settings import GivenSettings, RunSettings
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
 @pass_options(RunOptions, "options")
 @add_options(RunSettings)
-@click.option(
-    "--json",
-    "as_json",
-    is_flag=True,
-    help="Print the results as a JSON object on the last line of stdout (with --watch, of the last tree).",
-)
 @click.pass_context
-def run(
-    ctx: click.Context, /, source: str, options: RunOptions, settings: GivenSettings, as_json: bool
-) -> int:
+def run(ctx: click.Context, /, source: str, options: RunOptions, settings: GivenSettings) -> int:
     """Run TREE until it ends.
 
     TREE is an XML file, - for stdin, or the name of a tree that is bundled with btcore, such as bumpgo. The
@@ -47,7 +39,7 @@ def run(
     """
     session = create_session(ctx, source, options, settings)
     session.run_to_end()
-    return session.print_results(as_json)
+    return session.print_results(options.as_json)
 
 
 @contextmanager

@@ -101,15 +101,15 @@ def plan_document(
     tree_id: str | None = None,
     format: int | None = None,
     every_tree: bool = False,
-    others: Sequence[Document] = (),
+    shared_documents: Sequence[Document] = (),
     packages: PackageResolver | None = None,
 ) -> Plans:
     """Return the plans of the trees of a document: `read`, `define` and `plan` in one call.
 
-    The main *document* may call the trees of *registry* and of the documents *others*. `read`, `define` and
+    The main *document* may call the trees of *registry* and of the *shared_documents*. `read`, `define` and
     `plan` describe the other parameters.
     """
-    sources = read(document, [*registry.documents, *others], packages)
+    sources = read(document, [*registry.documents, *shared_documents], packages)
     return plan(define(sources, tree_id, format), registry, every_tree)
 
 
@@ -147,7 +147,7 @@ def _plan_trees(
     while pending:
         definition = pending.pop()
         if definition.id not in trees:
-            trees[definition.id] = tree = planners[definition].complete()
+            trees[definition.id] = tree = planners[definition].plan()
             pending += [by_id[call.tree_id] for call in reversed(tree.calls) if call.tree_id in by_id]
     main_tree = None if main is None else trees[main.id]
     sizes = _measure(trees, main_tree, collector)

@@ -1,7 +1,6 @@
 """The plans of trees, their nodes and their calls of other trees: what `plan` returns, before nodes exist."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from operator import attrgetter
 
 from btcore.blackboard.ports import SCRIPT_ROLES, Binding, PortRole, braced_key
 from btcore.engine.node_config import EMPTY_MAPPING
@@ -11,8 +10,6 @@ from btcore.registry.manifest import Manifest
 from btcore.values import BOOL
 from btcore.xml.define import TreeDefinition
 from btcore.xml.read.element import Element
-
-_DEPTH_OF = attrgetter("depth")
 
 
 class SubtreeCall:
@@ -122,14 +119,10 @@ class SubtreeCall:
 class NodePlan:
     """The plan of a node.
 
-    `TreePlanner` creates it in its first pass with *element*, *depth* and *children*, and adds the rest in
-    the second.
-
     Attributes:
         element: The element of the node.
-        depth: The depth of the element; that of the `<BehaviorTree>` is 0.
         id: The ID of the node.
-        manifest: The registration of the node. The second pass removes the plans of unknown nodes.
+        manifest: The registration of the node.
         name: The name of the node; None = its ID.
         conditions: The texts of the pre- and post-conditions, by attribute.
         attributes: The attributes that are neither ports nor conditions.
@@ -139,21 +132,19 @@ class NodePlan:
     """
 
     __slots__ = (
-        "attributes", "bindings", "children", "conditions", "depth", "element", "id", "manifest",
-        "name", "subtree_call",
+        "attributes", "bindings", "children", "conditions", "element", "id", "manifest", "name",
+        "subtree_call",
     )  # fmt: skip
 
-    manifest: Manifest
-
-    def __init__(self, element: Element, depth: int) -> None:
+    def __init__(self, element: Element, id: str, manifest: Manifest) -> None:
         self.element = element
-        self.depth = depth
-        self.id = ""
+        self.id = id
+        self.manifest = manifest
         self.name: str | None = None
         self.conditions = EMPTY_MAPPING
         self.attributes = EMPTY_MAPPING
         self.bindings: Sequence[Binding] = ()
-        self.children: Sequence[NodePlan] = ()
+        self.children: list[NodePlan] = []
         self.subtree_call: SubtreeCall | None = None
 
     @property
@@ -174,24 +165,21 @@ class NodePlan:
 class TreePlan:
     """A tree definition with its node plans.
 
-    Args:
-        nodes: The node plans in pre-order.
-
     Attributes:
         definition: The definition of the tree.
         root: The plan of the root; None if the tree has no known root.
         calls: The calls of trees by its nodes.
         depth: The number of its levels.
         size: The number of its nodes.
-        has_unknown_nodes: Whether plans of unknown nodes were removed.
+        has_unknown_nodes: Whether unknown nodes, which have no plans, are among them.
     """
 
-    def __init__(self, definition: TreeDefinition, nodes: Sequence[NodePlan]) -> None:
+    def __init__(self, definition: TreeDefinition, size: int, depth: int) -> None:
         self.definition = definition
-        self.root = nodes[0] if nodes else None
+        self.root: NodePlan | None = None
         self.calls: list[SubtreeCall] = []
-        self.depth = max(map(_DEPTH_OF, nodes), default=0)
-        self.size = len(nodes)
+        self.depth = depth
+        self.size = size
         self.has_unknown_nodes = False
 
     @property

@@ -66,6 +66,8 @@ if TYPE_CHECKING:
 MAX_SUGGESTED_TREES: Final = 20
 """Maximum number of trees that are suggested for a SubTree element without an ID."""
 _LEAVES: Final = {NodeType.ACTION: "an action", NodeType.CONDITION: "a condition"}
+_CONDITIONS: Final = (*PRECONDITION_ATTRIBUTES, *POSTCONDITION_ATTRIBUTES)
+"""The attributes with scripts, in the order of their execution."""
 _CONTROL_CHARACTERS = frozenset(chr(code) for code in (*range(32), 127))
 
 
@@ -196,19 +198,33 @@ class PlanningContext:
         return cache
 
 
+class _Outline:
+    """A node as the first pass leaves it.
+
+    Attributes:
+        element: The element of the node.
+        depth: The depth of the element; that of the `<BehaviorTree>` is 0.
+        parent: The index of the parent in the list of outlines.
+    """
+
+    __slots__ = ("depth", "element", "parent")
+
+    def __init__(self, element: Element, depth: int, parent: int) -> None:
+        self.element = element
+        self.depth = depth
+        self.parent = parent
+
+
 class TreePlanner:
     """Plans one tree in two passes, and reports its errors.
 
     The first pass, `outline`, concerns all trees, because BehaviorTree.CPP rejects a document in which an
-    unused tree has a wrong structure. The second, `complete`, concerns the trees that are used.
-
-    Attributes:
-        nodes: What the first pass hands to the second: the plans of the nodes in pre-order, beginning with
-            the root, with their elements and children only; [] if there is no root.
+    unused tree has a wrong structure. The second, `plan`, concerns the trees that are used.
     """
 
     def __init__(self, definition: TreeDefinition, context: PlanningContext) -> None:
-        self.nodes: list[NodePlan] = []
+        # What the first pass leaves to the second: the <BehaviorTree> and its nodes, in pre-order.
+        self._outlines: list[_Outline] = []
         self._definition = definition
         self._context = context
         self._definitions = context.definitions
@@ -216,21 +232,21 @@ class TreePlanner:
         self._collector = context.collector
         self._report = partial(context.collector.report, definition.document)
 
-    # --- the first pass: create node plans, and check the structure of the tree
+    # --- the first pass: find the nodes, and check the structure of the tree
 
     def outline(self) -> None:
-        """Create the plans of the nodes, and check the structure of the tree."""
+        """Find the nodes, and check the structure of the tree."""
         definition, rules = self._definition, self._context.tag_rules
         ignoring_tags = self._dialect.tags_with_ignored_children
-        nodes: list[NodePlan] = []
+        outlines: list[_Outline] = []
         # Ignored nodes are checked, as in BehaviorTree.CPP, but not planned.
-        ignored: set[NodePlan] = set()
-        pending = [NodePlan(definition.element, 0)]
+        ignored: set[_Outline] = set()
+        pending = [_Outline(definition.element, 0, 0)]
         while pending:
             node = pending.pop()
             if node not in ignored:
-                nodes.append(node)
-            if len(nodes) > MAX_NODES + 1:  # the first is the <BehaviorTree>
+                outlines.append(node)
+            if len(outlines) > MAX_NODES + 1:  # the first is the <BehaviorTree>
                 message = f"the tree has more than {MAX_NODES:,} nodes"
                 hint = "nodes are numbered with 16 bits"
                 self._report(TREE_TOO_LARGE, message, definition.element, attribute="ID", hint=hint)
@@ -239,16 +255,14 @@ class TreePlanner:
             rule = rules.get(element.tag) or self._context.add_tag_rule(element.tag)
             if rule.may_be_empty and not element.children:  # most elements are leaves
                 continue
-            children = [NodePlan(child, depth) for child in self._check_element(element, rule, depth)]
+            index = len(outlines) - 1
+            children = [_Outline(child, depth, index) for child in self._check_element(element, rule, depth)]
             pending += reversed(children)
             if element.tag in ignoring_tags or node in ignored:
                 ignored.update(children)
-            elif node.depth:
-                node.children = children
-            else:  # a tree has one root: further roots are an error, and ignored
-                node.children = children[:1]
+            elif not node.depth:  # a tree has one root: further roots are an error, and ignored
                 ignored.update(children[1:])
-        self.nodes = nodes[1:]
+        self._outlines = outlines
 
     def _check_element(self, element: Element, rule: _TagRule, child_depth: int) -> list[Element]:
         """Check the tag, the number of the children and their depth. Return the children to check next."""
@@ -379,41 +393,41 @@ class TreePlanner:
             message, hint = f"invalid tree ID '{id}': a node has this name", "rename the tree"
             self._report(TREE_NAMED_AS_NODE, message, element, attribute="ID", hint=hint)
 
-    # --- the second pass: add names, attributes, conditions, ports and calls of trees
+    # --- the second pass: plan the nodes with their attributes, conditions, ports and calls of trees
 
-    def complete(self) -> TreePlan:
-        """Complete the plans of the nodes, and return the plan of the tree.
-
-        The plans of unknown nodes and of calls of unknown trees, which are errors, are removed.
-        """
-        nodes = self.nodes
-        tree = TreePlan(self._definition, nodes)
-        subtree_tags, caches = self._dialect.subtree_tags, self._context.binding_caches
-        unknown: set[NodePlan] = set()
-        for node in nodes:
-            tag = node.element.tag
-            if tag in subtree_tags:
-                if not self._plan_call(tag, node, tree):
-                    unknown.add(node)
-                continue
-            id = (node.element.get("ID") or "") if tag in EXPLICIT_TAGS else tag
-            cache = caches.get(id) or self._context.add_binding_cache(id)
-            if cache is None:  # reported by the first pass
-                unknown.add(node)
-                continue
-            node.id, node.manifest = id, cache.manifest
-            self._plan_attributes(node, cache)
-        if unknown:
-            tree.has_unknown_nodes = True
-            if tree.root in unknown:
-                tree.root = None
-            for node in nodes:
-                node.children = [child for child in node.children if child not in unknown]
+    def plan(self) -> TreePlan:
+        """Return the plan of the tree, without unknown nodes and calls of unknown trees, which are errors."""
+        outlines = self._outlines
+        depth = max([outline.depth for outline in outlines], default=0)
+        tree = TreePlan(self._definition, max(len(outlines) - 1, 0), depth)
+        plans: list[NodePlan | None] = [None]  # the <BehaviorTree> has no plan
+        for outline in outlines[1:]:
+            node = self._plan_node(outline.element, tree)
+            plans.append(node)
+            parent = plans[outline.parent]
+            if node is None:
+                tree.has_unknown_nodes = True
+            elif parent is not None:
+                parent.children.append(node)
+            elif outline.depth == 1:
+                tree.root = node
         return tree
+
+    def _plan_node(self, element: Element, tree: TreePlan) -> NodePlan | None:
+        tag = element.tag
+        if tag in self._dialect.subtree_tags:
+            return self._plan_call(tag, element, tree)
+        id = (element.get("ID") or "") if tag in EXPLICIT_TAGS else tag
+        cache = self._context.binding_caches.get(id) or self._context.add_binding_cache(id)
+        if cache is None:  # reported by the first pass
+            return None
+        node = NodePlan(element, id, cache.manifest)
+        self._plan_attributes(node, cache)
+        return node
 
     def _plan_attributes(self, node: NodePlan, cache: _BindingCache) -> None:
         bindings: list[Binding] = []
-        other_attributes: dict[str, str] = {}
+        others: dict[str, str] = {}
         for key, text in node.element.attributes.items():
             by_text = cache.bindings_by_text.get(key)
             if by_text is not None:
@@ -424,55 +438,37 @@ class TreePlanner:
                 if not text.isprintable():
                     self._check_name(node, text)
             else:
-                other_attributes[key] = text
-        if other_attributes:
-            if not self._context.kept_attributes.issuperset(other_attributes):
-                other_attributes = self._select_attributes(node, cache.manifest, other_attributes)
-            node.attributes = other_attributes
+                others[key] = text
+        if others:
+            # An attribute that any node may have, such as a position of Groot, is checked once.
+            if not self._context.kept_attributes.issuperset(others):
+                if self._dialect.has_conditions:
+                    node.conditions = {key: others.pop(key) for key in _CONDITIONS if key in others}
+                others = {key: text for key, text in others.items() if self._keeps(key, node)}
+                self._context.kept_attributes.update(others)
+            node.attributes = others
         if cache.defaults and len(bindings) < len(cache.ports):
             set_ports = {binding.port for binding in bindings}
             bindings += [binding for binding in cache.defaults if binding.port not in set_ports]
         node.bindings = bindings
 
-    def _select_attributes(
-        self, node: NodePlan, manifest: Manifest, attributes: dict[str, str]
-    ) -> dict[str, str]:
-        """Return those of *attributes* that are kept. They hold neither ports nor the name.
-
-        Conditions are stored in *node*. Attributes that are neither kept nor conditions are errors.
-        """
-        dialect = self._dialect
-        conditions: dict[str, str] = {}
-        kept: dict[str, str] = {}
-        for key, text in attributes.items():
-            if key in SCRIPT_ATTRIBUTES and dialect.has_conditions:
-                conditions[key] = text
-            elif key == "ID":
-                if dialect.requires_explicit_tag_for_id and node.element.tag not in EXPLICIT_TAGS:
-                    message = (
-                        f'unexpected ID in <{node.id}>: only explicit tags such as <Action ID="…"> have one'
-                    )
-                    hint = 'to name the node, write name="…"'
-                    fixes: Sequence[Fix] = [RenameAttribute("name"), Remove()]
-                    self._report(UNEXPECTED_ID, message, node.element, attribute=key, hint=hint, fixes=fixes)
-            elif key in dialect.comment_attributes or (
-                dialect.allows_non_port_attributes and not is_port_name(key)
-            ):
-                kept[key] = text
-            else:
-                message = f"<{node.id}> has no port '{key}'"
-                hint, fixes = self._context.name_hints.for_port(manifest, key)
-                self._report(
-                    UNKNOWN_PORT, message, node.element, attribute=key, hint=hint, fixes=fixes, part="name"
-                )
-        if conditions:
-            node.conditions = {
-                key: conditions[key]
-                for key in (*PRECONDITION_ATTRIBUTES, *POSTCONDITION_ATTRIBUTES)
-                if key in conditions
-            }
-        self._context.kept_attributes.update(kept)
-        return kept
+    def _keeps(self, key: str, node: NodePlan) -> bool:
+        """Return whether the attribute *key*, which is no port, is an attribute of the node; or report it."""
+        dialect, element = self._dialect, node.element
+        if key == "ID":
+            if dialect.requires_explicit_tag_for_id and element.tag not in EXPLICIT_TAGS:
+                message = f'unexpected ID in <{node.id}>: only explicit tags such as <Action ID="…"> have one'
+                hint = 'to name the node, write name="…"'
+                fixes: Sequence[Fix] = [RenameAttribute("name"), Remove()]
+                self._report(UNEXPECTED_ID, message, element, attribute=key, hint=hint, fixes=fixes)
+            return False
+        is_other = dialect.allows_non_port_attributes and not is_port_name(key)
+        if is_other or key in dialect.comment_attributes:
+            return True
+        message = f"<{node.id}> has no port '{key}'"
+        hint, fixes = self._context.name_hints.for_port(node.manifest, key)
+        self._report(UNKNOWN_PORT, message, element, attribute=key, hint=hint, fixes=fixes, part="name")
+        return False
 
     def _check_name(self, node: NodePlan, text: str) -> None:
         if self._dialect.checks_names and not _CONTROL_CHARACTERS.isdisjoint(text):
@@ -504,15 +500,15 @@ class TreePlanner:
 
     # --- SubTree elements
 
-    def _plan_call(self, tag: str, node: NodePlan, tree: TreePlan) -> bool:
-        """Complete the plan of a SubTree element; return whether its node and the called tree are known."""
-        element, manifest = node.element, self._context.manifest(tag)
+    def _plan_call(self, tag: str, element: Element, tree: TreePlan) -> NodePlan | None:
+        """Return the plan of a SubTree element; None if its node or the called tree is unknown."""
+        manifest = self._context.manifest(tag)
         if manifest is None:
             hint, fixes = self._context.name_hints.for_node(tag)
             self._report(UNKNOWN_NODE, f"unknown node <{tag}>", element, hint=hint, fixes=fixes)
-            return False
+            return None
         format, definitions = self._dialect.format, self._definitions
-        node.id, node.manifest = tag, manifest
+        node = NodePlan(element, tag, manifest)
         id = element.get("ID") or ""
         model = definitions.subtree_models.get(id, {})
         node.subtree_call = call = SubtreeCall(element, format, model)
@@ -523,7 +519,7 @@ class TreePlanner:
             self._select_call_attributes(node, call)
         self._check_connections(call, model)
         if id in definitions.by_id:
-            return True
+            return node
         if element.get("ID") is not None and definitions.are_complete:
             trees = definitions.by_id
             hint, fixes = tree_hint(id, trees) if self._collector.take_comparisons(trees) else HintAndFixes()
@@ -531,7 +527,7 @@ class TreePlanner:
                 fixes = [*fixes, CreateTree(id)]
             message = f"unknown subtree '{id}'"
             self._report(UNKNOWN_TREE, message, element, attribute="ID", hint=hint, fixes=fixes)
-        return False
+        return None
 
     def _select_call_attributes(self, node: NodePlan, call: SubtreeCall) -> None:
         conditions: dict[str, str] = {}

@@ -51,7 +51,7 @@ def board() -> Blackboard:
 class TestMapping:
     def test_blackboard_is_a_mapping_of_its_written_entries(self, board: Blackboard) -> None:
         board["x"] = 3
-        board.create("declared", INT)
+        board.declare("declared", INT)
         board["y"] = "text"
         assert isinstance(board, Mapping)
         assert len(board) == 2
@@ -66,7 +66,7 @@ class TestMapping:
                 pytest.fail("the pattern does not match")
 
     def test_get_returns_the_default_for_a_missing_entry(self, board: Blackboard) -> None:
-        board.create("declared", INT)
+        board.declare("declared", INT)
         assert board.get("x") is None
         assert board.get("x", 0.5) == 0.5
         assert board.get("declared", default=[]) == []
@@ -172,7 +172,7 @@ class TestReading:
             board["batery"]
 
     def test_entry_that_was_never_written_raises_a_different_error(self, board: Blackboard) -> None:
-        board.create("x", INT)
+        board.declare("x", INT)
         assert "x" not in board
         assert list(board) == []
         with pytest.raises(BlackboardError, match="never written"):
@@ -206,7 +206,7 @@ class TestWriting:
         assert (entry.sequence_id, entry.stamp) == (2, 1_000_000_005)
 
     def test_declaring_an_entry_is_not_a_write(self, board: Blackboard) -> None:
-        assert board.create("x", INT).sequence_id == 0
+        assert board.declare("x", INT).sequence_id == 0
 
     def test_first_value_sets_the_type_of_the_entry(self, board: Blackboard) -> None:
         for key, value, kind in [
@@ -230,7 +230,7 @@ class TestWriting:
         board["s"] = "a"
         board["s"] = 3
         assert board.find("s").declared is INT
-        board.create("any", ANY_VALUE)
+        board.declare("any", ANY_VALUE)
         board["any"] = 2.5
         assert board.find("any").declared is DOUBLE
 
@@ -258,7 +258,7 @@ class TestWriting:
     def test_fitting_numbers_and_convertible_texts_are_accepted(
         self, board: Blackboard, kind: Any, value: float | str, stored: Any
     ) -> None:
-        board.create("x", kind)
+        board.declare("x", kind)
         board["x"] = value
         assert board["x"] == stored
         assert type(board["x"]) is type(stored)
@@ -280,14 +280,14 @@ class TestWriting:
         ],
     )
     def test_other_values_are_refused_without_change(self, board: Blackboard, kind: Any, value: Any) -> None:
-        entry = board.create("x", kind)
+        entry = board.declare("x", kind)
         with pytest.raises(BlackboardError, match="'x' has the type"):
             board["x"] = value
         assert entry.value is None
         assert entry.sequence_id == 0
 
     def test_float_in_an_entry_of_integers_remains_a_float(self, board: Blackboard) -> None:
-        board.create("x", INT)
+        board.declare("x", INT)
         compile_script("x := 2.5").run(board)
         board["x"] = 4
         assert repr(board["x"]) == "4.0"
@@ -302,7 +302,7 @@ class TestWriting:
             board["x"] = 2**64
 
     def test_object_of_a_subclass_is_accepted(self, board: Blackboard) -> None:
-        board.create("shape", TypeRegistry().of(Shape))
+        board.declare("shape", TypeRegistry().of(Shape))
         board["shape"] = Circle()
         board["circle"] = Circle()
         with pytest.raises(BlackboardError):
@@ -322,50 +322,50 @@ class TestWriting:
 
 class TestDeclaring:
     def test_declaring_the_same_type_again_or_no_type_is_allowed(self, board: Blackboard) -> None:
-        entry = board.create("x", INT)
-        assert board.create("x", INT) is entry
-        assert board.create("x") is entry
+        entry = board.declare("x", INT)
+        assert board.declare("x", INT) is entry
+        assert board.declare("x") is entry
         assert entry.declared is INT
 
     def test_declaring_another_type_raises(self, board: Blackboard) -> None:
-        board.create("x", INT)
+        board.declare("x", INT)
         with pytest.raises(BlackboardError, match="'x' cannot change from int to std::string"):
-            board.create("x", STRING)
+            board.declare("x", STRING)
 
     def test_redeclaring_a_string_or_untyped_entry_keeps_its_type(self, board: Blackboard) -> None:
-        board.create("s", STRING)
-        board.create("a", ANY)
-        assert board.create("s", INT).declared is STRING
-        assert board.create("a", INT).declared is ANY
+        board.declare("s", STRING)
+        board.declare("a", ANY)
+        assert board.declare("s", INT).declared is STRING
+        assert board.declare("a", INT).declared is ANY
 
     def test_written_integer_takes_the_type_of_a_wider_port(self, board: Blackboard) -> None:
         board["x"] = 3
         board["n"] = 3
         board["l"] = [1, 2]
-        assert board.create("x", DOUBLE).value == 3.0
+        assert board.declare("x", DOUBLE).value == 3.0
         assert type(board["x"]) is float
-        assert board.create("n", INT64).declared is INT64
-        assert board.create("l", VECTOR_DOUBLE).value == [1.0, 2.0]
+        assert board.declare("n", INT64).declared is INT64
+        assert board.declare("l", VECTOR_DOUBLE).value == [1.0, 2.0]
 
     def test_declared_integer_is_refused_for_a_wider_port(self, board: Blackboard) -> None:
         board.set("x", 3, INT)
         with pytest.raises(BlackboardError, match="double"):
-            board.create("x", DOUBLE)
+            board.declare("x", DOUBLE)
         board["y"] = 3
-        board.create("y", INT)
+        board.declare("y", INT)
         with pytest.raises(BlackboardError, match="double"):
-            board.create("y", DOUBLE)
+            board.declare("y", DOUBLE)
 
     def test_written_integer_is_refused_for_an_unrelated_type(self, board: Blackboard) -> None:
         board["x"] = 1
         for kind in (UINT, BOOL, STRING):
             with pytest.raises(BlackboardError):
-                board.create("x", kind)
+                board.declare("x", kind)
 
     def test_registered_type_replaces_the_inferred_type_of_its_class(self, board: Blackboard) -> None:
         kind = TypeRegistry().add(complex, complex)
         board["z"] = 1j
-        board.create("z", kind)
+        board.declare("z", kind)
         board["z"] = "2j"
         assert board["z"] == 2j
 
@@ -386,7 +386,7 @@ class TestScopes:
         innermost.remap("deep", "in")
         innermost["deep"] = 1
         assert root["out"] == 1
-        assert innermost.create("deep", INT) is root.find("out")
+        assert innermost.declare("deep", INT) is root.find("out")
 
     def test_first_remapping_of_a_key_is_kept(self) -> None:
         root, inner = scopes()
@@ -426,11 +426,11 @@ class TestScopes:
         assert root["x"] == 1
         assert innermost["@x"] == 1
         assert root["@x"] == 1
-        assert innermost.create("@new") is root.find("new")
+        assert innermost.declare("@new") is root.find("new")
 
     def test_second_at_sign_is_refused(self) -> None:
         with pytest.raises(BlackboardError, match="more than one '@'"):
-            Blackboard().create("@@x")
+            Blackboard().declare("@@x")
 
     def test_remapping_to_the_root_reads_the_root_and_writes_elsewhere(self) -> None:
         # As in BehaviorTree.CPP: reading resolves the '@', creating an entry does not.
@@ -445,7 +445,7 @@ class TestScopes:
 
     def test_entry_of_an_outer_scope_accepts_only_its_own_type(self) -> None:
         root, inner = scopes()
-        root.create("out", DOUBLE)
+        root.declare("out", DOUBLE)
         with pytest.raises(BlackboardError, match="double"):
             inner["in"] = 3
         inner["in"] = 3.0

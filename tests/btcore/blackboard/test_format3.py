@@ -22,12 +22,12 @@ def test_signs_before_a_key_have_no_meaning() -> None:
     inner["@x"] = 2
     assert root["_x"] == 1
     assert root.local_entries()["@x"].value == 2
-    assert inner.create("@@y").declared is ANY
+    assert inner.declare("@@y").declared is ANY
 
 
 def test_remapped_entry_is_known_in_every_scope_of_the_chain() -> None:
     root, inner = scopes()
-    entry = inner.create("in", INT)
+    entry = inner.declare("in", INT)
     assert inner.local_entries()["in"] is entry
     assert root.local_entries()["out"] is entry
 
@@ -59,14 +59,14 @@ def test_typed_entry_accepts_only_its_own_type() -> None:
 def test_int_of_the_program_refuses_texts_even_if_a_port_claims_it() -> None:
     board = Format3Blackboard()
     board["i"] = 1
-    board.create("i", INT)
+    board.declare("i", INT)
     with pytest.raises(BlackboardError, match="'i' cannot change from int to"):
         board["i"] = "2"
 
 
 def test_text_is_converted_after_a_port_declared_the_type() -> None:
     board = Format3Blackboard()
-    board.create("i", INT)
+    board.declare("i", INT)
     board["i"] = " +7"
     assert board["i"] == 7
     with pytest.raises(BlackboardError, match="is not an integer"):
@@ -75,13 +75,13 @@ def test_text_is_converted_after_a_port_declared_the_type() -> None:
 
 def test_conflicting_declaration_raises_except_for_a_text_entry() -> None:
     root, inner = scopes()
-    root.create("s", STRING)
-    assert root.create("s", INT).declared is STRING
-    inner.create("in", INT)
+    root.declare("s", STRING)
+    assert root.declare("s", INT).declared is STRING
+    inner.declare("in", INT)
     with pytest.raises(BlackboardError, match="std::string"):
-        inner.create("in", STRING)
+        inner.declare("in", STRING)
     with pytest.raises(BlackboardError, match="std::string"):
-        root.create("out", STRING)
+        root.declare("out", STRING)
 
 
 def test_none_is_refused_as_a_value() -> None:

@@ -26,11 +26,11 @@ class Running:
     def __init__(self, *options: str | Path) -> None:
         command = [sys.executable, "-u", "-m", "btcore", "run", *map(str, options)]
         self.process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        self.printed: list[str] = []
-        self.complained: list[str] = []
+        self.output: list[str] = []
+        self.errors: list[str] = []
         self.readers: list[threading.Thread] = []
-        self._read(self.process.stdout, self.printed)
-        self._read(self.process.stderr, self.complained)
+        self._read(self.process.stdout, self.output)
+        self._read(self.process.stderr, self.errors)
 
     def _read(self, stream: Any, into: list[str]) -> None:
         def read() -> None:
@@ -43,9 +43,9 @@ class Running:
     def wait_for(self, words: str, times: int = 1) -> None:
         """Return when *words* have been printed on stdout or stderr, this number of times."""
         deadline = time.monotonic() + 100
-        while sum(words in line for line in [*self.printed, *self.complained]) < times:
-            assert time.monotonic() < deadline, (words, self.printed, self.complained)
-            assert self.process.poll() is None, self.complained
+        while sum(words in line for line in [*self.output, *self.errors]) < times:
+            assert time.monotonic() < deadline, (words, self.output, self.errors)
+            assert self.process.poll() is None, self.errors
             time.sleep(0.005)
 
     def end(self, number: int = signal.SIGINT) -> int:
@@ -68,7 +68,7 @@ class Running:
 
     def report(self) -> dict[str, Any]:
         """Return the object that ``--json`` printed."""
-        data: dict[str, Any] = json.loads(self.printed[-1])
+        data: dict[str, Any] = json.loads(self.output[-1])
         return data
 
 
@@ -95,11 +95,11 @@ def test_saved_tree_replaces_the_old_tree_and_keeps_the_blackboard(
     tree_file(SECOND)
     running.wait_for("second                    IDLE -> RUNNING")
     assert running.end() == 130
-    changes = [line.split("]: ")[1] for line in running.printed if "]: " in line]
+    changes = [line.split("]: ")[1] for line in running.output if "]: " in line]
     halted = changes.index("first                     RUNNING -> IDLE")
     began = changes.index("Sequence                  IDLE -> RUNNING", 1)
     assert halted < began, "the old tree is halted before the new one is ticked"
-    assert f"reloaded {file}" in running.complained
+    assert f"reloaded {file}" in running.errors
     report = running.report()
     assert list(report["nodes"]) == ["Sequence::1", "ScriptCondition::2", "second"], "of the last tree"
     assert report["nodes"]["second"]["halted"] == 1
@@ -114,7 +114,7 @@ def test_broken_tree_is_reported_and_the_old_tree_continues(
     tree_file('<Sequense name="second"/>')
     running.wait_for("tree.xml:3:5: E101 unknown node <Sequense>")
     running.wait_for("tree.xml has errors: the previous tree continues")
-    so_far = sum("blink" in line for line in running.printed)
+    so_far = sum("blink" in line for line in running.output)
     running.wait_for("blink", so_far + 20)
     tree_file(SECOND.replace("n == 1", "true"))
     running.wait_for("second                    IDLE -> RUNNING")
@@ -152,7 +152,7 @@ def test_tree_that_raised_waits_for_next_save(watched: Callable[..., Running], t
     tree_file("<AlwaysSuccess/>")
     running.wait_for("✔ SUCCESS  tree")
     assert running.end() == 130
-    assert sum("'early' <ScriptCondition> raised while ticking" in line for line in running.complained) == 1
+    assert sum("'early' <ScriptCondition> raised while ticking" in line for line in running.errors) == 1
     assert "error" not in running.report()
 
 

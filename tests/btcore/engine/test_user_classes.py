@@ -454,5 +454,5 @@ def test_help_shows_methods_with_their_parameters() -> None:
         "Tick until the root is no longer RUNNING, and wait"
     )
     assert list(inspect.signature(Tree.tick_while_running).parameters) == ["self", "period"]
-    assert list(inspect.signature(btcore.load).parameters) == ["path", "more", "arguments"]
+    assert list(inspect.signature(btcore.load).parameters)[:4] == ["path", "more", "nodes", "tree"]
     assert str(inspect.getdoc(StatefulAction.on_halted)).startswith("Clean up.")

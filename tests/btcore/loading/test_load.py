@@ -13,7 +13,6 @@ from btcore import (
     load,
     loads,
     make,
-    required_resources,
 )
 
 
@@ -41,7 +40,6 @@ def test_first_file_calls_trees_of_further_files(tmp_path: Path) -> None:
     assert [subtree.id for subtree in tree.subtrees] == ["Mission", "Dock"]
     assert tree.tick_once() is Status.FAILURE
     assert load(mission, dock, tree="Dock").id == "Dock"
-    assert required_resources(mission, dock) == []
 
 
 def test_file_that_is_also_included_is_read_once(tmp_path: Path) -> None:
@@ -145,14 +143,6 @@ def test_confined_registered_file_cannot_include_files_outside_of_its_folder(tmp
     confined.add_trees(path, confined=True)
     with pytest.raises(TreeError, match="E007 the included file is outside of the folder"):
         make("Dock", nodes=confined)
-
-
-def test_made_tree_takes_no_arguments_about_reading_a_document() -> None:
-    nodes = Registry.standard()
-    nodes.add_trees(DOCK)
-    for arguments in ({"tree": "Dock"}, {"confined": True}):
-        with pytest.raises(TypeError, match="unexpected keyword argument"):
-            make("Dock", nodes=nodes, **arguments)  # type: ignore[arg-type]
 
 
 def test_trees_of_a_copied_registry_are_its_own() -> None:

@@ -85,8 +85,3 @@ def test_a_traceback_shows_no_frame_of_contextlib() -> None:
         loads("<root><BehaviorTree><Absent/></BehaviorTree></root>")
     frames = traceback.extract_tb(caught.value.__traceback__)
     assert not [frame for frame in frames if "contextlib" in frame.filename]
-
-
-def test_an_unknown_option_is_refused_with_a_suggestion() -> None:
-    with pytest.raises(TypeError, match="unexpected keyword argument 'node'; did you mean 'nodes'"):
-        loads(CALLING, node=Registry.standard())  # type: ignore[call-arg]

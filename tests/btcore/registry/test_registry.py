@@ -7,7 +7,6 @@ import re
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from importlib.util import find_spec
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -32,7 +31,6 @@ from btcore import (
 )
 from btcore.cli.node_libraries import load_libraries
 from btcore.entry_points import EntryPoint
-from btcore.moved_modules import MOVED_MODULES
 from btcore.values import DOUBLE
 
 
@@ -625,11 +623,6 @@ def test_two_plugins_with_the_same_id_are_both_named(library: Path) -> None:
     [
         ("x = 1\nraise ValueError('out of luck')\n", 2, "ValueError: out of luck"),
         ("\n\nimport gestures_of_nobody\n", 3, "No module named 'gestures_of_nobody'"),
-        (
-            "from btcore.batch import Mask\n",
-            1,
-            "No module named 'btcore.batch': it has moved to btcore_batch",
-        ),
         ("def half(\n", 1, "SyntaxError"),
         ("raise SystemExit(3)\n", 1, "SystemExit: 3"),
     ],
@@ -642,16 +635,6 @@ def test_plugin_import_error_is_named_with_line(text: str, place: int, cause: st
             f"plugin '{given}' raised while it was imported: {library}:{place}: "
         )
         assert cause in expected_message
-
-
-def test_moved_modules_exist_and_are_in_the_change_log() -> None:
-    changes = (Path(__file__).parents[3] / "CHANGELOG.md").read_text(encoding="utf-8")
-    listed = re.findall(r"^ +- `([\w.]+)` → `([\w.]+)`$", changes, re.MULTILINE)
-    assert dict(listed) == MOVED_MODULES
-    for new in MOVED_MODULES.values():
-        assert find_spec(new.partition(".")[0]) is not None
-        pytest.importorskip("numpy")
-        assert find_spec(new) is not None
 
 
 def test_plugin_whose_register_raises_is_named(library: Path) -> None:

@@ -100,6 +100,8 @@ def test_an_object_that_two_providers_provide_is_listed_once() -> None:
 
     with Run(program(), providers=[torch, lamp]).want(Lamp) as run:
         assert run.resources == [run.find(Torch)]
+        with pytest.raises(RuntimeError, match="before 'with'"):
+            run.want(Torch)
 
 
 class LampSettings(Settings):
@@ -151,12 +153,6 @@ def test_settings_without_effect_give_a_warning_with_the_reason() -> None:
         Run(program(), providers=[torch], settings=[LampSettings()]),
     ):
         pass
-
-
-def test_an_unknown_option_of_a_run_is_an_error() -> None:
-    options: Any = {"nods": Registry.standard()}
-    with pytest.raises(TypeError, match="'nods'; did you mean 'nodes'"):
-        Run(program(), **options)
 
 
 @provider
@@ -484,6 +480,15 @@ def test_a_run_that_a_signal_has_interrupted_can_continue() -> None:
         run.tick_to_end(on_tick=lambda status: times.append(run.clock.now()))
     assert (run.end_reason, run.exit_code) == ("done", 0)
     assert len(set(times)) == len(times) == 4
+
+
+def test_a_run_that_continues_repeats_nodes_within_a_tick_again(tmp_path: Path) -> None:
+    repeating = '<Sequence><Sleep msec="50"/><Repeat num_cycles="9"><AlwaysSuccess/></Repeat></Sequence>'
+    results: list[btcore.Status] = []
+    with Run(write_tree(tmp_path, repeating), settings=[FAST]) as run:
+        run.tick_to_end(on_tick=lambda status: signal.raise_signal(signal.SIGINT))
+        run.tick_to_end(on_tick=results.append)
+    assert results == [btcore.RUNNING, btcore.SUCCESS]
 
 
 def test_a_leaf_cannot_get_what_follows_the_tree(tmp_path: Path) -> None:

@@ -269,7 +269,7 @@ class TestEvaluation:
         assert program.run(board) == 4.0
 
     def test_entry_without_a_value_cannot_be_an_operand(self, board: Blackboard) -> None:
-        board.create("e", INT)
+        board.declare("e", INT)
         assert run("e", board) is None
         assert "before '+'" in error_of("e + 1", board).message
         assert "after '<'" in error_of("1 < e", board).message
@@ -328,7 +328,7 @@ class TestAssignment:
         assert board["a"] == 2
 
     def test_small_integers_and_bools_are_not_checked(self, board: Blackboard) -> None:
-        board.create("b", BOOL)
+        board.declare("b", BOOL)
         board["b"] = True
         assert run("b = 0; b", board) is False
         assert run("b = 2; b", board) == 2
@@ -357,13 +357,13 @@ class TestAssignment:
         assert run("s += 's'", board) == "texts"
 
     def test_declared_entry_without_a_value_accepts_any_first_number(self, board: Blackboard) -> None:
-        board.create("i", INT)
-        board.create("j", INT)
-        board.create("s", STRING)
+        board.declare("i", INT)
+        board.declare("j", INT)
+        board.declare("s", STRING)
         assert run("i := 2.5", board) == 2.5
         assert run("j := '2'", board) == 2
         assert run("s := 'a'", board) == "a"
-        board.create("k", INT)
+        board.declare("k", INT)
         assert "has no value" in error_of("k += 1", board).message
 
     @pytest.mark.parametrize(
@@ -379,7 +379,7 @@ class TestAssignment:
         ],
     )
     def test_operand_without_value_names_entry(self, board: Blackboard, text: str, message: str) -> None:
-        board.create("k", INT)
+        board.declare("k", INT)
         error = error_of(text, board)
         assert (error.message, error.unwritten_key) == (message, "k" if "'k'" in message else "")
 

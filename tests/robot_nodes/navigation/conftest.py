@@ -216,21 +216,21 @@ class NavigationRig:
 
     def __init__(self, robot: Robot, parameters: ControllerParameters | None = None) -> None:
         self.robot = robot
-        self.tree = TransformTree()
+        self.transforms = TransformTree()
         self.costmap = LocalCostmap()
         self.held = False  # whether the controller keeps the robot still
         self.map_at((0.0, 0.0, 0.0))
-        broadcaster = FrameBroadcaster(robot, self.tree)
+        broadcaster = FrameBroadcaster(robot, self.transforms)
         broadcaster.step(robot.clock.now())
         parameters = parameters or ControllerParameters()
         self.follow_path = ControllerServer(
-            robot, self.tree, self.costmap, parameters, hold=lambda: self.held
+            robot, self.transforms, self.costmap, parameters, hold=lambda: self.held
         )
-        self.spin = SpinBehaviour(robot, self.tree, self.costmap)
-        self.back_up = BackUpBehaviour(robot, self.tree, self.costmap)
-        self.drive_on_heading = DriveOnHeadingBehaviour(robot, self.tree, self.costmap)
+        self.spin = SpinBehaviour(robot, self.transforms, self.costmap)
+        self.back_up = BackUpBehaviour(robot, self.transforms, self.costmap)
+        self.drive_on_heading = DriveOnHeadingBehaviour(robot, self.transforms, self.costmap)
         self.wait = WaitBehaviour()
-        self.assisted_teleop = AssistedTeleopBehaviour(robot, self.tree, self.costmap)
+        self.assisted_teleop = AssistedTeleopBehaviour(robot, self.transforms, self.costmap)
         add_task = robot.schedule.add_task
         add_task(50.0, Phase.TRANSFORMS, broadcaster.step)
         add_task(5.0, Phase.COSTMAPS, self._update_costmap)
@@ -243,7 +243,7 @@ class NavigationRig:
         """Set the pose of odom in the map."""
         x, y, yaw = pose
         rotation = (0.0, 0.0, math.sin(yaw / 2), math.cos(yaw / 2))
-        self.tree.set_static(TransformStamped("odom", "map", (x, y, 0.0), rotation, 0))
+        self.transforms.set_static(TransformStamped("odom", "map", (x, y, 0.0), rotation, 0))
 
     def run(self, seconds: float, until: Callable[[], bool] = lambda: False) -> float:
         """Advance the time until a condition is true; return the seconds that this took."""
@@ -256,7 +256,7 @@ class NavigationRig:
     def _update_costmap(self, now: int) -> None:
         scan = self.robot.scan()
         if scan is not None:
-            self.costmap.observe(smooth_scan(scan), laser_pose(self.tree, "odom", scan))
+            self.costmap.observe(smooth_scan(scan), laser_pose(self.transforms, "odom", scan))
         self.costmap.update(now, self.robot.odometry().pose)
 
 

@@ -103,10 +103,10 @@ class LocaliserRig:
         self, parameters: AmclParameters = AT_START, seed: int = 0, field_map: OccupancyMap = FLAT, **robot
     ) -> None:
         self.robot = NoisyRobot(seed, **robot)
-        self.tree = TransformTree()
-        self.frames = FrameBroadcaster(self.robot, self.tree)
+        self.transforms = TransformTree()
+        self.frames = FrameBroadcaster(self.robot, self.transforms)
         self.localiser = Localiser(
-            self.robot, field_map, self.tree, np.random.default_rng([seed, 1]), parameters
+            self.robot, field_map, self.transforms, np.random.default_rng([seed, 1]), parameters
         )
 
     def go(self, v: float, w: float, seconds: float):
@@ -221,10 +221,10 @@ def test_map_to_odom_has_the_scans_time_and_is_valid_for_the_tolerance() -> None
     rig = LocaliserRig()
     rig.go(0.3, 0.0, 2.0)
     stamp = rig.robot.newest.stamp
-    reported = rig.tree.lookup("map", "base_footprint", stamp).to_pose()
+    reported = rig.transforms.lookup("map", "base_footprint", stamp).to_pose()
     assert (reported.x, reported.y) == pytest.approx((rig.localiser.pose().x, rig.localiser.pose().y))
-    assert rig.tree.lookup("map", "odom", stamp + SECOND) == rig.localiser.map_to_odom
-    assert not rig.tree.can_transform("map", "odom", stamp + SECOND + 1)
+    assert rig.transforms.lookup("map", "odom", stamp + SECOND) == rig.localiser.map_to_odom
+    assert not rig.transforms.can_transform("map", "odom", stamp + SECOND + 1)
 
 
 def test_between_two_scans_the_pose_follows_odometry() -> None:

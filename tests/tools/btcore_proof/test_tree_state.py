@@ -193,7 +193,7 @@ def test_values_that_code_can_tell_apart_are_different_states() -> None:
     ]
     for value in values:
         tree = tree_of("<AlwaysSuccess/>")
-        tree.blackboard.create("x").put(value, 0)
+        tree.blackboard.declare("x").put(value, 0)
         states.append(StateKeeper(tree).capture())
         StateKeeper(tree).restore(states[-1], SAME_TIME)
         restored = tree.blackboard["x"]
@@ -210,7 +210,7 @@ def test_values_that_code_can_tell_apart_are_different_states() -> None:
 
 def test_a_value_that_contains_itself_is_restored() -> None:
     tree = tree_of("<AlwaysSuccess/>")
-    tree.blackboard.create("x").put(_CYCLE, 0)
+    tree.blackboard.declare("x").put(_CYCLE, 0)
     keeper = StateKeeper(tree)
     keeper.restore(keeper.capture(), SAME_TIME)
     restored = tree.blackboard["x"]
@@ -221,7 +221,7 @@ def test_a_value_that_contains_itself_is_restored() -> None:
 @pytest.mark.parametrize("value", [(each for each in [1]), [Lock()], {"a": (memoryview(b""),)}])
 def test_a_value_that_cannot_be_copied_is_an_error_that_names_it(value: object) -> None:
     tree = tree_of("<AlwaysSuccess/>")
-    tree.blackboard.create("x").put(value, 0)
+    tree.blackboard.declare("x").put(value, 0)
     text = "the entry {x} holds a (generator|lock|memoryview), which cannot be copied and compared"
     with pytest.raises(OpaqueStateError, match=text):
         StateKeeper(tree).capture()
@@ -241,12 +241,12 @@ def test_shared_values_remain_shared() -> None:
     tree = tree_of("<AlwaysSuccess/>")
     shared = deque([1])
     for key in ("x", "y"):
-        tree.blackboard.create(key).put(shared, 0)
+        tree.blackboard.declare(key).put(shared, 0)
     keeper = StateKeeper(tree)
     state = keeper.capture()
     keeper.restore(state, SAME_TIME)
     tree.blackboard["x"].append(2)
     assert list(tree.blackboard["y"]) == [1, 2]
     assert list(shared) == [1]
-    tree.blackboard.create("y").put(deque([1, 2]), 0)
+    tree.blackboard.declare("y").put(deque([1, 2]), 0)
     assert keeper.capture() != state

@@ -44,7 +44,7 @@ def test_the_outer_key_has_the_entry_of_the_inner_key(
         dry_run = DryRun(plans)
         dry_run.run(plans.main_tree)
         outer, inner = (draft.subtree.blackboard for draft in dry_run.drafts)
-        entry = inner.create(key)
+        entry = inner.declare(key)
         outer_key = connections.outer_key(key)
         if outer_key is not None:
             assert outer.find(outer_key) is entry, (key, outer_key)

@@ -94,13 +94,13 @@ class MappingRig:
         self.stretch, self.slip = stretch, slip
         self.random = np.random.default_rng([seed, 7])
         self.robot = MovedRobot()
-        self.tree = TransformTree()
+        self.transforms = TransformTree()
         unrotated = (0.0, 0.0, 0.0, 1.0)
-        self.tree.set_static(
+        self.transforms.set_static(
             TransformStamped("base_laser_link", "base_footprint", (LASER_X, 0.0, 0.0945), unrotated, 0)
         )
         self.time = 0
-        self.mapper = Mapper(self.robot, self.tree, start=start, loops=loops)
+        self.mapper = Mapper(self.robot, self.transforms, start=start, loops=loops)
         self.key_poses: list[Pose2D] = []
         for _ in range(SCANS_PER_KEY):
             self._move(0.0, 0.0)
@@ -157,7 +157,8 @@ class MappingRig:
     def _update_scan(self) -> None:
         pose = self.robot.reported.pose
         rotation = (0.0, 0.0, math.sin(pose.yaw / 2), math.cos(pose.yaw / 2))
-        self.tree.set(TransformStamped("base_footprint", "odom", (pose.x, pose.y, 0.0), rotation, self.time))
+        odometry = TransformStamped("base_footprint", "odom", (pose.x, pose.y, 0.0), rotation, self.time)
+        self.transforms.set(odometry)
         self.robot.newest_scan = scan_at(self.boxes, self.true, self.random, stamp=self.time)
         before = len(self.mapper.scans)
         self.mapper.step(self.time)

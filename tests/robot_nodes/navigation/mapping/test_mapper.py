@@ -85,8 +85,8 @@ def test_nearly_all_occupied_cells_are_walls_of_the_room() -> None:
 def test_the_mapper_publishes_the_transform_from_map_to_odom() -> None:
     rig = MappingRig(ROOM, Pose2D(-2.0, 0.5, 0.3), slip=1.05).along((1.0, -0.5))
     mapper = rig.mapper
-    assert rig.tree.lookup("map", "odom", mapper.stamp) == mapper.map_to_odom
-    reported = rig.tree.lookup("map", "base_footprint", mapper.stamp).to_pose()
+    assert rig.transforms.lookup("map", "odom", mapper.stamp) == mapper.map_to_odom
+    reported = rig.transforms.lookup("map", "base_footprint", mapper.stamp).to_pose()
     assert (reported.x, reported.y) == pytest.approx((mapper.pose().x, mapper.pose().y))
 
 
@@ -112,7 +112,7 @@ def test_before_the_first_scan_the_map_is_unknown() -> None:
     from btcore_navigation.mapping.mapper import Mapper
 
     rig = MappingRig(ROOM, Pose2D(0.0, 0.0, 0.0))
-    fresh = Mapper(rig.robot, rig.tree)
+    fresh = Mapper(rig.robot, rig.transforms)
     assert not fresh.confident
     assert fresh.map().unknown.all()
     assert rig.mapper.confident

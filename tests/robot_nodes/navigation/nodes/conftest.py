@@ -58,13 +58,13 @@ class NodeRig:
         self.navigation = navigation
         self.robot = navigation.robot
         self.calls = CallLog()
-        self.localiser = TransformLocaliser(navigation.tree)
+        self.localiser = TransformLocaliser(navigation.transforms)
         self.costmap = GlobalCostmap(hall())
         self.compute_path = PlannerServer(Planner(self.costmap), self.localiser.pose)
         self.smooth_path = SmootherServer(self.compute_path.planner)
         self.servers = Servers(
             navigation.robot,
-            navigation.tree,
+            navigation.transforms,
             self.localiser,
             self.costmap,
             navigation.costmap,

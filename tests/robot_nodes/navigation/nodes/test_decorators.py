@@ -21,14 +21,15 @@ from tests.robot_nodes.navigation.nodes.conftest import NodeRig, act
 HERE, THERE = Pose2D(1.0, 0.0, 0.0), Pose2D(2.0, 0.0, 0.0)
 
 
-def starts(rig: NodeRig) -> int:
+def take_starts(rig: NodeRig) -> int:
+    """Return how often the leaf was started since the last call."""
     return rig.calls.take().count("a:start")
 
 
 def test_rate_controller_ticks_child_first_and_at_rate(rig: NodeRig) -> None:
     tree = rig.tree(f'<RateController hz="2">{act("a", "S")}</RateController>')
     assert rig.letters(tree, 11, every=0.1) == "SRRRRSRRRRS"
-    assert starts(rig) == 3
+    assert take_starts(rig) == 3
 
 
 def test_rate_controller_ticks_its_child_ten_times_a_second_by_default(rig: NodeRig) -> None:
@@ -45,18 +46,18 @@ def test_rate_controller_ticks_running_child_each_tick(rig: NodeRig) -> None:
 def test_rate_controller_counts_from_last_success(rig: NodeRig) -> None:
     tree = rig.tree(f'<RateController hz="1">{act("a", "RRRRRRS")}</RateController>')
     assert rig.letters(tree, 7, every=0.1) == "RRRRRRS"
-    starts(rig)
+    take_starts(rig)
     rig.letters(tree, 9, every=0.1)
-    assert starts(rig) == 0
+    assert take_starts(rig) == 0
     rig.letters(tree, 1)
-    assert starts(rig) == 1
+    assert take_starts(rig) == 1
 
 
 def test_rate_controller_does_not_count_from_a_failure(rig: NodeRig) -> None:
     tree = rig.tree(f'<RateController hz="1">{act("a", "RF")}</RateController>')
     assert rig.letters(tree, 2, every=0.9) == "RF"
     assert rig.letters(tree, 1) == "R"
-    assert starts(rig) == 2
+    assert take_starts(rig) == 2
 
 
 def test_rate_controller_starts_again_after_a_halt(rig: NodeRig) -> None:
@@ -73,9 +74,9 @@ def test_rate_controller_restarts_after_a_skip(rig: NodeRig) -> None:
     tree.blackboard["off"] = True
     rig.letters(tree, 1)
     tree.blackboard["off"] = False
-    starts(rig)
+    take_starts(rig)
     rig.letters(tree, 1)
-    assert starts(rig) == 1
+    assert take_starts(rig) == 1
 
 
 def test_distance_controller_ticks_child_per_distance(rig: NodeRig) -> None:
@@ -107,7 +108,7 @@ def test_distance_controller_fails_with_unknown_pose(rig: NodeRig) -> None:
     tree = rig.tree(f"<DistanceController>{act('a', 'S')}</DistanceController>")
     rig.localiser.confident = False
     assert rig.letters(tree, 1) == "F"
-    assert starts(rig) == 0
+    assert take_starts(rig) == 0
     rig.localiser.confident = True
     assert rig.letters(tree, 1) == "S"
 

@@ -13,10 +13,10 @@ from tests.acceptance.editor import Editor, position, start_session
 
 TEXT = """<root BTCPP_format="4">
 <BehaviorTree ID="Größe🤖"><Sequence>
-<Script code="zähler := 1; n := 2"/><Delay delay_msec="{n}"><AlwaysSuccess/></Delay>
+<Script code="z := 1; n := 2"/><Delay delay_msec="{n}"><AlwaysSuccess/></Delay>
 </Sequence></BehaviorTree>
 </root>
-""".replace("zähler", "z")
+"""
 
 
 async def labels(editor: Editor, uri: str, offset: int) -> list[str]:

@@ -1,4 +1,4 @@
-"""The report of a run at its end: the summary on stderr, and the object of `--json`."""
+"""The summary of a run at its end, on stderr, and the object of `--json`."""
 
 import os
 import traceback
@@ -30,8 +30,14 @@ END_REASON_TEXT: Final[dict[EndReason | None, str]] = {
 }
 """The end of a heading, by the reason why the run ended."""
 
-_COUNTS: Final = {"ticks": "", "success": "green", "failure": "red", "skipped": "cyan", "halted": "yellow"}
-"""The styles of the tick counts in the summary."""
+_COUNT_STYLES: Final = {
+    "ticks": "",
+    "success": "green",
+    "failure": "red",
+    "skipped": "cyan",
+    "halted": "yellow",
+}
+"""The columns of the tick counts, and their styles."""
 
 _MAX_NODES: Final = 40  # in the summary
 _MAX_ITEMS: Final = 8  # of a list of names or numbers in the summary
@@ -64,12 +70,12 @@ class RunSummary:
         console = terminal.stderr_console()
         table = terminal.new_table()
         table.add_column("node", no_wrap=True)
-        for title, style in _COUNTS.items():
+        for title, style in _COUNT_STYLES.items():
             table.add_column(title, justify="right", style=style, no_wrap=True)
         depths = node_depths(tree)
         # `tick_counts` lists the nodes in the order of the tree.
         rows = list(zip(tree.nodes, self.tick_counts().values(), strict=True))[:_MAX_NODES]
-        widths = [max(len(title), *(len(str(row[title])) for _, row in rows)) for title in _COUNTS]
+        widths = [max(len(title), *(len(str(row[title])) for _, row in rows)) for title in _COUNT_STYLES]
         room = max(console.width - sum(widths) - _GAP * len(widths) - _MARGINS, _MIN_NAME)
         for node, counts in rows:
             never_ticked = not counts["ticks"]
@@ -79,7 +85,7 @@ class RunSummary:
             if node.name != node.config.id:
                 name.append(f" {node.config.id}", style="dim")
             name.truncate(room, overflow="ellipsis")
-            columns = [str(counts[key] or "·") for key in _COUNTS]
+            columns = [str(counts[key] or "·") for key in _COUNT_STYLES]
             table.add_row(name, *columns, style="dim" if never_ticked else "")
         console.print(self._format_heading(), soft_wrap=True)
         console.print()
@@ -105,7 +111,7 @@ class RunSummary:
         for key, node in self._run.tree.nodes_by_path().items():
             counts = tick_counts_of(node)
             assert counts is not None, "`btcore run` counts the ticks of each of its trees"
-            rows[key] = {"id": node.config.id, **{name: getattr(counts, name) for name in _COUNTS}}
+            rows[key] = {"id": node.config.id, **counts.by_name()}
         return rows
 
     def as_data(self) -> dict[str, object]:
