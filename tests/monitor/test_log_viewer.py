@@ -1,6 +1,7 @@
 """`btcore replay` with the viewer: a log as a recording of rerun."""
 
 import importlib.util
+import logging
 import subprocess
 import sys
 from collections.abc import Callable
@@ -137,6 +138,7 @@ class Readings(list[float]):
 @action
 def measure(readings: Readings, distance: Put[float], limit: In[float]) -> bool:
     distance(readings.pop(0))
+    logging.getLogger("rover").warning("%d readings left", len(readings))
     return True
 
 
@@ -171,10 +173,13 @@ def test_a_recording_has_entries_and_ports_of_leaves_at_each_tick(run: Path) -> 
     leaves = [event.leaves for event in shown if isinstance(event, LeavesEvent)]
     assert leaves[:2] == [
         (
-            (2, "Measure::2", SUCCESS, {"limit": "0.5"}, {"distance": distance}, ""),
+            (2, "Measure::2", SUCCESS, {"limit": "0.5"}, {"distance": distance, "logged": logged}, ""),
             (3, "near", status, {"code": "d < 1", "d": distance}, {}, ""),
         )
-        for distance, status in (("2", FAILURE), ("0.5", SUCCESS))
+        for distance, status, logged in (
+            ("2", FAILURE, "1 readings left"),
+            ("0.5", SUCCESS, "0 readings left"),
+        )
     ]
     assert leaves[2] == ((2, "Measure::2", IDLE, {"limit": "0.5"}, {}, "pop from empty list"),)
     assert [event.path for event in shown if isinstance(event, ExceptionEvent)] == ["Measure::2"]

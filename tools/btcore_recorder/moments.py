@@ -12,12 +12,13 @@ from typing import Any, Final, NamedTuple
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.ports import SCRIPT_ROLES
+from btcore.engine.journal import MessageLogged
 from btcore.engine.node import TreeNode
 from btcore.status import IDLE, RUNNING, Status
 from btcore.xml.plan.key_uses import READING, WRITING, find_name_uses
 from btcore.xml.plan.plan import Plans
 from btcore_recorder.files import RECONSTRUCTED, describe_reconstruction
-from btcore_recorder.inputs import RunRecording, is_external
+from btcore_recorder.inputs import Input, RunRecording, is_external
 from btcore_recorder.recorded_tree import ExternalCode, Inputs
 from btcore_recorder.replay import STATE_INTERVAL, Replay
 from btcore_recorder.values import NotReplayable
@@ -45,7 +46,7 @@ class LeafTick(NamedTuple):
         status: The result; IDLE if the leaf raised an exception.
         inputs: The values of its inputs, and of the entries that its script reads.
         outputs: The values of its outputs afterwards, of an external leaf only those that it wrote, and of
-            the entries that its script writes.
+            the entries that its script writes; also the messages that it logged, as "logged".
         error: The text of the exception that the leaf raised, or "".
     """
 
@@ -90,6 +91,7 @@ class _ObservedCode(ExternalCode):
         super().__init__(inputs, types)
         self.is_observing = False
         self.leaves: dict[int, LeafTick] = {}
+        self._messages: list[str] = []
         self._count = 0
 
     def begin_step(self) -> None:
@@ -101,19 +103,28 @@ class _ObservedCode(ExternalCode):
         if node.children or not self._may_observe():
             return super().tick(node)
         before = _input_values(node)
+        self._messages.clear()
         numbers = {name: _entry_number(node, output.key) for name, output in node.config.outputs.items()}
         try:
             status = super().tick(node)
         except Exception as error:
-            self._add(node, IDLE, before, {}, str(error)[:MAX_VALUE])
+            self._add(node, IDLE, before, self._logged(), str(error)[:MAX_VALUE])
             raise
         written = {
             name: text
             for name, text in _output_values(node).items()
             if _entry_number(node, node.config.outputs[name].key) != numbers[name]
         }
-        self._add(node, status, before, written)
+        self._add(node, status, before, {**written, **self._logged()})
         return status
+
+    def apply(self, event: Input | None, now: str) -> None:
+        if isinstance(event, MessageLogged) and len(self._messages) < _MAX_ITEMS:
+            self._messages.append(event.text)
+        super().apply(event, now)
+
+    def _logged(self) -> Values:
+        return {"logged": "; ".join(self._messages)[:MAX_VALUE]} if self._messages else {}
 
     def post_tick(self, node: TreeNode, status: Status) -> Status:
         if not node.children and not is_external(type(node)) and self._may_observe():
