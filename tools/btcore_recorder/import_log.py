@@ -246,12 +246,12 @@ class _Import:
 
     def _steps(self) -> Iterator[Step]:
         code, tree = self._code, self._tree
-        before: tuple[Input, ...] = ()
-        while (first := code.next) is not None:
+        before: list[Input] = []
+        while (first := code.next) is not None or before:
             code.begin_step()
-            if code.is_decided_subtree(1, first):
+            if first is not None and code.is_decided_subtree(1, first):
                 code.force(first)
-                before = tuple(code.events)
+                before += code.events
                 continue
             is_halt = tree.root._status is not IDLE and code.resets(1)
             status = IDLE
@@ -262,16 +262,17 @@ class _Import:
                     status = tree.tick_exactly_once()
             except TickInterrupt:
                 pass
-            if code.contradiction is not None:
-                raise code.contradiction
-            inputs = tuple(code.events)
-            time = -1 if is_halt else first.stamp - self._log.start
-            yield Step(0 if is_halt else tree.ticks, time, before, inputs, status, self._follower.checksum)
-            before = ()
-            if code.next is first:  # neither a tick nor a halt explains it
+            is_unexplained = first is not None and code.next is first
+            code.check(first if is_unexplained else None)
+            stamp = self._log.end if first is None else first.stamp
+            number, time = (0, -1) if is_halt else (tree.ticks, stamp - self._log.start)
+            checksum = self._follower.checksum
+            yield Step(number, time, tuple(before), tuple(code.events), status, checksum)
+            before.clear()
+            if first is not None and is_unexplained:
                 code.begin_step()
                 code.force(first)
-                before = tuple(code.events)
+                before += code.events
 
 
 class _Follower(Observer):
@@ -339,6 +340,13 @@ class _LoggedCode(ExternalCode):
             if not self._shape.child_with(uid, number):
                 return False
         return False
+
+    def check(self, unexplained: LoggedTransition | None) -> None:
+        """Raise the contradiction in this step, which should have begun with the transition *unexplained*."""
+        if unexplained is not None and not self._must_succeed and self.contradiction is None:
+            self.contradiction = _ContradictionError((self._number(unexplained),))
+        if self.contradiction is not None:
+            raise self.contradiction
 
     def force(self, change: LoggedTransition) -> None:
         """Set a status that nothing else explains."""
