@@ -16,7 +16,7 @@ from btcore.clock import NS_PER_S
 from btcore.errors import BtcoreError
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
 from btcore.suggestions import did_you_mean, join_names
-from btcore_recorder.causes import SHOWN, Cause, CauseFinder, name_of
+from btcore_recorder.causes import Cause, CauseFinder, name_of, short_text
 from btcore_recorder.inputs import RunRecording
 from btcore_recorder.replay import Replay
 from btcore_recorder.tick_trace import EntryName, Read, TickTrace, Visit
@@ -197,7 +197,7 @@ class Explainer:
         entry = boards[name.scope].local_entries()[name.key]
         read = Read(key, "", "", name, entry.value, entry.sequence_id)
         cause = self._causes.explain_value(position, read, is_input=False)
-        value = SHOWN.repr(entry.value)
+        value = short_text(entry.value)
         question = f"who wrote {{{key}}} = {value}, as it was after tick {self._causes.tick(position)}?"
         return Answer(question, f"{self._describe_cause(cause)}.", self._chain(cause, ()))
 
@@ -443,7 +443,7 @@ def _describe_change(change: Change) -> str:
         case SetResult(tick, node, status):
             return f"'{node}' had returned {status.name} in tick {tick}"
         case HoldEntry(tick, _, key, value):
-            return f"{key} had been {SHOWN.repr(value)} in tick {tick}"
+            return f"{key} had been {short_text(value)} in tick {tick}"
     return str(change)
 
 
