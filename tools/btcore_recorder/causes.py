@@ -333,8 +333,8 @@ class CauseFinder:
             position: The step in which it is read.
             is_input: Whether the engine read it, so that another value can be tried.
         """
-        if read.entry is None:
-            return self._new(position, 0, f"there is no entry {read.key}")
+        if read.entry is None or not read.sequence_id:
+            return self._new(position, 0, f"had not written {read.key}, nor had any node")
         tick = self._steps[position].tick
         trace = self.trace(position)
         write = trace.last_write(read.entry, read.sequence_id)

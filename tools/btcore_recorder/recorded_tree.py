@@ -116,12 +116,12 @@ class ExternalCode:
         self.node: TreeNode | None = None  # the external node that is ticked or halted
         self.has_unreplayable_values = False
         self._child_error: NodeExecutionError | None = None
-        self._repetitions = 0
+        self.repetitions = 0
 
     def begin_step(self) -> None:
         """Begin a step, or what happens before it."""
         self.node = None
-        self._repetitions = 0
+        self.repetitions = 0
 
     def take(self) -> Input | None:
         """Take the next input of the tick or halt of an external node."""
@@ -157,8 +157,8 @@ class ExternalCode:
 
     def paused(self, uid: int, count: int) -> bool:
         """Return whether the node with *uid* pauses after *count* repetitions."""
-        self._repetitions += 1
-        if self._repetitions > MAX_REPETITIONS:
+        self.repetitions += 1
+        if self.repetitions > MAX_REPETITIONS:
             raise NodeError(f"more than {MAX_REPETITIONS:,} repetitions in a tick")
         head = self._inputs.next
         # Named tuples of two types are equal if their values are.

@@ -198,8 +198,7 @@ class Explainer:
         cause = self._causes.explain_value(position, read, is_input=False)
         value = SHOWN.repr(entry.value)
         question = f"who wrote {{{key}}} = {value}, as it was after tick {self._causes.tick(position)}?"
-        who = f"'{self._causes.path(cause.uid)}'" if cause.uid else OUTSIDE
-        return Answer(question, f"{who}: {cause.because}.", self._chain(cause, ()))
+        return Answer(question, f"{self._describe_cause(cause)}.", self._chain(cause, ()))
 
     def differs_from(self, other: "Explainer") -> Answer:
         """Explain the first decision that differs in another run, what it read, and who wrote that.
@@ -284,6 +283,9 @@ class Explainer:
             return found
         if time is not None:
             start = self._replay.recording.head.time + round(time * NS_PER_S)
+            end = self._causes.time(ticks[-1])
+            if time > end:
+                raise BtcoreError(f"the recording has no tick at {time:g} s; its last tick is at {end:g} s")
             return max((index for index in ticks if steps[index].time <= start), default=ticks[0])
         if prefers_failure:
             failed = [index for index in ticks if steps[index].status in (FAILURE, IDLE)]
@@ -331,7 +333,10 @@ class Explainer:
                 return f"the run would have gone on to '{changed.ended_at}', for which nothing is recorded"
             if outcome and changed.invented and missing is not None:
                 names = join_names([f"'{name}'" for name in dict.fromkeys(changed.invented)], most=3)
-                outcome += f", if {names}, for which nothing is recorded, returned {missing.name}"
+                outcome = (
+                    f"the run would have gone on to {names}, for which nothing is recorded; with "
+                    f"{missing.name} from there, {outcome}"
+                )
             if outcome or not changed.invented:
                 return outcome
         return ""
