@@ -158,7 +158,8 @@ class Replay:
         self.tree.subscribe(self._checksum)
         self._restore(head.state)
         self._encoder = Encoder(lambda name, description: None)  # the types are those of the recording
-        self._states = {0: (head.state, 0)}
+        # A recording of BehaviorTree.CPP has no states of nodes.
+        self._states = {0: (capture(self.tree, external.boards, self._encoder.encode), 0)}
         self._segments = {segment.position: segment for segment in recording.segments}
         self._times = _RecordedTimes(self._inputs)
         self.tree.context.clock = self._times
