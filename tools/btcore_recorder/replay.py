@@ -159,8 +159,9 @@ class Replay:
         self._restore(head.state)
         self._encoder = Encoder(lambda name, description: None)  # the types are those of the recording
         self._segments = {segment.position: segment for segment in recording.segments}
-        # The states from which `seek` starts, with the checksums.
-        self._states = {0: (head.state, 0)} | {
+        # The states from which `seek` starts, with the checksums. A recording of BehaviorTree.CPP has no states
+        # of nodes.
+        self._states = {0: (capture(self.tree, external.boards, self._encoder.encode), 0)} | {
             position: (segment.state, 0) for position, segment in self._segments.items() if not segment.gap
         }
         self._times = _RecordedTimes(self._inputs)

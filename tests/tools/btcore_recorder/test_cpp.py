@@ -38,6 +38,8 @@ def check_replay(path: Path) -> None:
     for key, text in (line.split(" ", 2)[1:] for line in lines if line.startswith("= ")):
         value = replay.tree.blackboard[key]
         assert (value if isinstance(value, str) else float(value)) == pytest.approx(json.loads(text))
+    assert replay.seek(0)
+    assert replay.verify() is None
 
 
 @pytest.mark.parametrize("path", RECORDINGS, ids=lambda path: path.name.partition(".")[0])
