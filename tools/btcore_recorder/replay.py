@@ -159,8 +159,8 @@ class Replay:
         self._restore(head.state)
         self._encoder = Encoder(lambda name, description: None)  # the types are those of the recording
         self._segments = {segment.position: segment for segment in recording.segments}
-        # The states from which `seek` starts, with the checksums. A recording of BehaviorTree.CPP has no states
-        # of nodes.
+        # The states from which `seek` starts, with the checksums. A recording of BehaviorTree.CPP has no
+        # states of nodes.
         self._states = {0: (capture(self.tree, external.boards, self._encoder.encode), 0)} | {
             position: (segment.state, 0) for position, segment in self._segments.items() if not segment.gap
         }
