@@ -537,7 +537,7 @@ class ChangedReplay:
             else:
                 tree.halt()
         except NodeExecutionError as error:
-            self.status = IDLE
+            self.status = IDLE if step.tick else self.status
             if step.status is not IDLE:
                 self.end, self.ended_at = "a node raised", error.path
         except TickInterrupt:
