@@ -11,7 +11,6 @@ from itertools import islice
 from typing import Any, Final, NamedTuple
 
 from btcore.blackboard.blackboard import Blackboard
-from btcore.blackboard.ports import SCRIPT_ROLES
 from btcore.engine.journal import MessageLogged
 from btcore.engine.node import TreeNode
 from btcore.status import IDLE, RUNNING, Status
@@ -21,6 +20,7 @@ from btcore_recorder.files import RECONSTRUCTED, describe_reconstruction
 from btcore_recorder.inputs import Input, RunRecording, is_external
 from btcore_recorder.recorded_tree import ExternalCode, Inputs
 from btcore_recorder.replay import STATE_INTERVAL, Replay
+from btcore_recorder.tick_trace import scripts_of
 from btcore_recorder.values import NotReplayable
 
 MAX_VALUE: Final = 200
@@ -261,24 +261,23 @@ def _result(node: TreeNode) -> Status:
 
 def _input_values(node: TreeNode) -> Values:
     return {
-        name: _entry_text(port.blackboard, port.key) if port.key is not None else port.text[:MAX_VALUE]
+        name: port.text[:MAX_VALUE] if port.key is None else _entry_text(port.blackboard, port.key)
         for name, port in node.config.inputs.items()
     }
 
 
 def _output_values(node: TreeNode) -> Values:
     return {
-        name: _entry_text(port.blackboard, port.key) if port.key is not None else "–"
+        name: "–" if port.key is None else _entry_text(port.blackboard, port.key)
         for name, port in node.config.outputs.items()
     }
 
 
 def _script_values(node: TreeNode) -> tuple[Values, Values]:
     """Return the values of the entries that the scripts in the ports of *node* read, and write."""
-    scripts = [
-        port for port in node.config.inputs.values() if port.port.role in SCRIPT_ROLES and port.key is None
-    ]
-    uses = [use for port in scripts for use in find_name_uses(port.text, node.config.enums)]
+    config = node.config
+    scripts = [text for by, text in scripts_of(node) if by not in config.conditions]
+    uses = [use for text in scripts for use in find_name_uses(text, config.enums)]
     written = {use.name for use in uses if use.access in WRITING}
     read = {use.name for use in uses if use.access in READING} - written
     board = node.blackboard
