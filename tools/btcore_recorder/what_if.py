@@ -35,7 +35,7 @@ from btcore_recorder.inputs import (
     Written,
     scopes_of,
 )
-from btcore_recorder.recorded_tree import ExternalCode, Inputs, StandInClock, load_recorded
+from btcore_recorder.recorded_tree import ExternalCode, Inputs, StandInClock, is_stand_in, load_recorded
 from btcore_recorder.replay import Replay
 from btcore_recorder.tree_state import restore_entries, restore_nodes
 
@@ -86,12 +86,14 @@ class ChangedRun(NamedTuple):
         status: The result of its last tick.
         end: Why it ended.
         ended_at: The path of the node that raised or lacks a result; else "".
-        differs_from: The first tick with other transitions than in the recorded run; None if there is none.
-        recorded: The first transition that differs, as recorded; "" if there is none.
+        differs_from: The first tick with other transitions, or another result, than in the recorded run; None
+            if there is none.
+        recorded: The first transition or result that differs, as recorded; "" if there is none.
         now: The same in the changed run.
         assumed_from: The first tick that rests on an assumption; None if there is none.
         failure: Where it failed first; None if it did not.
         unmatched: The paths of the nodes whose results are recorded, but which the tree does not have.
+        unused: The changes without effect: the node was not ticked in this tick, or there is no such tick.
     """
 
     ticks: int
@@ -104,6 +106,7 @@ class ChangedRun(NamedTuple):
     assumed_from: int | None
     failure: Failure | None
     unmatched: Sequence[str]
+    unused: Sequence[str]
 
     @property
     def is_same(self) -> bool:
@@ -112,16 +115,20 @@ class ChangedRun(NamedTuple):
 
     def __str__(self) -> str:
         lines = [f"the same in all {self.ticks:,} ticks"]
+        if not self.is_same:
+            lines = ["the same until it ends"]
         if self.differs_from is not None:
             recorded, now = self.recorded or "nothing more happens", self.now or "nothing more happens"
             lines = [f"it differs from tick {self.differs_from} on: recorded: {recorded}; now: {now}"]
         place = f" at '{self.ended_at}'" if self.ended_at else ""
-        lines.append(f"it ends in tick {self.ticks} with {self.status.name}, because {self.end}{place}")
+        with_result = "" if self.end == "no result is recorded" else f" with {self.status.name}"
+        lines.append(f"it ends in tick {self.ticks}{with_result}, because {self.end}{place}")
         if self.assumed_from is not None:
             lines.append(
                 f"from tick {self.assumed_from} on it rests on assumptions: nodes start in other ticks than "
                 "recorded"
             )
+        lines += [f"{change} had no effect" for change in self.unused]
         return "\n".join(lines)
 
     @property
@@ -165,8 +172,10 @@ class _PathTransition(NamedTuple):
     key: str
     status: Status
 
-    def __str__(self) -> str:
-        return f"'{self.key}' becomes {self.status.name}"
+    def text(self, has_tick: bool) -> str:
+        """Return the transition for a sentence, with or without its tick."""
+        moment = f" in tick {self.tick}" if has_tick else ""
+        return f"'{self.key}' becomes {self.status.name}{moment}"
 
 
 class PathTransitions(Observer):
@@ -241,6 +250,7 @@ class _Activations(ExternalCode):
     ) -> None:
         super().__init__(Inputs(), types)
         self.held: list[HoldEntry] = []
+        self.used: set[tuple[int, str]] = set()  # the nodes that were ticked, by tick
         self.invented: list[str] = []  # the nodes that had *missing* as their result
         self._missing = missing
         self.present_tick = 0
@@ -265,20 +275,24 @@ class _Activations(ExternalCode):
             left = self._left.get(key)
             if not left:
                 self.node = node
+                changed = self._changed_result(key)
+                if changed is not None:
+                    self.assume()
+                    return changed
                 if self._missing is None:
                     raise _NoResultError
                 self.assume()
                 if node.status is RUNNING:  # it was halted here, or the recording ended
-                    return self._results.get((self.present_tick, key), RUNNING)
+                    return RUNNING
                 self.invented.append(key)
                 is_invalid = self._missing is RUNNING and node._must_complete
-                return self._results.get((self.present_tick, key), SUCCESS if is_invalid else self._missing)
+                return SUCCESS if is_invalid else self._missing
             activation = left.popleft()
             self._present[key] = activation, 0
             if activation.tick != self.present_tick:
                 self.assume()
         activation, index = self._present[key]
-        status = RUNNING
+        last: Input | None = None
         if index == len(activation.ticks):  # the node was halted here, or the recording ended
             self.assume()
         else:
@@ -286,11 +300,17 @@ class _Activations(ExternalCode):
             *events, last = activation.ticks[index]
             for event in events:
                 self.apply(event, "")
-            if isinstance(last, Raised) and (self.present_tick, key) not in self._results:
-                self.raise_error(last.error)
-            if isinstance(last, Result):
-                status = last.status
-        return self._results.get((self.present_tick, key), status)
+        changed = self._changed_result(key)
+        if changed is not None:
+            return changed
+        if isinstance(last, Raised):
+            self.raise_error(last.error)
+        return last.status if isinstance(last, Result) else RUNNING
+
+    def _changed_result(self, key: str) -> Status | None:
+        """Return the result of `SetResult` for the present tick of a node, or None."""
+        self.used.add((self.present_tick, key))
+        return self._results.get((self.present_tick, key))
 
     def halt(self, node: TreeNode) -> None:
         key = self.keys[node.config.uid - 1]
@@ -407,6 +427,8 @@ class ChangedReplay:
         end: Why the run ended; "the recording ended" until then.
         ended_at: The path of the node that raised or lacks a result; else "".
         unmatched: The paths of the recorded nodes that the other tree does not have.
+        other_result: The first tick with another result than recorded, the recorded one and the present one;
+            None if there is none.
 
     Raises:
         TreeError: The other tree cannot be loaded.
@@ -438,9 +460,10 @@ class ChangedReplay:
         external = _Activations(head.types, activations, results, missing)
         self.tree = tree = load_recorded(head, external, StandInClock())
         external.keys = keys_of(tree)
+        leaves = [key for key, node in zip(external.keys, tree.nodes, strict=True) if is_stand_in(node)]
         for change in changes:
             if isinstance(change, SetResult):
-                _check_node(change.node, list(activations), "the tree, whose results are recorded")
+                _check_node(change.node, leaves, "the tree, whose results are recorded")
         for new in matches.values():
             _check_node(new, external.keys, "the tree")
         uids = {key: uid for uid, key in enumerate(external.keys, start=1)}
@@ -460,8 +483,10 @@ class ChangedReplay:
         self.status = IDLE
         self.end: EndReason = "the recording ended"
         self.ended_at = ""
+        self.other_result: tuple[int, Status, Status] | None = None
         self._recording = recording
         self._external = external
+        self._results = [each for each in changes if isinstance(each, SetResult)]
         self._entries = [each for each in changes if isinstance(each, SetEntry)]
         self._held = [each for each in changes if isinstance(each, HoldEntry)]
         tree.context.clock = self._clock = _Times()
@@ -471,6 +496,18 @@ class ChangedReplay:
     def assumed_from(self) -> int | None:
         """The first tick that rests on an assumption; None if there is none."""
         return self._external.assumed_from
+
+    @property
+    def unused(self) -> Sequence[str]:
+        """The changes that had no effect, as texts."""
+        ticks = {step.tick for step in self._recording.steps[: self.position]}
+        set_entries: list[SetEntry | HoldEntry] = [*self._entries, *self._held]
+        entries = [each for each in set_entries if each.tick not in ticks]
+        return [f"{each.key}={each.value}@{each.tick}" for each in entries] + [
+            f"{node}={status.name}@{tick}"
+            for tick, node, status in self._results
+            if (tick, node) not in self._external.used
+        ]
 
     @property
     def invented(self) -> Sequence[str]:
@@ -508,6 +545,8 @@ class ChangedReplay:
             if step.tick:
                 tree.ticks = step.tick - 1
                 self.status = tree.tick_exactly_once()
+                if self.status is not step.status and self.other_result is None:
+                    self.other_result = step.tick, step.status, self.status
                 if self.status in (SUCCESS, FAILURE) and step.status not in (SUCCESS, FAILURE, IDLE):
                     self.end = "the tree ended"
             else:
@@ -541,18 +580,28 @@ def run_changed(
     transitions = [each._replace(key=matches.get(each.key, each.key)) for each in run.transitions]
     found = transitions, collected.found
     index = _first_difference(*found, changed.end == "the recording ended")
-    first, second = (each[index] if index is not None and index < len(each) else None for each in found)
+    differs_from: int | None = None
+    recorded = now = ""
+    if index is not None:
+        sides = [each[index] if index < len(each) else None for each in found]
+        ticks = {side.tick for side in sides if side is not None}
+        differs_from = min(ticks)
+        recorded, now = ["" if side is None else side.text(len(ticks) > 1) for side in sides]
+    elif changed.other_result is not None:
+        differs_from, before, after = changed.other_result
+        recorded, now = f"the result is {before.name}", f"the result is {after.name}"
     return ChangedRun(
         changed.tree.ticks,
         changed.status,
         changed.end,
         changed.ended_at,
-        min((change.tick for change in (first, second) if change is not None), default=None),
-        "" if first is None else str(first),
-        "" if second is None else str(second),
+        differs_from,
+        recorded,
+        now,
         changed.assumed_from,
         failures.found,
         changed.unmatched,
+        changed.unused,
     )
 
 

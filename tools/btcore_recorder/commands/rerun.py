@@ -186,7 +186,7 @@ class RerunOptions(Options):
         paths = [node.path for node in Replay(recording).tree.nodes]
         files.write(file, encode_text(to_text(recording, paths)))
         files.write(test, source_of_test(recording, recorded, test, file, tree, self._matches).encode())
-        names = escape_controls(f"wrote {test} and {file.name}", one_line=True)
+        names = escape_controls(f"wrote {test} and {file}", one_line=True)
         tried = "the recorded tree" if tree is None else str(tree)
         outcome = f"fails: {problem}" if problem else "passes"
         click.echo(f"{names}\n{escape_controls(f'with {tried}, the test now {outcome}')}")
