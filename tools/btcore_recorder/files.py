@@ -27,6 +27,7 @@ _log = logging.getLogger("btcore")
 RECONSTRUCTED: Final = "reconstructed"
 """The name of an item in the versions of a head: the log from which the recording was reconstructed."""
 _MAX_NAME: Final = 200
+_OF_A_LOG: Final = "btcore replay LOG --save-recording FILE makes one of a log of statuses"
 FOLDER_BYTES: Final = 500_000_000
 """Maximum size of the recordings in a folder; beyond it, the oldest are removed."""
 
@@ -78,14 +79,16 @@ def read_recording(path: Path) -> RunRecording:
     data = read_bytes(path)
     if data.startswith(_MCAP_MAGIC):
         try:
-            from btcore_recorder.mcap_form import McapLines
+            from btcore_recorder.mcap_form import McapLines, has_recording
         except ModuleNotFoundError as error:
             raise LogError(f"{path}: {describe_missing(error.name)}") from error
+        if not has_recording(data):
+            raise LogError(f"{path}: there is no recording in this bag; {_OF_A_LOG}")
         recording = read_lines(McapLines(data), str(path))
     elif data.startswith(MAGIC):
         recording = read_lines(TextLines(data), str(path))
     else:
-        raise LogError(f"{path}: this is not a recording: it does not begin with 'btrec'")
+        raise LogError(f"{path}: this is not a recording: it does not begin with 'btrec'; {_OF_A_LOG}")
     if (log := recording.head.versions.get(RECONSTRUCTED)) is not None:
         _log.warning("%s: %s", path, describe_reconstruction(log))
     return recording

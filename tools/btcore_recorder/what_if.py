@@ -8,6 +8,7 @@ begins in another tick than the recorded one is an assumption: the robot might h
 from collections import Counter, defaultdict, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import cycle
 from typing import Any, Literal, NamedTuple
 
 from btcore.blackboard.ports import Port
@@ -15,6 +16,7 @@ from btcore.engine.journal import ExternalHaltBegan, Paused, StatusForced, TimeR
 from btcore.engine.node import TreeNode, reset_status
 from btcore.engine.observers import Observer
 from btcore.errors import BtcoreError, NodeExecutionError, TickInterrupt
+from btcore.registry.mock_nodes import LETTERS, MockLeafError, Outcome, parse_outcomes
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status, Transition
 from btcore.suggestions import did_you_mean
@@ -245,7 +247,8 @@ class _Activations(ExternalCode):
         types: The descriptions of the recorded types.
         activations: What each node did, by its key in the changed tree.
         results: The changed results, by tick and key.
-        missing: The result of a node for which no activation is left; None = the run ends there.
+        outcomes: Outcomes of nodes for which no activation is left, by key, as in `parse_outcomes`.
+        missing: The result of other nodes for which no activation is left; None = the run ends there.
     """
 
     def __init__(
@@ -253,6 +256,7 @@ class _Activations(ExternalCode):
         types: Mapping[str, Any],
         activations: Mapping[str, Sequence[_Activation]],
         results: Mapping[tuple[int, str], Status],
+        outcomes: Mapping[str, str],
         missing: Status | None = None,
     ) -> None:
         super().__init__(Inputs(), types)
@@ -260,6 +264,8 @@ class _Activations(ExternalCode):
         self.used: set[tuple[int, str]] = set()  # the nodes that were ticked, by tick
         self.invented: list[str] = []  # the nodes that had *missing* as their result
         self._missing = missing
+        self._outcomes = {key: cycle(parse_outcomes(text)) for key, text in outcomes.items()}
+        self._mocked: dict[str, Iterator[Outcome]] = {}
         self.present_tick = 0
         self.assumed_from: int | None = None
         self.keys: Sequence[str] = ()
@@ -286,6 +292,8 @@ class _Activations(ExternalCode):
                 if changed is not None:
                     self.assume()
                     return changed
+                if key in self._outcomes:
+                    return self._tick_mock(node, key)
                 if self._missing is None:
                     raise _NoResultError
                 self.assume()
@@ -313,6 +321,18 @@ class _Activations(ExternalCode):
         if isinstance(last, Raised):
             self.raise_error(last.error)
         return last.status if isinstance(last, Result) else RUNNING
+
+    def _tick_mock(self, node: TreeNode, key: str) -> Status:
+        """Do the next outcome of a node for which no activation is left."""
+        self.assume()
+        if node.status is not RUNNING:
+            self._mocked[key] = iter(next(self._outcomes[key]))
+        outcome = next(self._mocked[key], Outcome("R"))
+        for port, text in outcome.outputs:
+            node.set_output(port, text)
+        if outcome.letter == "X":
+            raise MockLeafError("the outcome is X")
+        return LETTERS[outcome.letter]
 
     def _changed_result(self, key: str) -> Status | None:
         """Return the result of `SetResult` for the present tick of a node, or None."""
@@ -402,7 +422,9 @@ class ChangedReplay:
         changes: Changed inputs.
         document: The file name and the text of another tree, in place of the main document.
         matches: For nodes that have another path in this tree: the new path by the recorded path.
-        missing: The result of a node when nothing is recorded for it; None = the run ends there.
+        outcomes: What nodes do when nothing more is recorded for them, by path, such as `RRS|F`; see
+            `btcore.registry.mock_nodes.parse_outcomes`.
+        missing: The result of other nodes when nothing is recorded for them; None = the run ends there.
 
     Attributes:
         tree: The tree.
@@ -425,6 +447,7 @@ class ChangedReplay:
         changes: Iterable[Change] = (),
         document: tuple[str, str] | None = None,
         matches: Mapping[str, str] | None = None,
+        outcomes: Mapping[str, str] | None = None,
         missing: Status | None = None,
     ) -> None:
         recording, head = run.recording, run.recording.head
@@ -441,13 +464,15 @@ class ChangedReplay:
             (change.tick, change.node): change.status for change in changes if isinstance(change, SetResult)
         }
         activations = {matches.get(key, key): known for key, known in run.activations.items()}
-        external = _Activations(head.types, activations, results, missing)
+        external = _Activations(head.types, activations, results, outcomes or {}, missing)
         self.tree = tree = load_recorded(head, external, StandInClock())
         external.keys = keys_of(tree)
         leaves = [key for key, node in zip(external.keys, tree.nodes, strict=True) if is_external(type(node))]
         for change in changes:
             if isinstance(change, SetResult):
                 _check_node(change.node, leaves, "the tree, whose results are recorded")
+        for key in outcomes or ():
+            _check_node(key, leaves, "the tree, whose results are recorded")
         for new in matches.values():
             _check_node(new, external.keys, "the tree")
         uids = {key: uid for uid, key in enumerate(external.keys, start=1)}
@@ -551,10 +576,11 @@ def run_changed(
     changes: Iterable[Change] = (),
     document: tuple[str, str] | None = None,
     matches: Mapping[str, str] | None = None,
+    outcomes: Mapping[str, str] | None = None,
 ) -> ChangedRun:
     """Run a recording again with changes, and compare it with the recorded run; see `ChangedReplay`."""
     run = RecordedRun(recording)
-    changed = ChangedReplay(run, changes, document, matches)
+    changed = ChangedReplay(run, changes, document, matches, outcomes)
     collected, failures = PathTransitions(changed.tree), FailureObserver(changed.tree)
     changed.tree.subscribe(collected)
     changed.tree.subscribe(failures)

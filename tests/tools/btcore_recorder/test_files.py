@@ -413,7 +413,7 @@ def test_a_recording_continues_in_further_files(
     monkeypatch.setattr("btcore_recorder.file_recorder.WRITE_INTERVAL_S", 0.001)
     tree, count = written_tree(), 0
     with record(tree, tmp_path / "run.btrec.txt", **limits) as recorder:
-        while recorder.path.name != "run.3.btrec.txt" and count < 10_000:
+        while not (tmp_path / "run.3.btrec.txt").exists() and count < 10_000:
             with suppress(NodeExecutionError):
                 tree.tick_exactly_once()
             tree.clock.advance(0.3)  # type: ignore[attr-defined]
@@ -422,8 +422,11 @@ def test_a_recording_continues_in_further_files(
             while recorder._queue.qsize() > 20:
                 pass  # the thread catches up
     assert not recorder.is_incomplete
-    replays = [Replay(tmp_path / f"run{number}.btrec.txt") for number in ("", ".2", ".3")]
-    assert [replay.verify() for replay in replays] == [None] * 3
+    count_of_files = len(list(tmp_path.iterdir()))
+    assert count_of_files >= 3
+    numbers = ["", *[f".{number}" for number in range(2, count_of_files + 1)]]
+    replays = [Replay(tmp_path / f"run{number}.btrec.txt") for number in numbers]
+    assert not any(replay.verify() for replay in replays)
     assert [step.tick for replay in replays for step in replay.steps] == list(range(1, count + 1))
 
 

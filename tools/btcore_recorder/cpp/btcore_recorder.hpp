@@ -7,9 +7,10 @@
 // and halt, the results of Sleep, Delay and Timeout, and what is written between two ticks. btcore computes the rest,
 // and compares a checksum of all changes of status. Each tick is written when it has ended.
 //
-// Tick and halt the tree in one thread. BT::RuntimeError is thrown at the beginning if a tree cannot be recorded: it is
-// not IDLE, its root has a pre-condition, a substitution rule has replaced a node, the XML has an <include>, or a leaf
-// derives from ThreadedAction or CoroActionNode, which call no callbacks: register it as btcore::Recorded<MyLeaf>.
+// Use one recorder for a tree, and tick and halt the tree in one thread. BT::RuntimeError is thrown at the beginning if
+// the tree cannot be recorded: it is not IDLE, its root has a pre-condition, a substitution rule has replaced a
+// built-in node, the XML has an <include>, or a leaf derives from ThreadedAction or CoroActionNode, which call no
+// callbacks: register such a leaf as btcore::Recorded<MyLeaf>.
 //
 // Not recorded, so that a replay may differ:
 // - what other threads write within a tick while no leaf is ticked;
@@ -86,7 +87,7 @@ class Recorder {
     for (const auto& subtree : subtrees_) add_board(subtree->blackboard);
     for (const auto& [file, text] : documents)
       if (text.find("<include") != std::string::npos)
-        refuse(file + " has an <include>: pass the included file as a document, and remove the include");
+        refuse((file.empty() ? "the XML" : file) + " has an <include>: remove it, and pass the file as a document");
     file_.open(path, std::ios::binary | std::ios::trunc);
     if (!file_) refuse("cannot write " + path);
     write_head(tree, documents, outer_count);
@@ -166,7 +167,8 @@ class Recorder {
     if (node->status() != Status::IDLE) refuse(name + "is not IDLE: begin before the first tick, or after haltTree()");
     if (dynamic_cast<BT::ThreadedAction*>(node) || dynamic_cast<BT::CoroActionNode*>(node))
       refuse(name + "calls no callbacks: register its class as btcore::Recorded<Class>");
-    if (dynamic_cast<BT::TestNode*>(node)) refuse(name + "is replaced by a substitution rule");
+    if (dynamic_cast<BT::TestNode*>(node) && !nodes_[uid].is_external)
+      refuse(name + "is built in, and replaced by a substitution rule");
     if (uid == ROOT && !config(uid).pre_conditions.empty())
       refuse(name + "is the root, and has a pre-condition: put it on a child of the root");
     if (auto* control = dynamic_cast<BT::ControlNode*>(node))
@@ -639,8 +641,8 @@ class Recorder {
     std::string type = BT::toStr(manifest.type);
     const std::string kind = type == "Control" ? "control" : type == "Decorator" ? "decorator" : "leaf";
     std::transform(type.begin(), type.end(), type.begin(), [](unsigned char c) { return std::toupper(c); });
-    const bool must_complete = std::any_of(nodes_.begin() + ROOT, nodes_.end(), [&manifest](auto& node) {
-      return node.node->registrationName() == manifest.registration_ID && dynamic_cast<BT::SyncActionNode*>(node.node);
+    const bool must_complete = std::none_of(nodes_.begin() + ROOT, nodes_.end(), [&manifest](auto& node) {
+      return node.node->registrationName() == manifest.registration_ID && !dynamic_cast<BT::SyncActionNode*>(node.node);
     });
     json ports = json::array();
     for (const auto& [name, port] : manifest.ports) {
