@@ -12,7 +12,7 @@ from btcore.errors import BtcoreError, SettingsError
 from btcore.escaping import escape_controls
 from btcore.exit_codes import ExitCode
 from btcore.json_text import load_json
-from btcore.options import Options, option
+from btcore.options import Options, changed_option_names, option
 from btcore.registry.mock_nodes import LETTERS, parse_outcomes
 from btcore.suggestions import join_names
 from btcore.xml.read.read import parse_file
@@ -99,11 +99,13 @@ class RerunOptions(Options):
     ] = False
 
     def __post_init__(self) -> None:
-        changes = [f"--{name}" for name in ("tree", "result", "set") if getattr(self, name)]
+        given = changed_option_names(self)
+        changes = [name for name in given if name in ("--tree", "--result", "--set")]
         if self.verify and changes:
             raise SettingsError(f"--verify and {changes[0]} exclude each other: choose one.")
         if self.save_test is not None:
-            others = [f"--{name}" for name in ("verify", "result", "set", "json") if getattr(self, name)]
+            not_in_tests = ("--verify", "--result", "--set", "--outcomes", "--json")
+            others = [name for name in given if name in not_in_tests]
             if others:
                 raise SettingsError(f"--save-test and {others[0]} exclude each other: choose one.")
             if not (self.save_test.name.startswith("test_") and self.save_test.suffix == ".py"):
@@ -120,8 +122,9 @@ class RerunOptions(Options):
     @property
     def mode(self) -> str:
         """The first given option that runs a recording again, or ""."""
-        given = (name for name in ("save_test", "verify", "tree", "result", "set") if getattr(self, name))
-        return next((f"--{name.replace('_', '-')}" for name in given), "")
+        given = changed_option_names(self)
+        modes = ("--save-test", "--verify", "--tree", "--result", "--set")
+        return next((name for name in modes if name in given), "")
 
     def run(self, log: Path, from_s: float | None, to_s: float | None) -> ExitCode:
         """Run the recording *log*, or each in this folder, again, and print what happens.
