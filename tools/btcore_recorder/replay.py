@@ -20,7 +20,7 @@ from btcore_recorder.recorded_tree import (
     ExternalCode,
     Inputs,
     RecordedTimes,
-    StandInClock,
+    StepClock,
     add_callbacks,
     load_recorded,
 )
@@ -133,7 +133,7 @@ class Replay:
         self._start_time = head.time
         self._inputs = Inputs()
         self.external = external = external_class(self._inputs, head.types)
-        self._stamps = StandInClock()
+        self._stamps = StepClock()
         self.tree = load_recorded(head, external, self._stamps)
         _check_numbers(recording, len(external.nodes), len(external.boards))
         self._checksum = _Checksum()

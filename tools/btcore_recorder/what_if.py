@@ -41,7 +41,7 @@ from btcore_recorder.recorded_tree import (
     ExternalCode,
     Inputs,
     RecordedTimes,
-    StandInClock,
+    StepClock,
     add_callbacks,
     load_recorded,
 )
@@ -465,7 +465,7 @@ class ChangedReplay:
         }
         activations = {matches.get(key, key): known for key, known in run.activations.items()}
         external = _Activations(head.types, activations, results, outcomes or {}, missing)
-        self.tree = tree = load_recorded(head, external, StandInClock())
+        self.tree = tree = load_recorded(head, external, StepClock())
         external.keys = keys_of(tree)
         leaves = [key for key, node in zip(external.keys, tree.nodes, strict=True) if is_external(type(node))]
         for change in changes:
