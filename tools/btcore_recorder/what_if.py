@@ -8,7 +8,7 @@ begins in another tick than the recorded one is an assumption: the robot might h
 from collections import Counter, defaultdict, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import cycle
+from itertools import cycle, zip_longest
 from typing import Any, Literal, NamedTuple
 
 from btcore.blackboard.ports import Port
@@ -589,15 +589,15 @@ def run_changed(
     changed.tree.flush_observers()
     matches = matches or {}
     transitions = [each._replace(key=matches.get(each.key, each.key)) for each in run.transitions]
-    found = transitions, collected.found
-    index = _first_difference(*found, changed.end == "the recording ended")
+    is_whole = changed.end == "the recording ended"
+    pairs = zip_longest(transitions, collected.found)
+    differing = (pair for pair in pairs if pair[0] != pair[1] and (is_whole or pair[1] is not None))
     differs_from: int | None = None
     recorded = now = ""
-    if index is not None:
-        sides = [each[index] if index < len(each) else None for each in found]
-        ticks = {side.tick for side in sides if side is not None}
+    if (pair := next(differing, None)) is not None:
+        ticks = {side.tick for side in pair if side is not None}
         differs_from = min(ticks)
-        recorded, now = ["" if side is None else side.text(len(ticks) > 1) for side in sides]
+        recorded, now = ["" if side is None else side.text(len(ticks) > 1) for side in pair]
     elif changed.other_result is not None:
         differs_from, before, after = changed.other_result
         recorded, now = f"the result is {before.name}", f"the result is {after.name}"
@@ -665,14 +665,3 @@ def _match_scopes(recorded: Tree, changed: Tree, outer: int) -> dict[int, int]:
 
     indices = {key: index for index, key in enumerate(keys(changed))}
     return {index: indices[key] for index, key in enumerate(keys(recorded)) if key in indices}
-
-
-def _first_difference(
-    recorded: Sequence[_PathTransition], now: Sequence[_PathTransition], is_whole: bool
-) -> int | None:
-    """Return the index of the first transition that differs, or None."""
-    for index, (first, second) in enumerate(zip(recorded, now, strict=False)):
-        if first != second:
-            return index
-    shorter = min(len(recorded), len(now))
-    return shorter if len(now) > shorter or (len(recorded) > shorter and is_whole) else None
