@@ -18,9 +18,8 @@ from btcore.script.expressions import Literal as ScriptLiteral
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.suggestions import join_names
 from btcore.xml.plan.key_uses import WRITING, find_name_uses, iter_subexpressions, parse_statements
-from btcore_recorder.inputs import Raised, Result
+from btcore_recorder.inputs import Raised, Result, is_external
 from btcore_recorder.moments import value_text
-from btcore_recorder.recorded_tree import is_stand_in
 from btcore_recorder.replay import Replay
 from btcore_recorder.tick_trace import EntryName, Halt, Read, TickTrace, Visit, Write, scripts_of
 from btcore_recorder.values import NotReplayable
@@ -140,7 +139,7 @@ class CauseFinder:
             cause = self._new(
                 position, visit.uid, f"a callback of the program forced {name_of(visit.result)}"
             )
-        elif is_stand_in(node):
+        elif is_external(type(node)):
             cause = self._explain_external(position, visit)
         elif visit.result is None and not children:
             cause = self._new(position, visit.uid, "it raised an exception")
@@ -259,7 +258,7 @@ class CauseFinder:
         if by.uid == uid:
             return self._explain_condition(position, by)
         cause = self._new(position, uid, f"'{self.path(by.uid)}' halted it")
-        if is_stand_in(self._nodes[by.uid - 1]):
+        if is_external(type(self._nodes[by.uid - 1])):
             own = self._new(position, by.uid, "its own code halted the child")
             cause.causes.append(own)
         # What was ticked before the halt decided: the parent halts children after the result of another one.
@@ -351,12 +350,12 @@ class CauseFinder:
             return cause
         cause = self._new(at, write.uid, self._describe_write(position, at, read, write))
         visit = next((each for each in reversed(self.trace(at).visits) if each.uid == write.uid), None)
-        is_external = not write.uid or is_stand_in(self._nodes[write.uid - 1])
-        if is_external and is_input and tick:
+        is_outside = not write.uid or is_external(type(self._nodes[write.uid - 1]))
+        if is_outside and is_input and tick:
             cause.changes = self._other_values(tick, read, self._value_before(at, read.entry, write))
         if visit is not None and not self._is_full:
-            self._add_reads(cause, visit.reads, is_input and not is_external)
-            if visit.parent is not None and not is_external:  # why it was ticked
+            self._add_reads(cause, visit.reads, is_input and not is_outside)
+            if visit.parent is not None and not is_outside:  # why it was ticked
                 index = next(i for i, each in enumerate(visit.parent.children) if each is visit)
                 self._add_children(cause, visit.parent.children[:index], None)
         return cause

@@ -18,6 +18,7 @@ from btcore.engine.journal import (
     Paused,
     StatusForced,
     StatusSet,
+    TimeRead,
 )
 from btcore.engine.leaf import LeafNode
 from btcore.engine.node import TreeNode, execute_tick, halt_node, reset_status
@@ -99,6 +100,32 @@ class Inputs:
 
     def __iter__(self) -> Iterator[Input]:
         return iter(self._left)
+
+
+class RecordedTimes(StandInClock):
+    """The clock of the built-in nodes: the times that they have read, which are among *inputs*."""
+
+    def __init__(self, inputs: Inputs) -> None:
+        super().__init__()
+        self.inputs = inputs
+        self._repeats = 0
+
+    def begin(self, time: int) -> None:
+        """Begin a tick at *time*, which the tree reads first; or a halt, at −1."""
+        if time >= 0:
+            self.time = time
+        self._repeats = 0 if time < 0 else -1
+
+    def now(self) -> int:
+        """Return the time (ns) that was read here."""
+        head = self.inputs.next
+        if isinstance(head, TimeRead) and self._repeats == head.repeats:
+            self.inputs.take()
+            self.time = head.time
+            self._repeats = 0
+        else:
+            self._repeats += 1
+        return self.time
 
 
 class ExternalCode:
@@ -348,25 +375,19 @@ def load_recorded(head: Head, external: ExternalCode, clock: StandInClock) -> Tr
     return tree
 
 
-def add_callbacks(tree: Tree, external: ExternalCode, steps: Iterable[Step]) -> None:
-    """Let the callbacks of *tree* force the statuses that were forced in *steps*."""
-    forced = {
-        (event.uid, event.is_pre_tick)
-        for step in steps
-        for event in step.inputs
-        if isinstance(event, StatusForced)
-    }
-    for uid, is_pre_tick in forced:
-        node = tree.nodes[uid - 1]
-        if is_pre_tick:
-            node.set_pre_tick_function(external.pre_tick)
-        else:
-            node.set_post_tick_function(external.post_tick)
+def add_callbacks(external: ExternalCode, steps: Iterable[Step], uids: Mapping[int, int]) -> None:
+    """Let callbacks force the statuses that were forced in *steps*.
 
-
-def is_stand_in(node: TreeNode) -> bool:
-    """Return whether *node* stands for an external node."""
-    return type(node).__module__ == __name__
+    Args:
+        external: The external code, which has the callbacks.
+        steps: The recorded steps.
+        uids: The UIDs of the nodes by those in *steps*.
+    """
+    inputs = (event for step in steps for event in step.inputs)
+    for uid in {event.uid for event in inputs if isinstance(event, StatusForced)} & uids.keys():
+        node = external.nodes[uids[uid] - 1]
+        node.set_pre_tick_function(external.pre_tick)
+        node.set_post_tick_function(external.post_tick)
 
 
 def _stand_in_class(recorded: RecordedClass, external: ExternalCode) -> type[TreeNode]:

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from btcore.clock import NS_PER_S
-from btcore.engine.journal import TimeRead
 from btcore.engine.node import TreeNode
 from btcore.engine.observers import Observer
 from btcore.engine.transition_records import Transitions
@@ -17,7 +16,14 @@ from btcore.status import FAILURE, IDLE, SUCCESS, Status
 from btcore.tree.tree import Tree
 from btcore_recorder.files import read_recording
 from btcore_recorder.inputs import UNKNOWN_CHECKSUM, RunRecording, Segment, Step, TreeState
-from btcore_recorder.recorded_tree import ExternalCode, Inputs, StandInClock, add_callbacks, load_recorded
+from btcore_recorder.recorded_tree import (
+    ExternalCode,
+    Inputs,
+    RecordedTimes,
+    StandInClock,
+    add_callbacks,
+    load_recorded,
+)
 from btcore_recorder.tree_state import capture, describe_difference, restore_entries, restore_nodes
 from btcore_recorder.values import Encoder
 
@@ -53,30 +59,6 @@ class Difference(NamedTuple):
         moment += f", transition {self.transition}" if self.transition else ""
         places = ", ".join(filter(None, (self.place, self.code)))
         return f"{moment}: recorded: {self.recorded}; now: {self.now}{f' ({places})' if places else ''}"
-
-
-class _RecordedTimes(StandInClock):
-    """The clock of the built-in nodes: the times that they have read."""
-
-    def __init__(self, inputs: Inputs) -> None:
-        super().__init__()
-        self._inputs = inputs
-        self._repeats = 0
-
-    def begin(self, time: int) -> None:
-        """Begin a step at *time*, which the tree reads first unless it is −1."""
-        self.time = time
-        self._repeats = 0 if time < 0 else -1
-
-    def now(self) -> int:
-        head = self._inputs.next
-        if isinstance(head, TimeRead) and self._repeats == head.repeats:
-            self._inputs.take()
-            self.time = head.time
-            self._repeats = 0
-        else:
-            self._repeats += 1
-        return self.time
 
 
 class _Checksum(Observer):
@@ -164,9 +146,9 @@ class Replay:
         self._states = {0: (capture(self.tree, external.boards, self._encoder.encode), 0)} | {
             position: (segment.state, 0) for position, segment in self._segments.items() if not segment.gap
         }
-        self._times = _RecordedTimes(self._inputs)
+        self._times = RecordedTimes(self._inputs)
         self.tree.context.clock = self._times
-        add_callbacks(self.tree, external, steps)
+        add_callbacks(external, steps, {node.config.uid: node.config.uid for node in external.nodes})
 
     def _restore(self, state: TreeState) -> None:
         external = self.external

@@ -33,11 +33,18 @@ from btcore_recorder.inputs import (
     Result,
     RunRecording,
     ScriptRun,
-    Step,
     Written,
+    is_external,
     scopes_of,
 )
-from btcore_recorder.recorded_tree import ExternalCode, Inputs, StandInClock, is_stand_in, load_recorded
+from btcore_recorder.recorded_tree import (
+    ExternalCode,
+    Inputs,
+    RecordedTimes,
+    StandInClock,
+    add_callbacks,
+    load_recorded,
+)
 from btcore_recorder.replay import Replay
 from btcore_recorder.tree_state import restore_entries, restore_nodes
 
@@ -379,29 +386,6 @@ class _Activations(ExternalCode):
         self.assume()
 
 
-class _Times(StandInClock):
-    """The clock of built-in nodes in a changed run: the times that nodes have read in the recorded step."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._later: deque[TimeRead] = deque()
-        self._repeats = 0
-
-    def begin(self, step: Step) -> None:
-        """Begin *step*."""
-        self.time = max(step.time, self.time)
-        self._later = deque(event for event in step.inputs if isinstance(event, TimeRead))
-        self._repeats = -1
-
-    def now(self) -> int:
-        if self._later and self._repeats == self._later[0].repeats:
-            self.time = self._later.popleft().time
-            self._repeats = 0
-        else:
-            self._repeats += 1
-        return self.time
-
-
 class RecordedRun:
     """A recorded run: what its external nodes did, by key, and its transitions.
 
@@ -483,7 +467,7 @@ class ChangedReplay:
         external = _Activations(head.types, activations, results, outcomes or {}, missing)
         self.tree = tree = load_recorded(head, external, StandInClock())
         external.keys = keys_of(tree)
-        leaves = [key for key, node in zip(external.keys, tree.nodes, strict=True) if is_stand_in(node)]
+        leaves = [key for key, node in zip(external.keys, tree.nodes, strict=True) if is_external(type(node))]
         for change in changes:
             if isinstance(change, SetResult):
                 _check_node(change.node, leaves, "the tree, whose results are recorded")
@@ -514,8 +498,8 @@ class ChangedReplay:
         self._results = [each for each in changes if isinstance(each, SetResult)]
         self._entries = [each for each in changes if isinstance(each, SetEntry)]
         self._held = [each for each in changes if isinstance(each, HoldEntry)]
-        tree.context.clock = self._clock = _Times()
-        _add_callbacks(recording, tree, external)
+        tree.context.clock = self._clock = RecordedTimes(Inputs())
+        add_callbacks(external, recording.steps, external.uids)
 
     @property
     def assumed_from(self) -> int | None:
@@ -556,7 +540,8 @@ class ChangedReplay:
                 tree.blackboard[change.key] = change.value
         external.held = [each for each in self._held if each.tick == step.tick]
         external.hold_entries()
-        self._clock.begin(step)
+        self._clock.inputs.begin(event for event in step.inputs if isinstance(event, TimeRead))
+        self._clock.begin(step.time)
         events = [event for event in step.inputs if getattr(event, "uid", 0) in external.uids]
         external.forced = {
             (external.uids[event.uid], event.is_pre_tick): event.status
@@ -577,7 +562,7 @@ class ChangedReplay:
             else:
                 tree.halt()
         except NodeExecutionError as error:
-            self.status = IDLE
+            self.status = IDLE if step.tick else self.status
             if step.status is not IDLE:
                 self.end, self.ended_at = "a node raised", error.path
         except TickInterrupt:
@@ -680,15 +665,6 @@ def _match_scopes(recorded: Tree, changed: Tree, outer: int) -> dict[int, int]:
 
     indices = {key: index for index, key in enumerate(keys(changed))}
     return {index: indices[key] for index, key in enumerate(keys(recorded)) if key in indices}
-
-
-def _add_callbacks(recording: RunRecording, tree: Tree, external: _Activations) -> None:
-    for step in recording.steps:
-        for event in step.inputs:
-            if isinstance(event, StatusForced) and event.uid in external.uids:
-                node = tree.nodes[external.uids[event.uid] - 1]
-                node.set_pre_tick_function(external.pre_tick)
-                node.set_post_tick_function(external.post_tick)
 
 
 def _first_difference(
