@@ -87,9 +87,8 @@ class TreeNode:
     """Whether a tick must not return RUNNING."""
 
     config: NodeConfig = _NO_CONFIG
+    # First what every tick reads: so it is near to each other in memory (compiled).
     _status: Status = IDLE
-    _status_before_reset: Status = IDLE
-    """The last result, for drawings of a tree whose parents have reset it."""
     _tick_extras: TickExtras | None = None
     """None = the node has no conditions, callbacks, counters or journal."""
     _overrides_execute_tick: bool = False
@@ -99,6 +98,8 @@ class TreeNode:
     """The child of a decorator, which `execute_tick` resets when it has completed; None for other nodes."""
     _context: TreeContext
     _blackboard: Blackboard
+    _status_before_reset: Status = IDLE
+    """The last result, for drawings of a tree whose parents have reset it."""
 
     def prepare(self) -> None:
         """Prepare the node for ticks, for example by compiling the script in a port.
@@ -421,7 +422,7 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
         if result is stored and stored is not IDLE:
             status = stored
         else:
-            # The most frequent result is tested here, which saves a call.
+            # The most frequent result is tested here: calls would take 7 % of a tick of `wide` (pure).
             status = SUCCESS if result is SUCCESS else _as_status(node, result)
             # SKIPPED is returned to the parent but not stored, as in BehaviorTree.CPP.
             if status is not stored and status is not SKIPPED:
