@@ -38,8 +38,8 @@ LANES := $(addprefix test-,core monitor robot sim tools docs)
 # the others execute hardly a compiled line that these do not.
 COMPILED_TESTS := $(addprefix tests/btcore/,blackboard engine loading nodes registry script test_builds.py \
 	test_status.py tree values xml/plan xml/read/test_element.py) tests/conformance tests/fuzz tests/properties \
-	tests/regressions/btcore tests/tools/btcore_batch tests/tools/btcore_recorder/test_replay.py \
-	tests/tools/btcore_recorder/test_what_if.py tests/docs/test_docstring_examples.py
+	tests/regressions/btcore tests/tools/btcore_batch tests/docs/test_docstring_examples.py \
+	$(addprefix tests/tools/btcore_recorder/,test_excerpts.py test_replay.py test_what_if.py)
 # Tests that wait for other processes run first: meanwhile other tests use the cores, and the last tests do not wait.
 WAITING := $(wildcard tests/test_*.py) tests/tools/
 ALL_TESTS := $(WAITING) $(filter-out $(WAITING) tests/__pycache__/,$(wildcard tests/*/))
@@ -279,7 +279,7 @@ accept-tools: .venv/ready
 	@$(if $(filter none,$(EDITS)),,BTCORE_EXPECT=pure BTCORE_EDITS=$(EDITS) .venv/bin/pytest -n $(CORES) \
 		--dist worksteal tests/tools/btcore_studio/edit)
 	@$(if $(filter none,$(RECORDED_RUNS)),,BTCORE_EXPECT=pure BTCORE_RUNS=$(RECORDED_RUNS) .venv/bin/pytest -n $(CORES) \
-		tests/tools/btcore_recorder/test_replay.py tests/tools/btcore_recorder/test_what_if.py)
+		$(addprefix tests/tools/btcore_recorder/,test_replay.py test_what_if.py test_why.py))
 	$(call acceptance,mcp_attacks,$(MCP_ATTACKS))
 	$(call acceptance,mistakes,$(MISTAKES))
 	$(call acceptance,preview,$(PREVIEW))

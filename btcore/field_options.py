@@ -62,7 +62,7 @@ class FieldOption(click.Option):
                 arguments["multiple"] = True
             elif default is not None:
                 arguments |= {"default": default, "show_default": True}
-            arguments["type"] = _click_type(field_type, meta)
+            arguments["type"] = _click_type(field_type, meta, details.may_be_folder)
         super().__init__([option_name(field), field.name], shell_complete=details.complete, **arguments)
 
     def get_help_extra(self, ctx: click.Context) -> Any:
@@ -148,7 +148,7 @@ class ExtensibleCommand(click.Command):
         return None if self.extension_class is None else from_values(self.extension_class, values)
 
 
-def _click_type(field_type: Any, meta: msgspec.Meta) -> "click.ParamType[Any]":
+def _click_type(field_type: Any, meta: msgspec.Meta, may_be_folder: bool) -> "click.ParamType[Any]":
     least: Any = meta.ge if meta.gt is None else meta.gt
     most: Any = meta.le
     if field_type is float:
@@ -156,7 +156,7 @@ def _click_type(field_type: Any, meta: msgspec.Meta) -> "click.ParamType[Any]":
     if field_type is int:
         return click.IntRange(least, most, min_open=meta.gt is not None)
     if field_type is Path:
-        return click.Path(dir_okay=False, path_type=Path)
+        return click.Path(dir_okay=may_be_folder, path_type=Path)
     if get_origin(field_type) is Literal:
         return click.Choice(get_args(field_type), case_sensitive=False)
     if field_type is str:

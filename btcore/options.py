@@ -51,6 +51,7 @@ class OptionDetails(NamedTuple):
     bare_value: object
     complete: Any
     option_name: str | None
+    may_be_folder: bool
 
 
 def option(
@@ -65,6 +66,7 @@ def option(
     bare_value: object = None,
     complete: Any = None,
     name: str | None = None,
+    may_be_folder: bool = False,
 ) -> msgspec.Meta:
     """Describe a field of `Options` or `Settings` as an option.
 
@@ -79,8 +81,9 @@ def option(
         bare_value: The value of the option if it is given without one: `--serve-web`.
         complete: A function for shell completion, as the argument `shell_complete` of `click.Option`.
         name: The name of the option without dashes; by default that of the field.
+        may_be_folder: Whether a path may be that of a folder.
     """
-    details = OptionDetails(metavar, sweep_option, one_run_only, bare_value, complete, name)
+    details = OptionDetails(metavar, sweep_option, one_run_only, bare_value, complete, name, may_be_folder)
     limits: dict[str, Any] = {"gt": gt, "ge": ge, "le": le}
     meta: msgspec.Meta = msgspec.Meta(description=help, extra={_DETAILS: details}, **limits)
     return meta

@@ -216,7 +216,9 @@ def expected(annotation: Any) -> str:
     if "examples" in limits:
         return f"a text like {json.dumps(limits['examples'][0])}"
     if data_type in _WORDS:
-        return _WORDS[data_type] + _range(limits)
+        words = {"gt": "greater than", "ge": "of at least", "le": "of at most"}
+        ranges = [f" {word} {limits[name]:g}" for name, word in words.items() if name in limits]
+        return _WORDS[data_type] + " and".join(ranges)
     types = _item_types(data_type)
     if get_origin(data_type) in (tuple, list) or hasattr(data_type, "_fields"):
         count = "" if isinstance(types, repeat) else f"{len(types)} "
@@ -229,8 +231,3 @@ def expected(annotation: Any) -> str:
         items = {float: "numbers", int: "whole numbers", str: "texts"}.get(item, others)
         return f"a list of {count}{items}"
     return "an object of keys and values" + (", which is not empty," if "min_length" in limits else "")
-
-
-def _range(limits: Mapping[str, Any]) -> str:
-    words = {"gt": "greater than", "ge": "of at least", "le": "of at most"}
-    return " and".join(f" {word} {limits[name]:g}" for name, word in words.items() if name in limits)

@@ -139,8 +139,7 @@ def braced_key(text: str, format: int = 4) -> str | None:
 def remapped_key(text: str, name: str, format: int = 4) -> str | None:
     """Return the blackboard key to which the text of a port points, or None for a literal.
 
-    This is the key in braces. `=` and, except in format 3, `{=}` point to the key with the name of the
-    port.
+    This is the key in braces. `=` and, except in format 3, `{=}` point to the key with the port's name.
 
     Args:
         name: The name of the port.

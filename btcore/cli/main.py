@@ -173,8 +173,7 @@ def _exit_for_error(error: Exception) -> NoReturn:
 def _create_outline(name: str, target: str) -> click.Command:
     """Return a command with the help of *target*, `module:function`, which is read from the source.
 
-    Importing all commands would take most of the time of `btcore --help`. The help is empty if there is no
-    source.
+    Importing all commands would take most of the time of `btcore --help`. Without a source, it is empty.
     """
     import ast
 

@@ -48,12 +48,13 @@ class TickLimit:
     Attributes:
         is_set: Whether there is a limit, so that nodes check it after each repetition.
         has_timed_out: Whether the time of `start` has ended the tick.
+        is_interrupted: Whether ticks end as soon as possible, until `resume`.
     """
 
     def __init__(self) -> None:
         self.is_set = False
         self.has_timed_out = False
-        self._is_interrupted = False
+        self.is_interrupted = False
         self._end = 0  # ns of real time, 0 = none
         self._event = threading.Event()
 
@@ -66,7 +67,7 @@ class TickLimit:
     def stop(self) -> None:
         """End the effect of `start`."""
         self._end = 0
-        self.is_set = self._is_interrupted
+        self.is_set = self.is_interrupted
 
     def extend(self, nanoseconds: int) -> None:
         """Do not count *nanoseconds*, during which the tick was stopped at a breakpoint."""
@@ -75,17 +76,17 @@ class TickLimit:
 
     def interrupt(self) -> None:
         """End ticks as soon as possible, until `resume` is called. Thread-safe."""
-        self._is_interrupted = True
+        self.is_interrupted = True
         self.is_set = True
 
     def resume(self) -> None:
         """End the effect of `interrupt`. Call it between ticks."""
-        if self._is_interrupted:
-            self._is_interrupted = self.is_set = False
+        if self.is_interrupted:
+            self.is_interrupted = self.is_set = False
 
     def is_reached(self) -> bool:
         """Return whether the tick must end now."""
-        if self._is_interrupted:
+        if self.is_interrupted:
             return True
         if self._end and time.monotonic_ns() >= self._end:
             self.has_timed_out = True
@@ -93,7 +94,7 @@ class TickLimit:
         # Python handles signals (Ctrl-C) only in interpreted functions, such as this method of Event. A tick
         # of compiled nodes might call none.
         self._event.is_set()
-        return self._is_interrupted
+        return self.is_interrupted
 
 
 class TreeContext:
@@ -107,11 +108,11 @@ class TreeContext:
         on_wake_up: Called by each wake-up, on any thread; set by an event loop that runs the tree.
         lock: Held while the callbacks and counters of a node change, which any thread may do.
         woken_by: The last node that requested another tick at once.
+        cause: The UID of the node that requested the next tick, −1 for `Tree.wake`, 0 for no request.
         limit: The limit of ticks that repeat nodes.
         stopped_ns: How long breakpoints have stopped the present tick (ns of real time).
         uses_time: Whether a node has read the clock, so that the tree reads it at the start of each tick.
-        tick_start: The time (ns) at which the present tick began, by which its timers are judged; -1 = not
-            known.
+        tick_start: The time (ns) at which the present tick began, by which its timers are judged, or -1.
         journal: Records what the ticks depend on; None = nothing is recorded.
         recorded_pause: In a replay, answers `must_pause` as in the recorded run.
     """
@@ -125,6 +126,7 @@ class TreeContext:
         self.deadlines: dict[int, int] = {}
         self.on_wake_up: Callable[[], object] | None = None
         self.woken_by: NodeConfig | None = None
+        self.cause = 0
         self.limit = TickLimit()
         self.stopped_ns = 0
         self.uses_time = False  # most trees without timers never read the clock, which takes time
@@ -142,8 +144,9 @@ class TreeContext:
         """Whether a wake-up is pending."""
         return self._is_woken
 
-    def wake_up(self) -> None:
+    def wake_up(self, cause: int = -1) -> None:
         """Request a tick as soon as possible. Thread-safe."""
+        self.cause = cause
         self._is_woken = True
         self.wake_event.set()
         # Read once: the event loop's thread may set it to None at any time.
@@ -226,5 +229,6 @@ class TreeContext:
         for uid in due:
             del self.deadlines[uid]
         if due:
+            self.cause = due[0]
             self._is_woken = True
             self.wake_event.set()

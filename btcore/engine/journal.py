@@ -1,9 +1,8 @@
 """The journal of a tree: in order, everything that its ticks depend on besides the tree and the blackboard.
 
-These are the results, exceptions and writes of external nodes (nodes that are not built in), the times that
-built-in nodes read, the statuses that callbacks force, and the writes of other threads. While a tree has a
-journal, built-in code runs *inside*: it holds a lock, so that no other thread can write to the blackboard.
-Around each call of external code, the lock is released.
+These are the results, exceptions and writes of external nodes (not built in), times that built-in nodes read,
+statuses that callbacks force, and writes of other threads. While a tree has a journal, built-in code runs
+*inside*: it holds a lock, so that no other thread can write to the blackboard; external code does not.
 """
 
 import threading
@@ -22,10 +21,11 @@ T = TypeVar("T")
 
 
 class TickBegan(NamedTuple):
-    """The root is ticked: the number of the tick, and its time (ns)."""
+    """The root is ticked: the number of the tick, its time (ns), and what woke it, `TreeContext.cause`."""
 
     tick: int
     time: int
+    cause: int
 
 
 class HaltBegan(NamedTuple):
@@ -130,6 +130,13 @@ class ScriptRun(NamedTuple):
     enums: dict[str, int]
 
 
+class MessageLogged(NamedTuple):
+    """External code logs a message with a level, such as WARNING."""
+
+    level: str
+    text: str
+
+
 class Replaced(NamedTuple):
     """All entries of a scope are replaced, by entries whose values are encoded."""
 
@@ -150,6 +157,7 @@ Event = (
     | StatusForced
     | Paused
     | TimeRead
+    | MessageLogged
     | Written
     | Removed
     | Replaced
@@ -199,9 +207,9 @@ class Journal(WriteRecorder):
 
     # --- steps: ticks of the root, and halts of the whole tree
 
-    def begin_tick(self, tick: int, time: int) -> None:
+    def begin_tick(self, tick: int, time: int, cause: int) -> None:
         """Go inside for a tick of the root; see `TickBegan`."""
-        self._begin(TickBegan(tick, time), time)
+        self._begin(TickBegan(tick, time, cause), time)
 
     def begin_halt(self) -> None:
         """Go inside for a halt of the whole tree, unless it is a part of a tick."""
@@ -213,13 +221,13 @@ class Journal(WriteRecorder):
         self.enter()
         self._time = time
         self._repeats = 0
-        self._add(event)
+        self.add(event)
 
     def end_step(self, status: Status) -> None:
         """End the tick or halt, unless it has ended, and deliver the records."""
         if not self.is_inside:
             return
-        self._add(StepEnded(status))
+        self.add(StepEnded(status))
         records = self._records
         self._records = []
         self.leave()
@@ -244,12 +252,12 @@ class Journal(WriteRecorder):
     def enter_for_tick(self, uid: int) -> None:
         """Go inside, because an external node ticks a child."""
         self.enter()
-        self._add(ChildTicked(uid))
+        self.add(ChildTicked(uid))
 
     def enter_for_halt(self, uid: int) -> None:
         """Go inside, because an external node halts a child."""
         self.enter()
-        self._add(ChildHalted(uid))
+        self.add(ChildHalted(uid))
 
     def leave(self) -> None:
         """Go outside, because external code follows."""
@@ -262,11 +270,12 @@ class Journal(WriteRecorder):
     def _add_status_changes(self, transitions: list[object]) -> None:
         start = self._transition_count if transitions is self._transitions else 0
         for change in decode_transitions(0, 0, transitions[start:]):
-            self._add(StatusSet(change.uid, change.status))
+            self.add(StatusSet(change.uid, change.status))
 
     # --- recording
 
-    def _add(self, event: Event) -> None:
+    def add(self, event: Event) -> None:
+        """Record *event*."""
         self._records.append(None)
         self._records.append(event)
 
@@ -277,7 +286,7 @@ class Journal(WriteRecorder):
 
     def add_error(self, uid: int, error: BaseException) -> None:
         """Record that the tick of an external node raised *error*."""
-        self._add(Raised(uid, error))
+        self.add(Raised(uid, error))
 
     def add_halt(self, uid: int, start: int, error: BaseException | None, is_idle: bool) -> None:
         """Record that an external node was halted, unless it has only become IDLE.
@@ -295,7 +304,7 @@ class Journal(WriteRecorder):
                 del records[start:]
                 return
         records[start:start] = [None, ExternalHaltBegan(uid)]
-        self._add(ExternalHaltEnded(uid, error))
+        self.add(ExternalHaltEnded(uid, error))
 
     def add_callback(self, uid: int, start: int, is_pre_tick: bool, forced: Status) -> None:
         """Record the status that a callback forces, unless it forces and writes nothing.
@@ -306,11 +315,11 @@ class Journal(WriteRecorder):
         """
         forces = forced is SUCCESS or forced is FAILURE
         if forces or self.record_count > start:
-            self._add(StatusForced(uid, is_pre_tick, forced if forces else SKIPPED))
+            self.add(StatusForced(uid, is_pre_tick, forced if forces else SKIPPED))
 
     def add_pause(self, uid: int, repetitions: int) -> None:
         """Record that a node pauses; see `Paused`."""
-        self._add(Paused(uid, repetitions))
+        self.add(Paused(uid, repetitions))
 
     def add_time(self, time: int) -> None:
         """Record that a built-in node has read *time* (ns). Of other nodes only the results are recorded."""
@@ -319,9 +328,15 @@ class Journal(WriteRecorder):
         if time == self._time:
             self._repeats += 1
             return
-        self._add(TimeRead(time, self._repeats))
+        self.add(TimeRead(time, self._repeats))
         self._time = time
         self._repeats = 0
+
+    def add_message(self, level: str, text: str) -> None:
+        """Record that external code, on the thread that ticks, logs a message."""
+        if threading.get_ident() == self._tick_thread and not self.is_inside:
+            with self._lock:
+                self.add(MessageLogged(level, text))
 
     # --- writes
 
@@ -334,7 +349,7 @@ class Journal(WriteRecorder):
             self._inside = thread
             try:
                 board.set(key, value, declared)
-                self._add(Written(board, key, self._encode(board.written_entry(key).value), declared))
+                self.add(Written(board, key, self._encode(board.written_entry(key).value), declared))
             finally:
                 self._inside = NO_THREAD
         return True
@@ -346,14 +361,14 @@ class Journal(WriteRecorder):
             return False
         with self._lock:
             if board.local_entries().pop(key, None) is not None:
-                self._add(Removed(board, key))
+                self.add(Removed(board, key))
         return True
 
     def add_entries(self, board: Blackboard) -> None:
         """Record all entries of a scope, which were replaced."""
         entries = {key: entry.copy(self._encode(entry.value)) for key, entry in board.local_entries().items()}
         with self._lock:
-            self._add(Replaced(board, entries))
+            self.add(Replaced(board, entries))
 
     def begin_script(self, board: Blackboard, text: str, enums: Mapping[str, int]) -> bool:
         """Go inside for a script that external code runs. Return False, without effect, if called inside."""
@@ -362,7 +377,7 @@ class Journal(WriteRecorder):
             return False
         self._lock.acquire()
         self._inside = thread
-        self._add(ScriptRun(board, text, {name: number for name, number in enums.items() if name in text}))
+        self.add(ScriptRun(board, text, {name: number for name, number in enums.items() if name in text}))
         return True
 
     def end_script(self) -> None:

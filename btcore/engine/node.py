@@ -182,8 +182,7 @@ class TreeNode:
         """Set the function that is called before each tick, with the node as argument; thread-safe.
 
         If the function returns SUCCESS or FAILURE, the node is not ticked and has this result. The function
-        is not called when a pre-condition determines the result, nor for a node that has completed and was
-        not reset.
+        is not called if a pre-condition determines the result, nor for a completed node before its reset.
 
         Args:
             callback: The function; None removes it.
@@ -197,8 +196,7 @@ class TreeNode:
         """Set the function that is called after each tick and its post-conditions; thread-safe.
 
         The arguments of the function are the node and its result. If the function returns SUCCESS or FAILURE,
-        the node has this result instead, even if a pre-condition or the pre-tick function had determined the
-        result.
+        this is the result, even if a pre-condition or the pre-tick function had determined it.
 
         Args:
             callback: The function; None removes it.
@@ -308,7 +306,7 @@ class TreeNode:
     def wake_up(self) -> None:
         """Request another tick of the tree as soon as possible. Thread-safe."""
         self._context.woken_by = self.config
-        self._context.wake_up()
+        self._context.wake_up(self.config.uid)
 
     def wake_at(self, deadline: int) -> None:
         """Request a tick at *deadline* (ns, tree's clock). This replaces an earlier request of the node."""

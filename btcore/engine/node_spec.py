@@ -44,15 +44,13 @@ class NodeSpec:
         skips_alone: Whether a tick may return SKIPPED although no child was skipped.
         is_endless: Whether the node may run forever by design, so that proofs do not expect its end. A port
             with the role REPETITIONS and the value −1 has the same effect.
-        child_count: The minimum and maximum number of children with which a node can be ticked; None = no
-            limit.
+        child_count: The minimum and maximum number of children with which a node can be ticked; None = any.
         child_count_at_load: The minimum and maximum number of children with which a tree is loaded. It
             differs from *child_count* because BehaviorTree.CPP loads some trees whose first tick raises.
         child_roles: The purpose of the children, for error messages about their number.
         continue_on: The result of a child after which the next child is ticked; SKIPPED has the same effect.
             None = the children are not ticked in order.
-        branch_results: The results of the first child that select the second child, the third child, and so
-            on.
+        branch_results: The results of the first child that select the second child, the third child, …
         formats: The XML formats in which the class is a built-in node; () = a base class. Not inherited.
         id: The ID of the built-in node; "" = the name of the class. Not inherited.
 

@@ -194,9 +194,8 @@ def _check_untyped_entries(dry_run: DryRun, untyped: list[Entry]) -> None:
 
 
 def _writes_literal(use: EntryUse) -> bool:
-    if use.port is None or use.port.role is not PortRole.WRITTEN_ENTRY:
-        return False
-    return use.access is AccessKind.WRITES and _written_literal(use) is not None
+    is_entry = use.port is not None and use.port.role is PortRole.WRITTEN_ENTRY
+    return is_entry and use.access is AccessKind.WRITES and _written_literal(use) is not None
 
 
 def _may_set_type(use: EntryUse) -> bool:

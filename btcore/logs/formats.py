@@ -42,7 +42,7 @@ def open_log(tree: Tree, path: str | os.PathLike[str]) -> Log:
         tree: The tree to log.
         path: The file, whose extension determines the format: `.btlog` (FileLogger2), `.db3` or
             `.btdb` (SqliteLogger; existing sessions are deleted), `.mcap` (a bag of ROS 2), `.json` (trace
-            events for Perfetto). `-` prints to stdout.
+            events for Perfetto), `.btrec.txt` (a recording). `-` prints to stdout.
 
     Returns:
         The log. Close it to complete the file.

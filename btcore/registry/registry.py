@@ -401,8 +401,7 @@ class Registry:
             name: The name of the library; by default the module's name.
 
         Raises:
-            RegistrationError: The library cannot be imported or registered; the message names the library and
-                the line.
+            RegistrationError: The library cannot be imported or registered; the message names the line.
         """
         if isinstance(library, ModuleType):
             library = Plugin(library)

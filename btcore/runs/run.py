@@ -106,8 +106,7 @@ class Run:
         source: The path of an XML file, the plans of a tree, or a `TreelessProgram`; or a list of them.
         providers: Providers besides those of installed packages; or all providers that may be used.
         settings: Settings of providers, and `RunSettings`.
-        prepare: Called on entry when the trees were created, before the providers that need the tree are
-            opened.
+        prepare: Called on entry when the trees were created, before the providers that need the tree open.
         nodes: As in `btcore.load`. The arguments up to *confined* have no effect on plans.
         tree: As in `btcore.load`.
         format: As in `btcore.load`.

@@ -206,8 +206,7 @@ class TickLoop:
         """Wait without ticking until a reload, and return None; or the reason why the loop ends before.
 
         In real time the clock, and a simulator that owns the clock, keep running. In simulated time nothing
-        can happen any more: the clock advances to the end of the duration at once, or stands still without a
-        duration.
+        can happen any more: the clock advances to the end of the duration at once, if there is one.
         """
         context = self.trees[0].context
         while not self._reload_if_saved():

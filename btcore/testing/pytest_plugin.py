@@ -20,6 +20,18 @@ from btcore.tree.tree import Tree
 _TRACES = pytest.StashKey[list[Trace]]()
 
 
+class _Hooks:
+    """The hooks that other plugins may implement."""
+
+    def pytest_btcore_tree(self, request: pytest.FixtureRequest, tree: Tree) -> None:
+        """Prepare a tree that a fixture has created, or has got from the test."""
+
+
+def pytest_addhooks(pluginmanager: pytest.PytestPluginManager) -> None:
+    """Declare the hooks of this plugin."""
+    pluginmanager.add_hookspecs(_Hooks)
+
+
 @pytest.fixture
 def btcore_registry() -> Registry:
     """Return a new `Registry.standard()`, to which the test adds its nodes."""
@@ -66,6 +78,7 @@ def btcore_harness(
 
 def _add_to_report(request: pytest.FixtureRequest, trace: Trace) -> Trace:
     request.node.stash.setdefault(_TRACES, []).append(trace)
+    request.config.hook.pytest_btcore_tree(request=request, tree=trace.tree)
     return trace
 
 

@@ -35,8 +35,7 @@ class TestNodeConfig:
     """The configuration of a `TestNode`.
 
     Attributes:
-        return_status: The result. After the result RUNNING, the node determines its result again in the next
-            tick.
+        return_status: The result. After the result RUNNING, the next tick determines the result again.
         return_status_script: A script whose value is the result, instead of *return_status*. It may use the
             names of the statuses, such as FAILURE.
         success_script: A script that runs on SUCCESS.

@@ -156,8 +156,7 @@ class Tree:
 
         Raises:
             BtcoreError: The tree is being ticked already, by another call.
-            NodeExecutionError: A node raised, or the tick exceeded `tick_limit`. The tree has been
-                halted.
+            NodeExecutionError: A node raised, or the tick exceeded `tick_limit`; the tree was halted.
         """
         return _tick(self, repeat=False)
 
@@ -166,8 +165,7 @@ class Tree:
 
         Raises:
             BtcoreError: The tree is being ticked already, by another call.
-            NodeExecutionError: A node raised, or the tick exceeded `tick_limit`. The tree has been
-                halted.
+            NodeExecutionError: A node raised, or the tick exceeded `tick_limit`; the tree was halted.
         """
         return _tick(self, repeat=True)
 
@@ -185,8 +183,7 @@ class Tree:
         Raises:
             ValueError: *period* is negative, infinite or NaN.
             BtcoreError: The tree is being ticked already, by another call.
-            NodeExecutionError: A node raised, or a tick exceeded `tick_limit`. The tree has been
-                halted.
+            NodeExecutionError: A node raised, or a tick exceeded `tick_limit`; the tree was halted.
         """
         clock = self.context.clock
         schedule = TickSchedule(period, clock.now())
@@ -218,8 +215,7 @@ class Tree:
         Raises:
             ValueError: *period* is negative, infinite or NaN.
             BtcoreError: The tree is being ticked already, by another call.
-            NodeExecutionError: A node raised, or a tick exceeded `tick_limit`. The tree has been
-                halted.
+            NodeExecutionError: A node raised, or a tick exceeded `tick_limit`; the tree was halted.
         """
         # Imported here, because importing asyncio takes as long as importing the engine.
         from asyncio import CancelledError
@@ -502,7 +498,8 @@ def _tick(tree: Tree, repeat: bool) -> Status:
                 context.stopped_ns = 0
                 observers.begin_tick(tree.ticks)
                 if context.journal is not None:  # a journal needs observers
-                    context.journal.begin_tick(tree.ticks, context.tick_start)
+                    context.journal.begin_tick(tree.ticks, context.tick_start, context.cause)
+                    context.cause = 0
             status = execute_tick(root)
             if status is SUCCESS or status is FAILURE:
                 reset_status(root)

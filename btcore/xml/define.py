@@ -61,8 +61,7 @@ class Definitions(NamedTuple):
         main_tree: The main tree; None if it is missing or ambiguous.
         subtree_models: For each tree that a model declares, the names of its ports with their defaults; None
             means a required port.
-        are_complete: Whether all documents could be read, in a known format. If not, missing trees are no
-            errors.
+        are_complete: Whether all documents could be read, in a known format; else a missing tree is no error.
         diagnostics: What was found in this stage and before.
     """
 

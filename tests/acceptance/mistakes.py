@@ -3,8 +3,9 @@
 ``python tests/acceptance/mistakes.py`` proves that twelve trees are good, and seeds a hundred mistakes in
 them, one at a time. At least one question about each wrong tree must be refuted. Each counterexample is run
 again by leaves of this file, which know nothing of the prover, and the fault is looked for in what happens.
-The test that the prover writes must fail with the wrong tree and pass with the good one. ``--sample 10``
-takes some of the mistakes, by ``--seed``. The script exits with 1 if anything else happens.
+The test that the prover writes must fail with the wrong tree and pass with the good one, and the recording
+that it runs must be repeated exactly. ``--sample 10`` takes some of the mistakes, by ``--seed``. The script
+exits with 1 if anything else happens.
 """
 
 import argparse
@@ -27,7 +28,9 @@ from btcore import NodeExecutionError, SimClock, StatefulAction, Status
 from btcore.engine.leaf import Condition
 from btcore.xml.models.model_file import add_models
 from btcore_proof import Answer, Counterexample, RunTick, assert_holds_in_run, prove
-from btcore_proof.outcome_replay import outcomes_of_ticks
+from btcore_proof.declarations import declarations_beside
+from btcore_proof.tree_files import _plans, record_counterexample
+from btcore_recorder.verification import verify
 
 CYCLES = 20
 RANDOM_RUNS = 30
@@ -378,12 +381,21 @@ def check_answer(good: Path, file: Path, answer: Answer, place: str, faults: lis
     run = answer.counterexample
     if run is None:
         return
-    ticks = outcomes_of_ticks(run)
     cycle = None if run.cycle is None else (run.cycle, run.period)
+    recording = file.parent / "run.btrec.txt"
+    declared = declarations_beside(file)
+    plans = _plans(file, registry(), [file], None, None, declared)
+    if not record_counterexample(plans, answer, declared, recording):
+        faults.append(f"{place}: {answer.question}: nothing is saved")
+        return
+    if not (verified := verify(recording)).is_same:
+        faults.append(f"{place}: {answer.question}: the recording is not repeated: {verified}")
     for tree, fails in ((file, True), (good, False)):
         failed = False
         try:
-            assert_holds_in_run(tree, answer.question, ticks, cycle=cycle, nodes=registry(), models=[tree])
+            assert_holds_in_run(
+                tree, answer.question, recording, cycle=cycle, nodes=registry(), models=[tree]
+            )
         except AssertionError:
             failed = True
         except btcore.BtcoreError as error:

@@ -48,6 +48,7 @@ NEEDS = {
     "agents": ("mcp",),
     "batch": ("numpy",),
     "bump_and_go": BOOK_NEEDS,
+    "failed_last_night": BOOK_NEEDS,
     "monitor_your_robot": ("zmq", "msgpack", "rerun"),
     "recording": ("zmq", "msgpack", "rerun"),
     "proving": BOOK_NEEDS,

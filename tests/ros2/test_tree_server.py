@@ -29,6 +29,7 @@ from btcore import Status
 from btcore.cli.main import main
 from btcore_monitor.events import TreeEvent
 from btcore_monitor.watch.feed import Feed
+from btcore_recorder import Replay
 from btcore_ros2.errors import RosError
 from btcore_ros2.interfaces import load_interface
 from btcore_ros2.leaves import RosSubscriber
@@ -130,6 +131,15 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.fixture(autouse=True, scope="module")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The folder in which servers record by default."""
+    home = tmp_path_factory.mktemp("ros")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_HOME", str(home))
+        yield home / "btcore" / "recordings"
+
+
 @pytest.fixture(scope="module")
 def server(folder: Path) -> Iterator[ServerProcess]:
     server = ServerProcess(
@@ -179,6 +189,25 @@ def test_success(server: ServerProcess, client: ClientProcess) -> None:
 def test_failure_aborts(server: ServerProcess, client: ClientProcess) -> None:
     expected = (GoalStatus.STATUS_ABORTED, Status.FAILURE, "the tree ended in FAILURE")
     assert ended(client, run(client, "Fails")) == expected
+
+
+def test_the_end_of_a_tree_that_fails_is_recorded(
+    server: ServerProcess, client: ClientProcess, recordings: Path
+) -> None:
+    def recorded(tree: str) -> list[Path]:
+        return list(recordings.glob(f"*_{tree}_*.btrec.txt"))
+
+    before = recorded("Fails")
+    assert ended(client, run(client, "Quick"))[1] is Status.SUCCESS
+    assert ended(client, run(client, "Fails"))[1] is Status.FAILURE
+    assert ended(client, run(client, "Broken"))[1] is Status.IDLE
+    assert poll(lambda: recorded("Fails") > before and recorded("Broken"))
+    assert not recorded("Quick")
+    for file in [*recorded("Fails"), *recorded("Broken")]:
+        assert poll(lambda file=file: f"the end of the run is recorded in {file}" in server.text)
+        replay = Replay(file)
+        assert replay.verify() is None
+        assert replay.tree.ticks == 1
 
 
 def test_exception_aborts_with_the_path_of_the_node(server: ServerProcess, client: ClientProcess) -> None:

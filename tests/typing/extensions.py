@@ -1,9 +1,12 @@
-"""The monitor's extensions of other commands have the types that these declare, which mypy checks."""
+"""The extensions of tools have the types that the tools declare, which mypy checks."""
 
 from btcore_monitor.log_viewer import LogViewer
 from btcore_monitor.preview_extension import RobotPreview
+from btcore_proof.outcome_replay import OutcomesReader
 from btcore_recorder.commands.replay import LogViewer as ReplayExtension
+from btcore_recorder.outcomes import read_outcomes
 from btcore_studio.preview.live import PreviewExtension
 
 preview: PreviewExtension = RobotPreview()
 replay: ReplayExtension = LogViewer()
+outcomes: OutcomesReader = read_outcomes

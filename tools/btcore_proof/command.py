@@ -3,7 +3,6 @@
 import os
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
 from pathlib import Path
 from typing import Final
 
@@ -24,7 +23,6 @@ from btcore.cli.tree_source import (
 from btcore.escaping import escape_controls
 from btcore.exit_codes import ExitCode
 from btcore.field_options import pass_options
-from btcore.logs.formats import open_log
 from btcore.registry.mock_nodes import MockAction
 from btcore.registry.registry import Registry
 from btcore.tree.tree import Tree
@@ -34,15 +32,12 @@ from btcore_proof.counterexample import RunTick
 from btcore_proof.declarations import SUFFIX, Declarations
 from btcore_proof.declarations_template import template_of
 from btcore_proof.model_leaves import with_model_leaves
-from btcore_proof.outcome_replay import outcomes_of_ticks
 from btcore_proof.prover import PROVED, REFUTED, Answer, Report
-from btcore_proof.saved_counterexamples import TreeReference, file_name, source_of_test
+from btcore_proof.saved_counterexamples import RECORDING, TreeReference, file_name, source_of_test
 from btcore_proof.state_graph import StateGraph
 from btcore_proof.state_graph_pictures import MAX_STATES, draw_graph, graph_to_dot
-from btcore_proof.tree_files import MEMORY_MB, declarations_of, fault_in_run, prover_of
+from btcore_proof.tree_files import MEMORY_MB, declarations_of, prover_of, record_counterexample
 
-LOGGED_CYCLES: Final = 3
-"""How often a log repeats a cycle."""
 _INTERVAL_S: Final = 0.2
 
 
@@ -104,8 +99,8 @@ _INTERVAL_S: Final = 0.2
     "--save",
     type=click.Path(file_okay=False, path_type=Path),
     metavar="FOLDER",
-    help="Write each counterexample to FOLDER: a log for `btcore replay`, and a test for pytest that fails "
-    "until the tree is mended.",
+    help="Write each counterexample to FOLDER: a recording for `btcore replay`, and a test for pytest that "
+    "fails until the tree is mended.",
 )
 @click.option(
     "--dot",
@@ -234,30 +229,13 @@ def _save(
     plans: Plans,
     declared: Declarations,
 ) -> None:
-    """Write the counterexample of *answer* as a log and as a test."""
-    run = answer.counterexample
-    assert run is not None
-    ticks = outcomes_of_ticks(run)
-    cycle = None if run.cycle is None else (run.cycle, run.period)
+    """Write the counterexample of *answer* as a recording and as a test."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise click.ClickException(f"cannot create '{folder}': {error.strerror}") from error
-    log = folder / f"{name}.btlog"
-    with ExitStack() as open_logs:
-        fault = fault_in_run(
-            plans,
-            answer.question,
-            ticks,
-            cycle,
-            run.given,
-            declared,
-            lambda tree: open_logs.enter_context(open_log(tree, log)),
-            LOGGED_CYCLES,
-        )
-    if fault is None:
+    if not record_counterexample(plans, answer, declared, folder / f"{name}{RECORDING}"):
         # Nodes that are no leaves, such as a ManualSelector, have no outcomes.
-        log.unlink()
         terminal.print_warning(
             f"'{answer.question}': nothing was saved, because the leaves' outcomes do not repeat the run"
         )

@@ -161,7 +161,7 @@ def replay(
         choices_of_ticks: The choices of each tick.
         times: The times of the ticks (ns), from `times_of`.
         domains: The declared values of entries.
-        attach: Called with the tree before its first tick, for example to record a log.
+        attach: Called with the tree before its first tick, for example to draw it.
     """
     choices = Choices(domains)
     clock = SimClock()

@@ -14,6 +14,7 @@ from btcore import NodeSpec
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.ports import Binding, Direction, Input, Output, Port, PortRole, braced_key
 from btcore.engine.control import DecoratorNode
+from btcore.engine.journal import Journal, Written
 from btcore.engine.leaf import Condition, StatefulAction, SyncAction
 from btcore.engine.node import TreeNode
 from btcore.nodes.manual_selector import Prompt
@@ -79,6 +80,15 @@ class UnknownValue:
     __round__ = __trunc__ = __floor__ = __ceil__ = _raise
 
 
+class RecordableUnknownValue(UnknownValue):
+    """An unknown value that has a text, with which it is recorded."""
+
+    __slots__ = ()
+
+    def __repr__(self) -> str:  # type: ignore[override]
+        return "?"
+
+
 _EXACT: Final = 2**53
 """Scripts compare no greater integers."""
 
@@ -141,6 +151,7 @@ class Choices:
         guess: The comparison with an unknown value that is being decided; "" = none.
         guesses: The comparisons with unknown values in this tick, as sentences.
         assumed: The keys of unknown values that were compared although this may be impossible.
+        unknown_class: The class of unknown values.
     """
 
     def __init__(self, domains: Mapping[str, tuple[str, ...]] | None = None) -> None:
@@ -155,6 +166,7 @@ class Choices:
         self.guess = ""
         self.guesses: list[str] = []
         self.assumed: set[str] = set()
+        self.unknown_class: type[UnknownValue] = UnknownValue
         self._unknown: dict[tuple[str, str], UnknownValue] = {}
 
     def begin(self, given: Sequence[int]) -> None:
@@ -230,7 +242,7 @@ class Choices:
         """Return the unknown value of the entry *key*; for *operands*, see UnknownValue."""
         known = self._unknown.get((key, operands))
         if known is None:
-            known = self._unknown[key, operands] = UnknownValue(key, operands, self)
+            known = self._unknown[key, operands] = self.unknown_class(key, operands, self)
         return known
 
 
@@ -398,6 +410,8 @@ class _Chooser:
             raise self.choices.interrupt(UnknownOutcomeError(text))
         unknown = self.choices.unknown(writer.key, operands_of(port_type))
         entry.put(unknown, board.now())
+        if isinstance(board.recorder, Journal):
+            board.recorder.add(Written(board, writer.key, {"__text": "?"}, entry.declared))
         return unknown
 
 

@@ -1,8 +1,10 @@
 """Runs with given outcomes of the leaves: a counterexample is run again, also after the tree was changed."""
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Final
+from pathlib import Path
+from typing import Final, Protocol
 
+from btcore import entry_points
 from btcore.clock import NS_PER_S, SimClock
 from btcore.engine.node import TreeNode
 from btcore.errors import BtcoreError
@@ -31,8 +33,29 @@ If time passes within the tick, there are several times: one of each reading of 
 _LETTER_OF: Final = {status: letter for letter, status in LETTERS.items()}
 
 
+class OutcomesReader(Protocol):
+    """Reads a recording, under the entry point group `btcore.outcomes`."""
+
+    def __call__(self, file: Path, /) -> tuple[Sequence[TickOutcomes], Mapping[str, str]]:
+        """Return the outcomes in each tick, and the entries before the first tick, as texts by key."""
+        ...
+
+
 class OutcomesError(BtcoreError):
     """The outcomes of the leaves of a tree are invalid."""
+
+
+def recorded_outcomes(file: Path) -> tuple[Sequence[TickOutcomes], Mapping[str, str]]:
+    """Return the outcomes in each tick of a recording, and the entries before the first tick.
+
+    Raises:
+        LogError: The recording cannot be read.
+    """
+    loaded, _ = entry_points.load("btcore.outcomes")
+    if not loaded:
+        raise OutcomesError(f"{file}: recordings cannot be read: install btcore_recorder")
+    read: OutcomesReader = loaded[0].value
+    return read(file)
 
 
 def outcomes_of_ticks(run: Counterexample) -> list[TickOutcomes]:

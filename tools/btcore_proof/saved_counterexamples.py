@@ -1,17 +1,18 @@
-"""Counterexamples as files: a pytest test for each, beside its log."""
+"""Counterexamples as files: a pytest test for each, beside its recording."""
 
 import json
 import os
 import re
 import textwrap
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from btcore_proof.counterexample import Counterexample
-from btcore_proof.outcome_replay import TickOutcomes, outcomes_of_ticks
 from btcore_proof.prover import Answer
 
+RECORDING: Final = ".btrec.txt"
+"""The extension of recordings."""
 _LINE_LENGTH: Final = 88
 """The line length of the tests, which is ruff's default."""
 _MAX_NAME_CHARS: Final = 60
@@ -80,16 +81,12 @@ def source_of_test(name: str, answer: Answer, source: TreeReference, folder: Pat
         "from btcore_proof import assert_holds_in_run",
         "",
         "FOLDER = Path(__file__).parent",
-        "# For each tick its time (s) and the outcomes of the leaves, as for `btcore run --outcomes`.",
-        "TICKS = [",
-        *(line for tick in outcomes_of_ticks(run) for line in _tick_lines(tick)),
-        "]",
         "",
         "",
         f"def test_{name.replace('-', '_')}() -> None:",
         *_node_lines(source, folder),
         "    assert_holds_in_run(",
-        *(f"        {argument}," for argument in _arguments(answer, run, source, folder)),
+        *(f"        {argument}," for argument in _arguments(name, answer, run, source, folder)),
         "    )",
     ]
     return "\n".join(lines) + "\n"
@@ -118,12 +115,13 @@ def _node_lines(source: TreeReference, folder: Path) -> list[str]:
     return lines
 
 
-def _arguments(answer: Answer, run: Counterexample, source: TreeReference, folder: Path) -> list[str]:
-    arguments = [_place(source.file, folder), _text(answer.question), "TICKS"]
+def _arguments(
+    name: str, answer: Answer, run: Counterexample, source: TreeReference, folder: Path
+) -> list[str]:
+    recording = f"FOLDER / {_text(name + RECORDING)}"
+    arguments = [_place(source.file, folder), _text(answer.question), recording]
     if run.cycle is not None:
         arguments.append(f"cycle=({run.cycle}, {run.period})")
-    if run.given:
-        arguments.append(f"set_before={_mapping(run.given)}")
     if source.plugins or source.has_libraries:
         arguments.append("nodes=nodes")
     if source.models:
@@ -144,19 +142,6 @@ def _place(path: Path, folder: Path) -> str:
     except ValueError:  # on another drive of Windows
         return f"Path({_text(str(path.resolve()))})"
     return f"FOLDER / {_text(relative.as_posix())}"
-
-
-def _tick_lines(tick: TickOutcomes) -> list[str]:
-    time, leaves = tick
-    items = [f"{_text(name)}: {_text(outcomes)}" for name, outcomes in leaves.items()]
-    line = f"    ({time}, {{{', '.join(items)}}}),"
-    if len(line) <= _LINE_LENGTH:
-        return [line]
-    return [f"    ({time}, {{", *(f"        {item}," for item in items), "    }),"]
-
-
-def _mapping(values: Mapping[str, str]) -> str:
-    return f"{{{', '.join(f'{_text(key)}: {_text(value)}' for key, value in values.items())}}}"
 
 
 def _text(text: str) -> str:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from btcore.engine.node import TreeNode, execution_error, start_tick_counts, tick_counts_of
 from btcore.errors import NodeExecutionError
-from btcore.status import RUNNING, Status
+from btcore.status import RUNNING, SKIPPED, Status
 from btcore.tree.tree import Tree
 from btcore_proof.interrupts import LostInterruptError, SearchInterrupt, UnknownOutcomeError
 from btcore_proof.model_leaves import Choices, LeafEvent, model_leaf_model
@@ -72,7 +72,7 @@ class TickRunner:
 
     def _record(self, node: TreeNode, status: Status) -> Status:
         self._results.setdefault(node.config.uid, []).append(status)
-        return status
+        return SKIPPED  # the result remains
 
     def run(self, given: Sequence[int]) -> Tick:
         """Run one tick from the present state of the tree, with the choices *given*."""

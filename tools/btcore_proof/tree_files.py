@@ -1,12 +1,14 @@
 """Proofs about the trees of XML files: `prove`, `assert_proved` and `assert_holds_in_run`."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
 from os import PathLike
 from pathlib import Path
 from typing import Final
 
 from btcore.clock import Clock
 from btcore.loading.instantiate import instantiate
+from btcore.logs.formats import open_log
 from btcore.registry.registry import Registry
 from btcore.tree.drawing import to_text
 from btcore.tree.tree import Tree
@@ -16,10 +18,17 @@ from btcore.xml.read.read import parse_file, read
 from btcore_proof.answer_text import lines_of_answer
 from btcore_proof.counterexample import TreeMaker
 from btcore_proof.declarations import Declarations, declarations_beside, read_declarations
-from btcore_proof.model_leaves import Choices, ModelPrompt, with_model_leaves
-from btcore_proof.outcome_replay import CYCLES, ReplayChoices, TickOutcomes, replay_outcomes
+from btcore_proof.model_leaves import Choices, ModelPrompt, RecordableUnknownValue, with_model_leaves
+from btcore_proof.outcome_replay import (
+    CYCLES,
+    ReplayChoices,
+    TickOutcomes,
+    outcomes_of_ticks,
+    recorded_outcomes,
+    replay_outcomes,
+)
 from btcore_proof.propositions import parse_question
-from btcore_proof.prover import PROVED, Prover, Report, beginnings_of, write_entries
+from btcore_proof.prover import PROVED, Answer, Prover, Report, beginnings_of, write_entries
 
 MEMORY_MB: Final = 4000
 """The default limit of the memory of a search (MB)."""
@@ -165,32 +174,27 @@ def assert_proved(
 def assert_holds_in_run(
     file: File,
     question: str,
-    ticks: Sequence[TickOutcomes],
+    recording: File,
     *,
     cycle: tuple[int, float] | None = None,
-    set_before: Mapping[str, str] | None = None,
     nodes: Registry | None = None,
     models: Sequence[File] = (),
     tree: str | None = None,
     format: int | None = None,
     declarations: File | None = None,
 ) -> None:
-    """Run a tree with given outcomes of its leaves, and assert that the run does not violate a question.
+    """Run a tree with recorded outcomes of its leaves, and assert that the run does not violate a question.
 
-    `btcore prove --save` writes tests with this assertion. A leaf that is ticked in a tick without an outcome
-    for it takes its next outcome. After its last outcome, it repeats this outcome, unless that is RUNNING. In
-    all other cases, it takes the first result of its model. The run ends when the tree ends.
+    `btcore prove --save` writes tests with this assertion. Model leaves do what was recorded for the leaves
+    of the same name. A leaf that is ticked in a tick without an outcome for it takes its next outcome. After
+    its last outcome, it repeats this outcome, unless that is RUNNING. In all other cases, it takes the first
+    result of its model. The run ends when the tree ends.
 
     Args:
         file: The XML file of the tree.
         question: The question, as in `prove`; or a standard question.
-        ticks: For each tick its time (s) and the outcomes of the leaves, by name or path: "S" (SUCCESS), "F"
-            (FAILURE), "R" (RUNNING) or "K" (SKIPPED), with the values of output ports as in "S(goal=3)"; as
-            many as the leaf is ticked. If time passes within the tick, a list of times: one for
-            the start of the tick, and one for each later reading of the clock by a node.
+        recording: The file of the recording.
         cycle: The index of the tick from which the ticks are repeated, and the duration of the cycle (s).
-        set_before: The values of the entries that the program sets before the first tick, as texts; `?` is
-            a value that is not known.
         nodes: As in `prove`, like all following arguments.
         models: As in `prove`.
         tree: As in `prove`.
@@ -199,24 +203,40 @@ def assert_holds_in_run(
 
     Raises:
         AssertionError: The run violates the question.
-        OutcomesError: The outcomes of a leaf are invalid, or the tree has no such leaf.
+        OutcomesError: The tree has no leaf of a recorded name, or a leaf has raised an exception.
+        LogError: The recording cannot be read.
         TreeError: The tree or a model has errors.
         ModelError: A declaration is invalid.
         QuestionError: The question is invalid.
 
     Examples:
         >>> from pathlib import Path
+        >>> import btcore
+        >>> from btcore.logs import open_log
         >>> from btcore_proof import assert_holds_in_run
         >>> xml = '''<root BTCPP_format="4"><BehaviorTree ID="Main">
         ...   <ReactiveSequence> <Condition ID="PathFree"/> <Action ID="Drive"/> </ReactiveSequence>
         ... </BehaviorTree></root>'''
         >>> _ = Path("drive.xml").write_text(xml)
-        >>> ticks = [(0.0, {"PathFree": "S", "Drive": "R"}), (0.1, {"PathFree": "F"})]
-        >>> assert_holds_in_run("drive.xml", "never Drive & PathFree is FAILURE", ticks, models=["drive.xml"])
+        >>> @btcore.condition
+        ... def path_free() -> bool:
+        ...     return True
+        >>> @btcore.action
+        ... def drive() -> bool:
+        ...     return True
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(path_free, drive)
+        >>> tree = btcore.load("drive.xml", nodes=nodes)
+        >>> with open_log(tree, "drive.btrec.txt"):
+        ...     _ = tree.tick_once()
+        >>> question = "never Drive & PathFree is FAILURE"
+        >>> assert_holds_in_run("drive.xml", question, "drive.btrec.txt", nodes=nodes)
     """
+    __tracebackhide__ = True  # pytest shows the test instead of this function
+    ticks, entries = recorded_outcomes(Path(recording))
     declared = declarations_of(Path(file), declarations)
     plans = _plans(file, nodes, models, tree, format, declared)
-    fault = fault_in_run(plans, question, ticks, cycle, set_before or {}, declared)
+    fault = fault_in_run(plans, question, ticks, cycle, entries, declared)
     if fault is not None:
         raise AssertionError(f"{question}: {fault}")
 
@@ -270,12 +290,13 @@ def fault_in_run(
 
     Args:
         plans: As in `prover_of`.
-        question: As in `assert_holds_in_run`, like the following arguments.
-        ticks: The ticks.
-        cycle: The cycle.
-        set_before: The entries that the program sets.
+        question: As in `assert_holds_in_run`.
+        ticks: The outcomes in each tick.
+        cycle: As in `assert_holds_in_run`.
+        set_before: The values of the entries that the program sets before the first tick, as texts; `?` is a
+            value that is not known.
         declared: The declarations.
-        attach: Called with the tree before its first tick.
+        attach: Called with the tree before its first tick, to record it.
         cycles: How often the cycle is run.
 
     Raises:
@@ -283,7 +304,43 @@ def fault_in_run(
         QuestionError: The question is invalid.
     """
     choices = ReplayChoices(ticks, None if cycle is None else cycle[0], declared.entries)
+    if attach is not None:
+        choices.unknown_class = RecordableUnknownValue
     return replay_outcomes(_maker(plans, set_before), choices, ticks, question, cycle, attach, cycles)
+
+
+def record_counterexample(plans: Plans, answer: Answer, declared: Declarations, file: Path) -> bool:
+    """Run a counterexample again, and record it.
+
+    Args:
+        plans: As in `prover_of`.
+        answer: The answer, which has a counterexample.
+        declared: The declarations.
+        file: The file of the recording.
+
+    Returns:
+        Whether the leaves' outcomes in the recording repeat the counterexample. Otherwise, there is no file.
+    """
+    run = answer.counterexample
+    assert run is not None
+    cycle = None if run.cycle is None else (run.cycle, run.period)
+    ticks: Sequence[TickOutcomes] = outcomes_of_ticks(run)
+    with ExitStack() as recordings:
+        fault = fault_in_run(
+            plans,
+            answer.question,
+            ticks,
+            cycle,
+            run.given,
+            declared,
+            lambda tree: recordings.enter_context(open_log(tree, file)),
+            cycles=1,
+        )
+    ticks, entries = recorded_outcomes(file)
+    if fault is None or fault_in_run(plans, answer.question, ticks, cycle, entries, declared) is None:
+        file.unlink()
+        return False
+    return True
 
 
 def _maker(plans: Plans, set_before: Mapping[str, str]) -> TreeMaker:

@@ -4,7 +4,7 @@ import logging
 import os
 import threading
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 from queue import Empty, SimpleQueue
@@ -13,12 +13,11 @@ from typing import Any, Final, NamedTuple, Self
 from btcore.clock import NS_PER_S
 from btcore.logs.files import LogError, create, ensure_writable, write_whole
 from btcore.output_files import write_file
-from btcore.status import Status
 from btcore.tree.tree import Tree
-from btcore_recorder.files import form_for
-from btcore_recorder.inputs import TreeState
+from btcore_recorder.files import RecordingFiles, form_for
+from btcore_recorder.inputs import Head, TreeState
 from btcore_recorder.lines import Line, head_lines, segment_lines
-from btcore_recorder.recorder import RawStep, Recorder
+from btcore_recorder.recorder import NO_OPTIONS, RawStep, Recorder, RecorderOptions
 
 WRITE_INTERVAL_S: Final = 0.5
 """The time (s, wall clock) between two writes: what a process that is killed may lose."""
@@ -43,11 +42,33 @@ class _TypeFound(NamedTuple):
 
 
 class _SegmentBegun(NamedTuple):
-    """A new segment: why steps are missing before it, or "", and the state in which it begins."""
+    """A new segment.
+
+    Attributes:
+        gap: Why steps are missing before it, or "".
+        state: The state in which it begins.
+        time: The time (ns) of the tree's clock.
+        begins_file: Whether it is the first of a new file.
+    """
 
     gap: str
     state: TreeState
     time: int
+    begins_file: bool
+
+
+class Rotation(NamedTuple):
+    """When a recording continues in a new file.
+
+    Attributes:
+        next_file: Returns the path of the new file. A thread calls it.
+        max_bytes: The size at which a new file begins; None = any.
+        max_duration_s: The time (s of the tree's clock) after which a new file begins; None = any.
+    """
+
+    next_file: Callable[[], Path]
+    max_bytes: float | None = None
+    max_duration_s: float | None = None
 
 
 class FileRecorder:
@@ -60,14 +81,24 @@ class FileRecorder:
         tree: As in `record`, which creates the recorder.
         path: As in `record`.
         exclude: As in `record`.
+        rotation: When the recording continues in a new file; None = never.
+        options: What is recorded besides what the ticks depend on.
 
     Attributes:
-        path: The file.
+        path: The file, or the last of several.
         is_incomplete: Whether steps are missing.
     """
 
-    def __init__(self, tree: Tree, path: str | os.PathLike[str], exclude: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        tree: Tree,
+        path: str | os.PathLike[str],
+        exclude: Sequence[str] = (),
+        rotation: Rotation | None = None,
+        options: RecorderOptions = NO_OPTIONS,
+    ) -> None:
         self.path = Path(path)
+        self._rotation = rotation
         self._form = form_for(self.path)
         self.is_incomplete = False
         self._tree = tree
@@ -75,12 +106,14 @@ class FileRecorder:
         self._added_values = 0
         self._taken_values = 0
         self._unwritten_values = 0
+        self._is_rotating = False  # whether the first segment of another file is in the queue
         self._loss = ""  # why steps are being lost
-        self._recorder = Recorder(tree, self._add_step, self._add_type, exclude)
-        self._types: list[Line] = []  # found since the last step
-        head = self._recorder.head
-        self._segment_time = head.time
-        self._form.add(head_lines(head, [node.path for node in tree.nodes]), head.wall_time)
+        self._recorder = Recorder(tree, self._add_step, self._add_type, exclude, options)
+        self._types: dict[str, Any] = {}  # found since the last step
+        self._head = head = self._recorder.head
+        self._segment_time = self._file_time = head.time
+        self._paths = [node.path for node in tree.nodes]
+        self._form.add(head_lines(head, self._paths), head.wall_time)
         data = self._form.take()
         try:
             self._file = create(self.path, data)
@@ -117,15 +150,24 @@ class FileRecorder:
         if not self._loss:
             self._added_values += len(step.records)
             self._queue.put(step)
-            if step.time - self._segment_time > SEGMENT_DURATION_S * NS_PER_S:
-                self._begin_segment("", step.time)
-                self._segment_time = step.time
+            is_full = self._rotation is not None and self._is_full(self._rotation, step.time)
+            if is_full or step.time - self._segment_time > SEGMENT_DURATION_S * NS_PER_S:
+                self._begin_segment("", step.time, is_full)
         elif not queued:  # try again, from the end of this step on
             loss, self._loss = self._loss, ""
             self._begin_segment(loss, step.time)
 
-    def _begin_segment(self, gap: str, time: int) -> None:
-        self._queue.put(_SegmentBegun(gap, self._recorder.capture(), time))
+    def _is_full(self, rotation: Rotation, time: int) -> bool:
+        duration_s = (time - self._file_time) / NS_PER_S
+        is_long = rotation.max_duration_s is not None and duration_s >= rotation.max_duration_s
+        is_large = rotation.max_bytes is not None and self._size >= rotation.max_bytes
+        return (is_long or is_large) and not self._is_rotating
+
+    def _begin_segment(self, gap: str, time: int, begins_file: bool = False) -> None:
+        self._queue.put(_SegmentBegun(gap, self._recorder.capture(), time, begins_file))
+        self._segment_time = time
+        if begins_file:
+            self._file_time, self._is_rotating = time, True
 
     def _add_type(self, name: str, description: Any) -> None:
         self._queue.put(_TypeFound(name, description))
@@ -154,17 +196,42 @@ class FileRecorder:
                 break
             if isinstance(item, RawStep):
                 values += len(item.records)
-                self._form.add(self._types + self._recorder.lines(item), self._wall_time(item.time))
+                types = [["type", *found] for found in self._types.items()]
+                self._form.add(types + self._recorder.lines(item), self._wall_time(item.time))
                 self._types.clear()
             elif isinstance(item, _TypeFound):
-                self._types.append(["type", *item])
-            else:
+                self._types[item.name] = item.description
+                self._head = self._head._replace(types={**self._head.types, item.name: item.description})
+            elif not (item.begins_file and self._begin_file(item)):
                 self._form.add(segment_lines(item.gap, item.state), self._wall_time(item.time))
         if self._write(self._form.take()):
             self._taken_values += self._unwritten_values + values
             self._unwritten_values = 0
         else:
             self._unwritten_values += values
+
+    def _begin_file(self, segment: _SegmentBegun) -> bool:
+        """Continue in a new file; return False if the present file has to be continued."""
+        assert self._rotation is not None
+        self._is_rotating = False
+        if not self._write(self._form.take()):
+            return False
+        self._head = self._head._replace(state=segment.state)
+        try:
+            path = self._rotation.next_file()
+            form = form_for(path)
+            form.add(head_lines(self._head, self._paths), self._wall_time(segment.time))
+            data = form.take()
+            file = create(path, data)
+        except LogError as error:
+            _log.warning("%s", error)
+            return False
+        self._write(self._form.take_end())
+        self._file.close()
+        self.path, self._form, self._file = path, form, file
+        self._size, self._unwritten = len(data), b""
+        self._types.clear()
+        return True
 
     def _wall_time(self, time: int) -> int:
         head = self._recorder.head
@@ -196,6 +263,33 @@ class _Segment:
         self.steps: list[RawStep] = []
 
 
+class KeptSteps(NamedTuple):
+    """What a `RingRecorder` has kept. Any thread may write it, also while the tree is ticked."""
+
+    head: Head
+    paths: Sequence[str]
+    segments: Sequence[_Segment]
+    lines: Callable[[RawStep], list[Line]]
+
+    def write(self, path: Path) -> None:
+        """Write a recording.
+
+        Raises:
+            LogError: The file cannot be written.
+        """
+        form, head, first = form_for(path), self.head, self.segments[0]
+        form.add(head_lines(head._replace(state=first.state), self.paths), head.wall_time)
+        for segment in self.segments:
+            if segment is not first:
+                form.add(segment_lines("", segment.state), head.wall_time + segment.time - head.time)
+            for step in segment.steps:
+                form.add(self.lines(step), head.wall_time + step.time - head.time)
+        try:
+            write_file(path, form.take_end())
+        except OSError as error:
+            raise LogError(f"{path}: cannot write the recording: {error.strerror or error}") from None
+
+
 class RingRecorder:
     """Keeps the last ticks and halts of *tree* in memory: of `RING_DURATION_S`, and at most `RING_BYTES`.
 
@@ -203,30 +297,53 @@ class RingRecorder:
         tree: The tree, between two ticks.
         path: The file to which `save` writes, `….btrec.txt` or `….mcap`.
         exclude: Patterns of keys; the values of these entries are not recorded.
+        on_halt: Called after each halt of the whole tree that is not a part of a tick.
+        gives_way: Whether another recorder of the tree ends this recording.
+        options: As in `FileRecorder`.
+
+    Attributes:
+        path: The file.
+        is_halted: Whether the last step was such a halt.
 
     Raises:
         BtcoreError: The tree is in a tick, is being recorded, or is not from a document.
         LogError: The file cannot be written, or its name has another extension.
     """
 
-    def __init__(self, tree: Tree, path: str | os.PathLike[str], exclude: Sequence[str] = ()) -> None:
+    def __init__(
+        self,
+        tree: Tree,
+        path: str | os.PathLike[str],
+        exclude: Sequence[str] = (),
+        on_halt: Callable[[], object] = lambda: None,
+        gives_way: bool = False,
+        options: RecorderOptions = NO_OPTIONS,
+    ) -> None:
         self.path = Path(path)
         form_for(self.path)  # checks the name
         is_new = not self.path.exists()
         ensure_writable(self.path)
         if is_new:
             self.path.unlink()
+        self.is_halted = False
         self._tree = tree
+        self._on_halt = on_halt
         self._types: dict[str, Any] = {}
-        self._recorder = Recorder(tree, self._add_step, self._types.__setitem__, exclude)
+        self._recorder = Recorder(tree, self._add_step, self._types.__setitem__, exclude, options)
+        self._recorder.gives_way = gives_way
         head = self._recorder.head
         self._value_count = 0
         self._segments = deque([_Segment(head.state, head.time)])
 
     @property
-    def last_result(self) -> Status:
-        """The result of the last tick that raised no exception."""
-        return self._recorder.last_result
+    def has_failed(self) -> bool:
+        """Whether the last tick ended in FAILURE or raised an exception, and is kept here."""
+        return self._recorder.has_failed and self.has_steps
+
+    @property
+    def has_steps(self) -> bool:
+        """Whether a tick or halt is kept."""
+        return any(segment.steps for segment in self._segments)
 
     def close(self) -> None:
         """End the recording. Call it while no tick is in progress."""
@@ -239,19 +356,19 @@ class RingRecorder:
             LogError: The file cannot be written.
         """
         self.close()
-        form, head = form_for(self.path), self._recorder.head
-        head = head._replace(state=self._segments[0].state, types={**head.types, **self._types})
-        form.add(head_lines(head, [node.path for node in self._tree.nodes]), head.wall_time)
-        for segment in self._segments:
-            time = head.wall_time + segment.time - head.time
-            if segment is not self._segments[0]:
-                form.add(segment_lines("", segment.state), time)
-            for step in segment.steps:
-                form.add(self._recorder.lines(step), head.wall_time + step.time - head.time)
-        try:
-            write_file(self.path, form.take_end())
-        except OSError as error:
-            raise LogError(f"{self.path}: cannot write the recording: {error.strerror or error}") from None
+        self._kept_steps().write(self.path)
+
+    def take(self) -> KeptSteps:
+        """Return what is kept, and begin again with the present state. Call it between two ticks."""
+        kept = self._kept_steps()
+        self._segments = deque([_Segment(self._recorder.capture(), self._segments[-1].time)])
+        return kept
+
+    def _kept_steps(self) -> KeptSteps:
+        head = self._recorder.head
+        head = head._replace(types={**head.types, **self._types})
+        paths = [node.path for node in self._tree.nodes]
+        return KeptSteps(head, paths, self._segments, self._recorder.lines)
 
     def _add_step(self, step: RawStep) -> None:
         segments, last = self._segments, self._segments[-1]
@@ -269,15 +386,31 @@ class RingRecorder:
                 or step.time - segments[1].time > RING_DURATION_S * NS_PER_S
             ):
                 segments.popleft()
+        self.is_halted = step.is_halt
+        if step.is_halt:
+            self._on_halt()
 
 
-def record(tree: Tree, path: str | os.PathLike[str], exclude: Sequence[str] = ()) -> FileRecorder:
+def record(
+    tree: Tree,
+    path: str | os.PathLike[str],
+    exclude: Sequence[str] = (),
+    *,
+    max_bytes: float | None = None,
+    max_duration_s: float | None = None,
+    keeps_transitions: bool = False,
+) -> FileRecorder:
     """Record what the ticks of *tree* depend on to a file, so that `Replay` runs them again.
 
     Args:
         tree: The tree, between two ticks.
-        path: The file, `….btrec.txt` or `….mcap`; an existing file is overwritten.
+        path: The file, `….btrec.txt` or `….mcap`; an existing file is overwritten. Or a folder, in which each
+            recording gets a name.
         exclude: Patterns of keys, such as `password*`; the values of these entries are not recorded.
+        max_bytes: The size after which another file begins, `run.2.btrec.txt`; None = any.
+        max_duration_s: The time (s of the tree's clock) after which another file begins; None = any.
+        keeps_transitions: Whether to record all transitions, not only their checksum, so that a difference of
+            a replay is located to the transition.
 
     Returns:
         The recorder. Close it after the last tick, or use it as a context manager.
@@ -304,4 +437,11 @@ def record(tree: Tree, path: str | os.PathLike[str], exclude: Sequence[str] = ()
         >>> replay.verify(), replay.tree.blackboard["near"]
         (None, 1.0)
     """
-    return FileRecorder(tree, path, exclude)
+    files = RecordingFiles(Path(path))
+    return FileRecorder(
+        tree,
+        files.next(tree.id),
+        exclude,
+        Rotation(lambda: files.next(tree.id), max_bytes, max_duration_s),
+        RecorderOptions(keeps_transitions),
+    )

@@ -1,11 +1,16 @@
-"""The files of recordings: their forms, by the extension or the first bytes."""
+"""The files of recordings: their names, and their forms, by the extension or the first bytes."""
 
+import os
+import re
 from collections.abc import Iterable
+from contextlib import suppress
+from datetime import datetime
 from pathlib import Path
 from typing import Final, Protocol
 
 from btcore.extras import describe_missing
 from btcore.logs.files import LogError, read_bytes
+from btcore.output_files import numbered_file
 from btcore.suggestions import suggestion
 from btcore_recorder.inputs import RunRecording
 from btcore_recorder.lines import Line, read_lines
@@ -15,6 +20,10 @@ TEXT: Final = ".btrec.txt"
 MCAP: Final = ".mcap"
 EXTENSIONS: Final = (TEXT, MCAP)
 
+FOLDER_BYTES: Final = 500_000_000
+"""Maximum size of the recordings in a folder; beyond it, the oldest are removed."""
+
+_NAME_IN_FOLDER: Final = r"\d{4}-\d\d-\d\dT\d\d-\d\d-\d\d_.+"
 _MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
 
 
@@ -67,3 +76,48 @@ def read_recording(path: Path) -> RunRecording:
     if not data.startswith(MAGIC):
         raise LogError(f"{path}: this is not a recording: it does not begin with 'btrec'")
     return read_lines(TextLines(data), str(path))
+
+
+class RecordingFiles:
+    """The names of the recordings of a run.
+
+    Args:
+        path: A file, to which numbered files are added, as `run.2.btrec.txt`; or a folder, which exists
+            already, or whose name has no extension: there a name consists of the time and the tree.
+
+    Attributes:
+        is_folder: Whether *path* is a folder.
+        count: The number of names that were given.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.is_folder = path.is_dir() or not path.suffix
+        self.count = 0
+        self._path = path
+
+    def next(self, tree_id: str) -> Path:
+        """Return the name of the next recording. A folder is created, and its oldest recordings are removed.
+
+        Raises:
+            LogError: The folder cannot be created.
+        """
+        self.count += 1
+        if not self.is_folder:
+            return numbered_file(self._path, self.count)
+        try:
+            self._path.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise LogError(f"{self._path}: cannot create the folder: {error.strerror or error}") from None
+        self._remove_oldest()
+        tree = re.sub(r"[^\w-]", "_", tree_id)[:60]
+        now = datetime.now().strftime("%Y-%m-%dT%H-%M-%S")
+        return self._path / f"{now}_{tree}_{os.getpid()}-{self.count:05}{TEXT}"
+
+    def _remove_oldest(self) -> None:
+        with suppress(OSError):  # another process may remove the same files
+            named = [file for file in self._path.iterdir() if re.fullmatch(_NAME_IN_FOLDER, file.name)]
+            left = FOLDER_BYTES
+            for file in sorted(named, reverse=True):
+                left -= file.stat().st_size
+                if left < 0:
+                    file.unlink(missing_ok=True)

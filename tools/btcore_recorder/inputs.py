@@ -12,6 +12,7 @@ from btcore.engine.journal import (
     ChildHalted,
     ChildTicked,
     ExternalHaltBegan,
+    MessageLogged,
     Paused,
     StatusForced,
     StatusSet,
@@ -109,6 +110,7 @@ Input = (
     | StatusForced
     | Paused
     | TimeRead
+    | MessageLogged
     | Written
     | Removed
     | Replaced
@@ -126,6 +128,9 @@ class Step(NamedTuple):
         inputs: What the step depends on, in order.
         status: The result of the tick; IDLE after a halt or an exception.
         checksum: The checksum of all transitions from the start of the segment to the end of the step.
+        woken_by: The UID of the node that requested the tick, −1 for a request by `Tree.wake`, 0 for no
+            request; None = not known.
+        transitions: The UID and the new status of each transition since the last step; None = not recorded.
     """
 
     tick: int
@@ -134,6 +139,8 @@ class Step(NamedTuple):
     inputs: tuple[Input, ...]
     status: Status
     checksum: int
+    woken_by: int | None = None
+    transitions: tuple[tuple[int, Status], ...] | None = None
 
 
 class NodeState(NamedTuple):
@@ -187,6 +194,31 @@ class RecordedClass(NamedTuple):
     ports: tuple[tuple[str, str, str, str | None], ...]
 
 
+class LeafCode(NamedTuple):
+    """The code of a leaf, or of another external node: its place, `file:line`, and a hash of the file."""
+
+    place: str
+    hash: str
+
+
+class Facts(NamedTuple):
+    """Facts about the run that a replay does not need. Older recordings do not have them.
+
+    Attributes:
+        run: Identifies the run: the same in all its files; "" = not known.
+        tree: A hash of the documents; "" = not known.
+        code: The code of external nodes, by registration ID.
+        libraries: The versions of the packages of these nodes; "" = not known.
+        resources: The full names of the types of the resources that these nodes take.
+    """
+
+    run: str = ""
+    tree: str = ""
+    code: Mapping[str, LeafCode] = {}
+    libraries: Mapping[str, str] = {}
+    resources: tuple[str, ...] = ()
+
+
 class Head(NamedTuple):
     """The tree of a recording.
 
@@ -204,6 +236,7 @@ class Head(NamedTuple):
         time: The time (ns) of the tree's clock when the recording began.
         wall_time: The same moment in ns since 1970.
         versions: What recorded the run: "btcore", "build" and "python".
+        facts: Facts about the run.
     """
 
     tree_id: str
@@ -218,6 +251,7 @@ class Head(NamedTuple):
     time: int
     wall_time: int
     versions: Mapping[str, str]
+    facts: Facts = Facts()
 
 
 class Segment(NamedTuple):

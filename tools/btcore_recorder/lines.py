@@ -1,8 +1,8 @@
 """The lines of a recording: rows of a word and its values, which the forms of files write and read.
 
 The lines of the head describe the tree, up to `head`. A step is what happened before it, then `tick` or
-`halt`, its inputs, and `end`. A `segment` begins with the state of the tree, up to `state_end`; its value
-says why steps are missing before it.
+`halt`, its inputs, the `transitions` if they are recorded, and `end`. A `segment` begins with the state of
+the tree, up to `state_end`; its value says why steps are missing before it.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -12,6 +12,7 @@ from btcore.engine.journal import (
     ChildHalted,
     ChildTicked,
     ExternalHaltBegan,
+    MessageLogged,
     Paused,
     StatusForced,
     StatusSet,
@@ -22,8 +23,10 @@ from btcore.logs.files import LogError
 from btcore.status import NodeType, Status
 from btcore_recorder.inputs import (
     ExternalHaltEnded,
+    Facts,
     Head,
     Input,
+    LeafCode,
     NodeState,
     Raised,
     RecordedClass,
@@ -58,6 +61,7 @@ _INPUTS: Final[dict[str, type[Input]]] = {
     "status_forced": StatusForced,
     "paused": Paused,
     "time": TimeRead,
+    "message": MessageLogged,
     "written": Written,
     "removed": Removed,
     "replaced": Replaced,
@@ -80,6 +84,8 @@ def head_lines(head: Head, paths: Iterable[str]) -> Iterator[Line]:
     yield ["tree", head.tree_id, head.format]
     yield ["clock", head.time, head.wall_time]
     yield ["versions", head.versions]
+    if head.facts != Facts():
+        yield ["facts", head.facts._asdict()]
     for document in head.documents:
         yield ["document", *document]
     for name, number in head.enums.items():
@@ -110,11 +116,13 @@ def step_lines(step: Step) -> Iterator[Line]:
     for event in step.before:
         yield input_line(event)
     if step.tick:
-        yield ["tick", step.tick, step.time]
+        yield ["tick", step.tick, step.time, *(() if step.woken_by is None else (step.woken_by,))]
     else:
         yield ["halt"]
     for event in step.inputs:
         yield input_line(event)
+    if step.transitions is not None:
+        yield transitions_line(step.transitions)
     yield ["end", step.status.name, step.checksum]
 
 
@@ -131,6 +139,11 @@ def recording_lines(recording: RunRecording, paths: Iterable[str] = ()) -> Itera
 def input_line(event: Input) -> Line:
     """Return the line of an input."""
     return [_WORDS[type(event)], *_names(event)]
+
+
+def transitions_line(transitions: Iterable[tuple[int, Status]]) -> Line:
+    """Return the line of the transitions of a step."""
+    return ["transitions", [[uid, status.name] for uid, status in transitions]]
 
 
 def _state_lines(state: TreeState) -> Iterator[Line]:
@@ -236,6 +249,7 @@ class _Reader:
         tree: tuple[str, int] | None = None
         clock, versions = (0, 0), {}
         documents: list[tuple[str, str, bool]] = []
+        facts = Facts()
         enums: dict[str, int] = {}
         types: dict[str, Any] = {}
         classes: list[RecordedClass] = []
@@ -250,6 +264,8 @@ class _Reader:
                     clock = time, wall_time
                 case "versions", [dict(named)] if all(isinstance(text, str) for text in named.values()):
                     versions = named
+                case "facts", [dict(values)]:
+                    facts = _facts(values)
                 case "document", [str(file), str(text), bool(is_shared)]:
                     documents.append((file, text, is_shared))
                 case "enum", [str(name), int(number)]:
@@ -287,6 +303,7 @@ class _Reader:
             state.state(),
             *clock,
             versions,
+            facts,
         )
 
     def _segment(self, gap: str) -> Segment:
@@ -305,18 +322,32 @@ class _Reader:
         before: list[Input] | None = None
         inputs: list[Input] = []
         tick, time = 0, -1
+        woken_by: int | None = None
+        transitions: tuple[tuple[int, Status], ...] | None = None
         while True:
             match self._next():
                 case "type", [str(name), dict(description)]:
                     types[name] = description
-                case "tick", [int(number), int(at)] if before is None and number > 0:
+                case "tick", [int(number), int(at), *cause] if before is None and number > 0:
                     before, inputs, tick, time = inputs, [], number, at
+                    woken_by = _cause(cause)
+                case "transitions", [list(pairs)] if before is not None and transitions is None:
+                    transitions = tuple(map(_transition, pairs))
                 case "segment", [str(gap)] if before is None and not inputs:
                     return self._segment(gap)
                 case "halt", [] if before is None:
                     before, inputs = inputs, []
                 case "end", [str(status), int(checksum)] if before is not None:
-                    return Step(tick, time, tuple(before), tuple(inputs), _status(status), checksum)
+                    return Step(
+                        tick,
+                        time,
+                        tuple(before),
+                        tuple(inputs),
+                        _status(status),
+                        checksum,
+                        woken_by,
+                        transitions,
+                    )
                 case None:
                     if inputs or before is not None:
                         raise DamageError("the file is truncated within a step")
@@ -367,6 +398,46 @@ def _entry(values: object) -> RecordedEntry:
     raise DamageError("an entry is invalid")
 
 
+def _facts(values: dict[str, Any]) -> Facts:
+    match {**Facts()._asdict(), **values}:
+        case {
+            "run": str(run),
+            "tree": str(tree),
+            "code": dict(code),
+            "libraries": dict(libraries),
+            "resources": list(resources) | tuple(resources),
+        } if all(isinstance(text, str) for text in (*libraries.values(), *resources)):
+            return Facts(run, tree, _codes(code), libraries, tuple(resources))
+    raise DamageError("the facts are invalid")
+
+
+def _codes(values: dict[str, Any]) -> dict[str, LeafCode]:
+    codes = {}
+    for id, code in values.items():
+        match code:
+            case [str(place), str(hash)]:
+                codes[id] = LeafCode(place, hash)
+            case _:
+                raise DamageError("the facts are invalid")
+    return codes
+
+
+def _cause(values: list[Any]) -> int | None:
+    match values:
+        case []:
+            return None
+        case [int(cause)]:
+            return cause
+    raise DamageError("the values of 'tick' are invalid")
+
+
+def _transition(values: object) -> tuple[int, Status]:
+    match values:
+        case [int(uid), str(status)]:
+            return uid, _status(status)
+    raise DamageError("a transition is invalid")
+
+
 def _class(values: object) -> RecordedClass:
     match values:
         case [
@@ -411,6 +482,8 @@ def _input(word: str, values: list[Any]) -> Input:
             return Paused(uid, count)
         case "time", [int(time), int(repeats)]:
             return TimeRead(time, repeats)
+        case "message", [str(level), str(text)]:
+            return MessageLogged(level, text)
         case "written", [int(scope), str(key), value, None | str() as declared]:
             return Written(scope, key, value, declared)
         case "script", [int(scope), str(text), dict(enums)] if all(

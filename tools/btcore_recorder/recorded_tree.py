@@ -14,6 +14,7 @@ from btcore.engine.journal import (
     ChildHalted,
     ChildTicked,
     ExternalHaltBegan,
+    MessageLogged,
     Paused,
     StatusForced,
     StatusSet,
@@ -174,7 +175,7 @@ class ExternalCode:
         return self._forced(node, False)
 
     def _forced(self, node: TreeNode, is_pre_tick: bool) -> Status:
-        writes = (Written, Removed, Replaced, ScriptRun)
+        writes = (Written, Removed, Replaced, ScriptRun, MessageLogged)
         first = next((event for event in self._inputs if not isinstance(event, writes)), None)
         uid = node.config.uid
         if not (isinstance(first, StatusForced) and first[:2] == (uid, is_pre_tick)):
@@ -199,6 +200,8 @@ class ExternalCode:
             case ScriptRun(scope, text, enums):
                 with suppress(ScriptError):  # the leaf has got it, too
                     compile_script(text, enums).run(self.boards[scope])
+            case MessageLogged():
+                pass
             case Removed(scope, key):
                 self.boards[scope].unset(key)
             case Replaced(scope, entries):
@@ -311,7 +314,7 @@ def load_recorded(head: Head, external: ExternalCode, clock: StandInClock) -> Tr
     registry = external.registry
     registry.add_enum(head.enums)
     for recorded in head.classes:
-        if recorded.id in registry:
+        if registry.get(recorded.id, head.format) is not None:
             registry.remove(recorded.id)
         registry.add(_stand_in_class(recorded, external), ID=recorded.id)
     for uid, recorded in head.replaced.items():
@@ -358,6 +361,11 @@ def add_callbacks(tree: Tree, external: ExternalCode, steps: Iterable[Step]) -> 
             node.set_pre_tick_function(external.pre_tick)
         else:
             node.set_post_tick_function(external.post_tick)
+
+
+def is_stand_in(node: TreeNode) -> bool:
+    """Return whether *node* stands for an external node."""
+    return type(node).__module__ == __name__
 
 
 def _stand_in_class(recorded: RecordedClass, external: ExternalCode) -> type[TreeNode]:

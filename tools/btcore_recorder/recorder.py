@@ -1,10 +1,14 @@
 """Records a running tree: what its ticks depend on, and a checksum of the transitions that follow from it."""
 
+import logging
 import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
 from fnmatch import fnmatchcase
+from itertools import chain
 from typing import Any, Final, NamedTuple, cast
+from uuid import uuid4
+from weakref import WeakMethod
 
 import btcore
 from btcore.blackboard.blackboard import Blackboard
@@ -15,10 +19,11 @@ from btcore.engine.node import start_recording, stop_recording
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.observers import Observer
 from btcore.engine.transition_records import Transitions
-from btcore.errors import BtcoreError
+from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.registry.manifest import Manifest
-from btcore.status import IDLE, Status
+from btcore.status import FAILURE, IDLE, Status, Transition
 from btcore.tree.tree import Tree
+from btcore_recorder.facts import collect_facts
 from btcore_recorder.inputs import (
     ExternalHaltEnded,
     Head,
@@ -35,9 +40,9 @@ from btcore_recorder.inputs import (
     scopes_of,
     with_parents,
 )
-from btcore_recorder.lines import Line, input_line
+from btcore_recorder.lines import Line, input_line, transitions_line
 from btcore_recorder.tree_state import capture, recorded_entry
-from btcore_recorder.values import EXCLUDED, Encoder
+from btcore_recorder.values import EXCLUDED, MAX_TEXT, Encoder
 
 _NAMES: Final = {status: status.name for status in Status}
 
@@ -49,11 +54,55 @@ class RawStep(NamedTuple):
         records: The pairs of the journal.
         checksum: The checksum of all transitions.
         time: The time (ns) at which the tick began; of a halt, that of the last tick.
+        transitions: The transitions, or None if they are not recorded.
     """
 
     records: list[object]
     checksum: int
     time: int
+    transitions: list[list[Transition]] | None
+
+    @property
+    def is_halt(self) -> bool:
+        """Whether the step is a halt that is not a part of a tick."""
+        end = self.records[-1]
+        # What other threads wrote before the step comes first.
+        return (
+            isinstance(end, journal.StepEnded)
+            and end.status is IDLE
+            and any(type(event) is journal.HaltBegan for event in self.records[1::2])
+        )
+
+
+class RecorderOptions(NamedTuple):
+    """What a `Recorder` records besides what the ticks depend on.
+
+    Attributes:
+        keeps_transitions: Whether it records all transitions, besides their checksum.
+        run: Identifies the run in all recordings of its trees; "" = a new run.
+    """
+
+    keeps_transitions: bool = False
+    run: str = ""
+
+
+NO_OPTIONS: Final = RecorderOptions()
+
+
+class _MessageHandler(logging.Handler):
+    """Calls the method *add* with the level and the text of each message, as long as its object exists."""
+
+    def __init__(self, add: Callable[[str, str], object]) -> None:
+        super().__init__()
+        self._add = WeakMethod(add)
+
+    def emit(self, record: logging.LogRecord) -> None:
+        add = self._add()
+        if add is not None:
+            try:
+                add(record.levelname, record.getMessage()[:MAX_TEXT])
+            except Exception:  # the message does not fit its arguments
+                self.handleError(record)
 
 
 class Recorder(Observer):
@@ -64,10 +113,12 @@ class Recorder(Observer):
         deliver: Called with each step, on the thread that ticks. `lines` converts it, on any thread.
         found: Called with the name and description of each user's type that is met later than in the head.
         exclude: Patterns of keys; the values of these entries are not recorded.
+        options: What is recorded besides what the ticks depend on.
 
     Attributes:
         head: The head of the recording.
-        last_result: The result of the last tick that raised no exception; at first IDLE.
+        has_failed: Whether the last tick ended in FAILURE, or raised an exception.
+        gives_way: Whether another recorder of the tree ends this recording.
 
     Raises:
         BtcoreError: The tree is in a tick, is being recorded, or is not from a document, or the substitution
@@ -80,19 +131,27 @@ class Recorder(Observer):
         deliver: Callable[[RawStep], object],
         found: Callable[[str, Any], object],
         exclude: Sequence[str] = (),
+        options: RecorderOptions = NO_OPTIONS,
     ) -> None:
         if tree._in_tick:
             raise BtcoreError(f"tree '{tree.id}' is in a tick: begin to record it between two ticks")
+        self.gives_way = False
+        observers = tree.context.observers
+        for other in () if observers is None else observers.observers:
+            if isinstance(other, Recorder) and other.gives_way:
+                other.close()
         if tree.context.journal is not None:
             raise BtcoreError(f"tree '{tree.id}' is being recorded already")
         self._tree = tree
         self._exclude = exclude
         self._deliver = deliver
+        self._transitions: list[list[Transition]] | None = [] if options.keeps_transitions else None
+        self._run = options.run or uuid4().hex
         types: dict[str, Any] = {}
         self._encoder = Encoder(types.__setitem__)
         self._boards = scopes_of(tree)
         self._scopes = {id(board): index for index, board in enumerate(self._boards)}
-        self.last_result = IDLE
+        self.has_failed = False
         self._time = tree.clock.now()
         self._checksum = 0
         self._records: list[object] | None = None
@@ -111,9 +170,12 @@ class Recorder(Observer):
         for board in self._boards:
             board.recorder = self._journal
         tree.context.uses_time = True  # each tick has a time
+        tree.context.cause = 0
         tree.context.journal = self._journal
         self.head = self._create_head(types)
         self._encoder.found = found
+        self._message_handler = _MessageHandler(self._add_message)
+        logging.getLogger().addHandler(self._message_handler)
 
     def close(self) -> None:
         """End the recording. Call it while no tick is in progress."""
@@ -121,6 +183,7 @@ class Recorder(Observer):
         if context.journal is not self._journal:
             return
         context.journal = None
+        logging.getLogger().removeHandler(self._message_handler)
         for board in self._boards:
             board.recorder = None
         for node in self._tree.nodes:
@@ -158,8 +221,8 @@ class Recorder(Observer):
         tree = self._tree
         texts = [text for _, text, _ in tree.documents]
         # Also those of trees that are not used: a document with an unknown node cannot be loaded.
-        classes = [
-            _describe(manifest)
+        manifests = [
+            manifest
             for manifest in tree.registry.manifests_of(tree.format).values()
             if is_external(manifest.cls) and any(manifest.id in text for text in texts)
         ]
@@ -169,13 +232,14 @@ class Recorder(Observer):
             tree.documents,
             dict(tree.registry.types.enums),
             types,
-            tuple(classes),
+            tuple(map(_describe, manifests)),
             self._find_replaced(),
             tuple((board.autoremap, dict(board.remappings())) for board in with_parents(tree.blackboard)),
             self.capture(),
             tree.clock.now(),
             time.time_ns(),
             {"btcore": btcore.__version__, "build": active_build(), "python": platform.python_version()},
+            collect_facts(self._run, tree.documents, manifests),
         )
 
     def _find_replaced(self) -> dict[int, RecordedClass]:
@@ -193,26 +257,41 @@ class Recorder(Observer):
 
     # --- steps
 
+    def _add_message(self, level: str, text: str) -> None:
+        self._journal.add_message(level, text)
+
     def transitions(self, changes: Transitions) -> None:
         """Add the transitions to the checksum."""
         self._checksum = changes.checksum(self._checksum)
+        if self._transitions is not None:
+            self._transitions.append(changes.to_list())
 
     def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
         """Deliver the step, now that its transitions are known."""
-        self.last_result = status
+        self.has_failed = status is FAILURE
         self._time = self._tree.context.tick_start
         if self._records is not None:
             records, self._records = self._records, None
-            self._deliver(RawStep(records, self._checksum, self._time))
+            self._deliver(self._raw_step(records))
+
+    def raised(self, error: NodeExecutionError, stamp: int) -> None:
+        """Note that the tick, or a halt, has failed."""
+        self.has_failed = True
 
     def _end_step(self, records: list[object]) -> None:
         end = records[-1]
         assert isinstance(end, journal.StepEnded)
         # After an exception and in a halt, the transitions are known already.
         if end.status is IDLE:
-            self._deliver(RawStep(records, self._checksum, self._time))
+            self._deliver(self._raw_step(records))
         else:
             self._records = records
+
+    def _raw_step(self, records: list[object]) -> RawStep:
+        transitions = self._transitions
+        if transitions is not None:
+            self._transitions = []
+        return RawStep(records, self._checksum, self._time, transitions)
 
     def lines(self, raw: RawStep) -> list[Line]:
         """Return the lines of a step, which do not depend on the tree. Thread-safe."""
@@ -228,6 +307,9 @@ class Recorder(Observer):
             elif isinstance(event, journal.HaltBegan):
                 lines.append(["halt"])
             elif isinstance(event, journal.StepEnded):
+                if raw.transitions is not None:
+                    changes = chain.from_iterable(raw.transitions)
+                    lines.append(transitions_line((change.uid, change.status) for change in changes))
                 lines.append(["end", _NAMES[event.status], raw.checksum])
             else:
                 lines.append(input_line(self._input(event)))

@@ -1,20 +1,22 @@
 """Runs a recording again: the engine ticks the recorded tree, whose external nodes do what was recorded."""
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import zip_longest
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from btcore.clock import NS_PER_S
 from btcore.engine.journal import TimeRead
+from btcore.engine.node import TreeNode
 from btcore.engine.observers import Observer
 from btcore.engine.transition_records import Transitions
-from btcore.errors import NodeExecutionError, TickInterrupt
+from btcore.errors import BtcoreError, NodeExecutionError, TickInterrupt
 from btcore.logs.files import LogError
-from btcore.status import IDLE
+from btcore.status import FAILURE, IDLE, SUCCESS, Status
 from btcore.tree.tree import Tree
 from btcore_recorder.files import read_recording
-from btcore_recorder.inputs import RunRecording, Segment, TreeState
+from btcore_recorder.inputs import RunRecording, Segment, Step, TreeState
 from btcore_recorder.recorded_tree import ExternalCode, Inputs, StandInClock, add_callbacks, load_recorded
 from btcore_recorder.tree_state import capture, describe_difference, restore_entries, restore_nodes
 from btcore_recorder.values import Encoder
@@ -33,6 +35,8 @@ class Difference(NamedTuple):
         now: What happens in the replay.
         node: The path of the node at which they differ; "" = not known.
         place: The place of this node in the XML, `file:line`; "" = not known.
+        code: The place of its code, if it is an external node, `file:line`; "" = not known.
+        transition: The number of the transition in the step, from 1; 0 = not known.
     """
 
     step: int
@@ -41,11 +45,14 @@ class Difference(NamedTuple):
     now: str
     node: str = ""
     place: str = ""
+    code: str = ""
+    transition: int = 0
 
     def __str__(self) -> str:
         moment = f"tick {self.tick}" if self.tick else f"the halt after step {self.step}"
-        place = f" ({self.place})" if self.place else ""
-        return f"{moment}: recorded: {self.recorded}; now: {self.now}{place}"
+        moment += f", transition {self.transition}" if self.transition else ""
+        places = ", ".join(filter(None, (self.place, self.code)))
+        return f"{moment}: recorded: {self.recorded}; now: {self.now}{f' ({places})' if places else ''}"
 
 
 class _RecordedTimes(StandInClock):
@@ -75,9 +82,24 @@ class _RecordedTimes(StandInClock):
 class _Checksum(Observer):
     def __init__(self) -> None:
         self.value = 0
+        self.changes: list[tuple[int, Status]] | None = None
 
     def transitions(self, changes: Transitions) -> None:
         self.value = changes.checksum(self.value)
+        if self.changes is not None:
+            self.changes += ((change.uid, change.status) for change in changes)
+
+
+class _Ends(Observer):
+    """Counts how often a node succeeds or fails."""
+
+    def __init__(self, uid: int) -> None:
+        self.count = 0
+        self._uid = uid
+
+    def transitions(self, changes: Transitions) -> None:
+        for change in changes:
+            self.count += change.uid == self._uid and change.status in (SUCCESS, FAILURE)
 
 
 class Replay:
@@ -161,9 +183,10 @@ class Replay:
         step = self.steps[self.position]
         self.position += 1
         self.external.begin_step()
+        self._checksum.changes = None if step.transitions is None else []
         inputs, external = self._inputs, self.external
         status = IDLE
-        raised = ""
+        error: NodeExecutionError | None = None
         try:
             inputs.begin(step.before)
             while (event := inputs.take()) is not None:
@@ -176,24 +199,60 @@ class Replay:
                 status = self.tree.tick_exactly_once()
             else:
                 self.tree.halt()
-        except NodeExecutionError as error:
-            raised = f": {error.cause}"
+        except NodeExecutionError as raised:
+            error = raised
         except TickInterrupt:
             pass
         left = inputs.next
         node = None if external.difference is None else external.node
+        transition = 0
         if external.difference is None:
             if left is not None:
                 external.difference = external.words(left), "the step ends"
-            elif status is not step.status:
-                now = f"the result is {status.name}{raised}"
-                external.difference = f"the result is {step.status.name}", now
-            elif self._checksum.value != step.checksum:
-                external.difference = "other transitions", "transitions with another checksum"
+            else:
+                external.difference = self._compare(step, status, error)
+            if external.difference is not None and step.transitions is not None:
+                transition, node = self._find_transition(step.transitions)
         if external.difference is not None:
-            place = ("", "") if node is None else (node.path, node.config.where)
-            self.difference = Difference(self.position, step.tick, *external.difference, *place)
+            self.difference = self._describe(step.tick, *external.difference, node, transition)
         return self.difference is None
+
+    def _compare(
+        self, step: Step, status: Status, error: NodeExecutionError | None
+    ) -> tuple[str, str] | None:
+        """Return the difference between the recorded and the present end of *step*, or None."""
+        if status is not step.status:
+            raised = "" if error is None else f": {error.cause}"
+            return f"the result is {step.status.name}", f"the result is {status.name}{raised}"
+        if self._checksum.value != step.checksum:
+            return "other transitions", "transitions with another checksum"
+        return None
+
+    def _describe(
+        self, tick: int, recorded: str, now: str, node: TreeNode | None, transition: int = 0
+    ) -> Difference:
+        """Return the difference at *node*, with its places."""
+        if node is None:
+            return Difference(self.position, tick, recorded, now)
+        code = self.recording.head.facts.code.get(node.config.id)
+        places = node.path, node.config.where, "" if code is None else code.place
+        return Difference(self.position, tick, recorded, now, *places, transition)
+
+    def _find_transition(self, recorded: Sequence[tuple[int, Status]]) -> tuple[int, TreeNode | None]:
+        """Describe the first transition of the step that differs; return its number and its node."""
+        pairs = zip_longest(recorded, self._checksum.changes or ())
+        for number, pair in enumerate(pairs, start=1):
+            if pair[0] != pair[1]:
+                nodes = [None if change is None else self.tree.nodes[change[0] - 1] for change in pair]
+                texts = [
+                    "no further transition"
+                    if change is None or node is None
+                    else f"'{node.path}' becomes {change[1].name}"
+                    for change, node in zip(pair, nodes, strict=True)
+                ]
+                self.external.difference = texts[0], texts[1]
+                return number, nodes[0] or nodes[1]
+        return 0, None
 
     def _begin_segment(self, segment: Segment) -> None:
         self._checksum.value = 0
@@ -202,9 +261,9 @@ class Replay:
             return
         state = capture(self.tree, self.external.boards, self._encoder.encode)
         if state != segment.state:
-            self.difference = Difference(
-                self.position, segment.state.ticks, *describe_difference(segment.state, state)
-            )
+            recorded, now, uid = describe_difference(segment.state, state)
+            node = self.tree.nodes[uid - 1] if uid else None
+            self.difference = self._describe(segment.state.ticks, recorded, now, node)
 
     def seek(
         self,
@@ -243,6 +302,92 @@ class Replay:
             pass
         return self.position == position and self.difference is None
 
+    def cut(self, begin: int, end: int) -> RunRecording:
+        """Return a part of the recording, which begins with a saved state.
+
+        Args:
+            begin: The index of the first step.
+            end: The index of the step after the last one.
+
+        Raises:
+            BtcoreError: The replay differs from the recording before *end*.
+        """
+        if not self.seek(begin):
+            raise BtcoreError(f"the replay differs from the recording: {self.difference}")
+        state = capture(self.tree, self.external.boards, self._encoder.encode)
+        if begin in self._segments and self._segments[begin].gap:
+            state = self._segments[begin].state
+        head = self.recording.head
+        time = next((step.time for step in self.steps[begin::-1] if step.time >= 0), head.time)
+        head = head._replace(state=state, time=time, wall_time=head.wall_time + time - head.time)
+        segments = {each.position: each for each in self.recording.segments if begin < each.position < end}
+        steps = []
+        checksum = _Checksum()
+        unsubscribe = self.tree.subscribe(checksum)
+        for position in range(begin, end):
+            if position in segments:
+                checksum.value = 0
+            if not self.step():
+                break
+            steps.append(self.steps[position]._replace(checksum=checksum.value))
+        unsubscribe()
+        if self.difference is not None:
+            raise BtcoreError(f"the replay differs from the recording: {self.difference}")
+        moved = tuple(each._replace(position=each.position - begin) for each in segments.values())
+        return RunRecording(head, tuple(steps), moved)
+
+    def find_write(self, scope: int, key: str, position: int) -> int | None:
+        """Return the last of the first *position* steps that wrote an entry; None if none did.
+
+        Args:
+            scope: The index of the scope that holds the entry.
+            key: The key of the entry there.
+            position: The number of steps.
+
+        Returns:
+            The index of the step.
+        """
+        boards = self.external.boards
+
+        def count() -> int:
+            entry = boards[scope].local_entries().get(key)
+            return -1 if entry is None else entry.sequence_id
+
+        return self._find_change(count, position)
+
+    def find_end(self, uid: int, position: int) -> int | None:
+        """Return the last of the first *position* steps in which a node succeeded or failed; None if none is.
+
+        Args:
+            uid: The UID of the node.
+            position: The number of steps.
+
+        Returns:
+            The index of the step.
+        """
+        ends = _Ends(uid)
+        unsubscribe = self.tree.subscribe(ends)
+        try:
+            return self._find_change(lambda: ends.count, position)
+        finally:
+            unsubscribe()
+
+    def _find_change(self, count: Callable[[], int], position: int) -> int | None:
+        """Return the last of the first *position* steps that changed *count*, or None."""
+        end = position
+        while end > 0:
+            begin = (end - 1) // STATE_INTERVAL * STATE_INTERVAL
+            self.seek(begin)
+            found = None
+            before = count()
+            while self.position < end and self.step():
+                if count() != before:
+                    found, before = self.position - 1, count()
+            if found is not None:
+                return found
+            end = begin
+        return None
+
     def _find_tick(self, tick: int) -> int:
         return next((index for index, step in enumerate(self.steps, 1) if step.tick == tick), -1)
 
@@ -279,6 +424,9 @@ def _check_numbers(recording: RunRecording, node_count: int, board_count: int) -
             if not 1 <= node.uid <= node_count:
                 raise LogError(f"the recording has the state of a node {node.uid}, which does not exist")
     for step in recording.steps:
+        uids = [max(step.woken_by or 1, 1), *(uid for uid, _ in step.transitions or ())]
+        if not all(1 <= uid <= node_count for uid in uids):
+            raise LogError(f"the recording of tick {step.tick} names a node or scope that does not exist")
         for event in (*step.before, *step.inputs):
             uid, scope = getattr(event, "uid", 1), getattr(event, "scope", 0)
             if not (1 <= uid <= node_count and 0 <= scope < board_count):

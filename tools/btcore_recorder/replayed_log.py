@@ -2,16 +2,19 @@
 
 from contextlib import suppress
 from pathlib import Path
-from typing import Final
+from typing import Final, cast
 
 from btcore.engine.observers import Observer
 from btcore.loading.tree_xml import tree_to_xml
 from btcore.logs import Recording
 from btcore.logs.files import read_bytes
 from btcore.logs.formats import LogFormat
+from btcore.logs.log import Log
 from btcore.logs.recording import LoggedTransition, parse_nodes
 from btcore.status import IDLE, Status, Transition
+from btcore.tree.tree import Tree
 from btcore_bags.log import BagLog, read_bag
+from btcore_recorder.file_recorder import FileRecorder
 from btcore_recorder.replay import Replay
 
 
@@ -67,5 +70,18 @@ def read_mcap(path: Path) -> Recording:
     return read_bag(path)
 
 
-FORMAT: Final = LogFormat(None, read_as_log)
+class _RecordingLog(FileRecorder):
+    """A recorder with the attributes of a log."""
+
+    @property
+    def name(self) -> str:
+        return str(self.path)
+
+
+def write_recording(tree: Tree, path: Path) -> Log:
+    """Record *tree* to a file, as a log of it is written."""
+    return cast(Log, _RecordingLog(tree, path))
+
+
+FORMAT: Final = LogFormat(write_recording, read_as_log)
 MCAP_FORMAT: Final = LogFormat(BagLog, read_mcap)

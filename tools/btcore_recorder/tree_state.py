@@ -26,7 +26,7 @@ def capture(tree: Tree, boards: Sequence[Blackboard], encode: Callable[[object],
             # Scopes of format 3 share the entries of remapped keys.
             if id(entry) not in indices:
                 indices[id(entry)] = len(entries)
-                if isinstance(entry.value, deque):
+                if issubclass(type(entry.value), deque):  # isinstance() may call code of the value
                     queues[id(entry.value)] = len(entries)
                 entries.append(recorded_entry(entry, encode(entry.value)))
             keys[key] = indices[id(entry)]
@@ -94,8 +94,12 @@ def restore_nodes(
                 raise LogError(f"the recorded state of '{node.path}' is invalid: {error}") from None
 
 
-def describe_difference(recorded: TreeState, now: TreeState) -> tuple[str, str]:
-    """Return the first difference between two states of one tree, as the recorded and the present value."""
+def describe_difference(recorded: TreeState, now: TreeState) -> tuple[str, str, int]:
+    """Return the first difference between two states of one tree.
+
+    Returns:
+        The recorded and the present value, and the UID of the node; 0 = it is not the state of a node.
+    """
     for number, (keys, keys_now) in enumerate(zip(recorded.scopes, now.scopes, strict=True)):
         for key in {**keys, **keys_now}:
             entries = [
@@ -104,9 +108,9 @@ def describe_difference(recorded: TreeState, now: TreeState) -> tuple[str, str]:
             ]
             if entries[0] != entries[1]:
                 texts = ["is not there" if entry is None else f"is {tuple(entry)}" for entry in entries]
-                return f"the entry '{key}' of scope {number} {texts[0]}", f"it {texts[1]}"
+                return f"the entry '{key}' of scope {number} {texts[0]}", f"it {texts[1]}", 0
     nodes, nodes_now = ({node.uid: node for node in state.nodes} for state in (recorded, now))
     for uid in sorted({*nodes, *nodes_now}):
         if nodes.get(uid) != nodes_now.get(uid):
-            return f"the state of node {uid}: {nodes.get(uid)}", f"{nodes_now.get(uid)}"
-    return f"{recorded.ticks} ticks", f"{now.ticks} ticks"
+            return f"the state of node {uid}: {nodes.get(uid)}", f"{nodes_now.get(uid)}", uid
+    return f"{recorded.ticks} ticks", f"{now.ticks} ticks", 0

@@ -20,6 +20,7 @@ MAX_ITEMS: Final = 100_000
 """Maximum length of a text, list or dictionary that is replayable."""
 MAX_TEXT: Final = 1_000
 """Maximum length of the text of a value that is not replayable."""
+_SIZED: Final = (str, bytes, list, tuple, dict, deque, set)
 EXCLUDED: Final = {"__text": "excluded"}
 """Stands for the value of an entry that is not recorded."""
 _BUILTIN_ENUMS: Final[dict[str, type[Enum]]] = {
@@ -55,34 +56,35 @@ class Encoder:
         except Exception:  # code of the user's classes, or a list that contains itself
             return {"__text": f"a {type(value).__qualname__} that cannot be recorded"}
 
-    def _encode(self, value: object) -> Any:
+    def _encode(self, value: Any) -> Any:
         cls = type(value)
         self.count += 1
-        if isinstance(value, (str, bytes, list, tuple, dict, deque, set)) and len(value) > MAX_ITEMS:
+        # By the class only: a value may raise if it is used.
+        if issubclass(cls, _SIZED) and len(value) > MAX_ITEMS:
             return {"__text": f"{cls.__qualname__} of {len(value):,} items"}
         if cls is int or cls is str or cls is bool or value is None:
             return value
         if cls is float:
-            return value if math.isfinite(value) else {"__float": repr(value)}  # type: ignore[arg-type]
-        if isinstance(value, Enum):
+            return value if math.isfinite(value) else {"__float": repr(value)}
+        if issubclass(cls, Enum):
             return {"__enum": self.name(cls), "name": value.name}
         if cls is list:
-            return [self._encode(item) for item in value]  # type: ignore[attr-defined]
+            return [self._encode(item) for item in value]
         if cls is NotReplayable:
-            return {"__text": value.text}  # type: ignore[attr-defined]
+            return {"__text": value.text}
         if cls is tuple:
-            return {"__tuple": [self._encode(item) for item in value]}  # type: ignore[attr-defined]
-        if isinstance(value, dict) and cls is dict:
+            return {"__tuple": [self._encode(item) for item in value]}
+        if cls is dict:
             return {"__dict": [[self._encode(key), self._encode(item)] for key, item in value.items()]}
         if cls is deque:
-            return {"__deque": [self._encode(item) for item in value]}  # type: ignore[attr-defined]
+            return {"__deque": [self._encode(item) for item in value]}
         if cls is set:
-            items = [self._encode(item) for item in value]  # type: ignore[attr-defined]
+            items = [self._encode(item) for item in value]
             return {"__set": sorted(items, key=repr)}  # equal sets have equal forms
         if cls is bytes:
-            return {"__bytes": base64.b64encode(value).decode()}  # type: ignore[arg-type]
-        if is_dataclass(value) and not isinstance(value, type):
-            encoded = {field.name: self._encode(getattr(value, field.name)) for field in fields(value)}
+            return {"__bytes": base64.b64encode(value).decode()}
+        if is_dataclass(cls):
+            encoded = {field.name: self._encode(getattr(value, field.name)) for field in fields(cls)}
             return {"__type": self.name(cls), **encoded}
         return {"__text": repr(value)[:MAX_TEXT]}
 

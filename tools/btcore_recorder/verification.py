@@ -7,11 +7,15 @@ import btcore
 from btcore.clock import NS_PER_S
 from btcore.engine.observers import Observer
 from btcore.engine.transition_records import Transitions
+from btcore_recorder.facts import hash_documents, hash_file
 from btcore_recorder.replay import Difference, Replay
 
 Cause = Literal[
+    "the tree changed",
+    "steps are missing",
     "a value is not replayable",
     "a rule of the engine changed",
+    "the code of a leaf changed",
     "something was not recorded",
 ]
 """Why a replay differs from its recording, probably."""
@@ -61,6 +65,8 @@ class Verification(NamedTuple):
                 "time_s": self.time,
                 "node": self.difference.node or None,
                 "place": self.difference.place or None,
+                "code": self.difference.code or None,
+                "transition": self.difference.transition or None,
                 "recorded": self.difference.recorded,
                 "now": self.difference.now,
                 "cause": self.cause,
@@ -106,13 +112,27 @@ def verify(path: Path) -> Verification:
     if difference is not None:
         began = max((step.time for step in replay.steps[: difference.step]), default=0)
         time = (began - recording.head.time) / NS_PER_S
-        cause = _find_cause(replay)
+        cause = _find_cause(replay, difference)
     return Verification(ticks, transitions, recording.damage, difference, time, cause)
 
 
-def _find_cause(replay: Replay) -> Cause:
+def _find_cause(replay: Replay, difference: Difference) -> Cause:
+    """Return the first cause in the order of `Cause` that the recording shows.
+
+    The tree of a recording may have been edited in its text form. The code of a leaf has changed if its file
+    is on this machine and has another hash; it is only read.
+    """
+    head = replay.recording.head
+    facts, segments = head.facts, replay.recording.segments
+    if facts.tree not in ("", hash_documents(head.documents)):
+        return "the tree changed"
+    if any(segment.gap and segment.position < difference.step for segment in segments):
+        return "steps are missing"
     if replay.has_unreplayable_values:
         return "a value is not replayable"
-    if replay.recording.head.versions.get("btcore") != btcore.__version__:
+    if head.versions.get("btcore") != btcore.__version__:
         return "a rule of the engine changed"
+    codes = [code for code in facts.code.values() if code.place == difference.code]
+    if any(hash_file(code.place.rpartition(":")[0]) not in ("", code.hash) for code in codes):
+        return "the code of a leaf changed"
     return "something was not recorded"

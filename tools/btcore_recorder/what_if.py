@@ -6,25 +6,33 @@ begins in another tick than the recorded one is an assumption: the robot might h
 """
 
 from collections import Counter, defaultdict, deque
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal, NamedTuple
 
+from btcore.blackboard.ports import Port
 from btcore.engine.journal import ExternalHaltBegan, Paused, StatusForced, TimeRead
 from btcore.engine.node import TreeNode, reset_status
 from btcore.engine.observers import Observer
 from btcore.errors import BtcoreError, NodeExecutionError, TickInterrupt
+from btcore.registry.registry import Registry
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status, Transition
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
+from btcore.xml.models.model_file import collect_ports
+from btcore.xml.read.read import parse_text, read
+from btcore_recorder.failures import Failure, FailureObserver
 from btcore_recorder.inputs import (
     ExternalHaltEnded,
     Head,
     Input,
     Raised,
+    RecordedClass,
     Result,
     RunRecording,
+    ScriptRun,
     Step,
+    Written,
     scopes_of,
 )
 from btcore_recorder.recorded_tree import ExternalCode, Inputs, StandInClock, load_recorded
@@ -43,6 +51,22 @@ class SetEntry(NamedTuple):
     value: object
 
 
+class HoldEntry(NamedTuple):
+    """Let an entry have a value during a tick, whatever external nodes write to it.
+
+    Attributes:
+        tick: The number of the tick.
+        scope: The index of the scope that holds the entry, in the order of the recording.
+        key: The key of the entry in this scope.
+        value: The value.
+    """
+
+    tick: int
+    scope: int
+    key: str
+    value: object
+
+
 class SetResult(NamedTuple):
     """Replace the result of an external node, given by its path, in a tick."""
 
@@ -51,7 +75,7 @@ class SetResult(NamedTuple):
     status: Status
 
 
-Change = SetEntry | SetResult
+Change = SetEntry | HoldEntry | SetResult
 
 
 class ChangedRun(NamedTuple):
@@ -66,6 +90,8 @@ class ChangedRun(NamedTuple):
         recorded: The first transition that differs, as recorded; "" if there is none.
         now: The same in the changed run.
         assumed_from: The first tick that rests on an assumption; None if there is none.
+        failure: Where it failed first; None if it did not.
+        unmatched: The paths of the nodes whose results are recorded, but which the tree does not have.
     """
 
     ticks: int
@@ -76,6 +102,8 @@ class ChangedRun(NamedTuple):
     recorded: str
     now: str
     assumed_from: int | None
+    failure: Failure | None
+    unmatched: Sequence[str]
 
     @property
     def is_same(self) -> bool:
@@ -109,7 +137,8 @@ class ChangedRun(NamedTuple):
 
     def as_data(self) -> dict[str, object]:
         """Return the run as data of JSON."""
-        return {**self._asdict(), "status": self.status.name, "same": self.is_same}
+        failure = None if self.failure is None else self.failure._asdict()
+        return {**self._asdict(), "status": self.status.name, "failure": failure, "same": self.is_same}
 
 
 @dataclass
@@ -121,7 +150,7 @@ class _Activation:
     halt: list[Input] = field(default_factory=list)
 
 
-def _keys(tree: Tree) -> list[str]:
+def keys_of(tree: Tree) -> list[str]:
     """Return a key for each node: its path, with a number if an earlier node has the same path."""
     seen: Counter[str] = Counter()
     keys = []
@@ -140,14 +169,15 @@ class _PathTransition(NamedTuple):
         return f"'{self.key}' becomes {self.status.name}"
 
 
-class _Transitions(Observer):
+class PathTransitions(Observer):
     """Collects transitions with the keys of the nodes."""
 
     def __init__(self, tree: Tree) -> None:
         self.found: list[_PathTransition] = []
-        self._keys = _keys(tree)
+        self._keys = keys_of(tree)
 
     def transition(self, change: Transition) -> None:
+        """Add a transition."""
         self.found.append(_PathTransition(change.tick, self._keys[change.uid - 1], change.status))
 
 
@@ -173,6 +203,8 @@ class _Tracer(ExternalCode):
 
     def halt(self, node: TreeNode) -> None:
         known = self.activations[node.config.uid]
+        if not known and node.status is RUNNING:  # since before the recording
+            known.append(_Activation(self.present_tick))
         self._taken.append(known[-1].halt if known else [])
         try:
             super().halt(node)
@@ -197,6 +229,7 @@ class _Activations(ExternalCode):
         types: The descriptions of the recorded types.
         activations: What each node did, by its key in the changed tree.
         results: The changed results, by tick and key.
+        missing: The result of a node for which no activation is left; None = the run ends there.
     """
 
     def __init__(
@@ -204,8 +237,12 @@ class _Activations(ExternalCode):
         types: Mapping[str, Any],
         activations: Mapping[str, Sequence[_Activation]],
         results: Mapping[tuple[int, str], Status],
+        missing: Status | None = None,
     ) -> None:
         super().__init__(Inputs(), types)
+        self.held: list[HoldEntry] = []
+        self.invented: list[str] = []  # the nodes that had *missing* as their result
+        self._missing = missing
         self.present_tick = 0
         self.assumed_from: int | None = None
         self.keys: Sequence[str] = ()
@@ -228,7 +265,14 @@ class _Activations(ExternalCode):
             left = self._left.get(key)
             if not left:
                 self.node = node
-                raise _NoResultError
+                if self._missing is None:
+                    raise _NoResultError
+                self.assume()
+                if node.status is RUNNING:  # it was halted here, or the recording ended
+                    return self._results.get((self.present_tick, key), RUNNING)
+                self.invented.append(key)
+                is_invalid = self._missing is RUNNING and node._must_complete
+                return self._results.get((self.present_tick, key), SUCCESS if is_invalid else self._missing)
             activation = left.popleft()
             self._present[key] = activation, 0
             if activation.tick != self.present_tick:
@@ -251,7 +295,11 @@ class _Activations(ExternalCode):
     def halt(self, node: TreeNode) -> None:
         key = self.keys[node.config.uid - 1]
         present = self._present.pop(key, None)
-        for event in () if present is None else present[0].halt:
+        activation = None if present is None else present[0]
+        left = self._left.get(key)
+        if activation is None and node.status is RUNNING and left and not left[0].ticks:
+            activation = left.popleft()
+        for event in () if activation is None else activation.halt:
             if isinstance(event, ExternalHaltEnded):
                 if event.error is not None:
                     self.raise_error(event.error)
@@ -278,6 +326,14 @@ class _Activations(ExternalCode):
                 replaced: dict[str, Any] = {name: new[old]}
                 event = event._replace(**replaced)  # type: ignore[union-attr]
         super().apply(event, now)
+        if isinstance(event, (Written, ScriptRun)):
+            self.hold_entries()
+
+    def hold_entries(self) -> None:
+        """Give the entries of `HoldEntry` their values, unless they have them."""
+        for _, scope, key, value in self.held:
+            if self.boards[scope].get(key) != value:
+                self.boards[scope].set(key, value)
 
     def differ(self, recorded: str, now: str) -> None:
         self.assume()
@@ -306,104 +362,139 @@ class _Times(StandInClock):
         return self.time
 
 
-class _RecordedRun:
-    """A recorded run: what its external nodes did, by key, and its transitions."""
+class RecordedRun:
+    """A recorded run: what its external nodes did, by key, and its transitions.
+
+    Args:
+        recording: The recording.
+
+    Raises:
+        BtcoreError: Its replay differs from it.
+    """
 
     def __init__(self, recording: RunRecording) -> None:
         replay = Replay(recording, _Tracer)
         tracer = replay.external
         assert isinstance(tracer, _Tracer)
-        collected = _Transitions(replay.tree)
+        collected = PathTransitions(replay.tree)
         replay.tree.subscribe(collected)
         while replay.position < len(replay.steps):
             tracer.present_tick = replay.steps[replay.position].tick or tracer.present_tick
             if not replay.step():
                 raise BtcoreError(f"the replay already differs from the recording: {replay.difference}")
         replay.tree.flush_observers()
+        self.recording = recording
         self.tree = replay.tree
-        self.keys = _keys(replay.tree)
+        self.keys = keys_of(replay.tree)
         self.transitions = collected.found
         self.activations = {self.keys[uid - 1]: known for uid, known in tracer.activations.items()}
 
 
-def run_changed(
-    recording: RunRecording,
-    changes: Iterable[Change] = (),
-    document: tuple[str, str] | None = None,
-    matches: Mapping[str, str] | None = None,
-) -> ChangedRun:
-    """Run a recording again with changes.
+class ChangedReplay:
+    """A recorded run that is run again with changes, step by step.
 
     Args:
-        recording: The recording.
+        run: The run.
         changes: Changed inputs.
         document: The file name and the text of another tree, in place of the main document.
         matches: For nodes that have another path in this tree: the new path by the recorded path.
+        missing: The result of a node when nothing is recorded for it; None = the run ends there.
+
+    Attributes:
+        tree: The tree.
+        position: The number of steps that have been run.
+        status: The result of the last tick.
+        end: Why the run ended; "the recording ended" until then.
+        ended_at: The path of the node that raised or lacks a result; else "".
+        unmatched: The paths of the recorded nodes that the other tree does not have.
 
     Raises:
         TreeError: The other tree cannot be loaded.
         BtcoreError: The recording cannot be changed in this way, or there is no such node.
     """
-    run, head = _RecordedRun(recording), recording.head
-    if any(segment.gap for segment in recording.segments):
-        raise BtcoreError("the recording has a gap: what follows it cannot be changed")
-    if document is not None:
-        if any(node.status is not IDLE for node in head.state.nodes):
-            raise BtcoreError("the recording begins within a run: it has no start for another tree")
-        head = head._replace(documents=_exchange(head, document))
-    matches = matches or {}
-    for old in matches:
-        _check_node(old, run.keys, "the recorded tree")
-    changes = list(changes)
-    results = {
-        (change.tick, change.node): change.status for change in changes if isinstance(change, SetResult)
-    }
-    run.transitions = [each._replace(key=matches.get(each.key, each.key)) for each in run.transitions]
-    activations = {matches.get(key, key): known for key, known in run.activations.items()}
-    external, clock = _Activations(head.types, activations, results), _Times()
-    tree = load_recorded(head, external, clock)
-    external.keys = _keys(tree)
-    for change in changes:
-        if isinstance(change, SetResult):
-            _check_node(change.node, list(activations), "the tree, whose results are recorded")
-    for new in matches.values():
-        _check_node(new, external.keys, "the tree")
-    uids = {key: uid for uid, key in enumerate(external.keys, start=1)}
-    recorded_uids = {uid: matches.get(key, key) for uid, key in enumerate(run.keys, start=1)}
-    external.uids = {uid: uids[key] for uid, key in recorded_uids.items() if key in uids}
-    external.scopes = _match_scopes(run.tree, tree, len(head.outer))
-    if document is None:
-        entries = restore_entries(head.state, external.boards, external.entry)
-        restore_nodes(head.state, tree, entries, external.decode)
-    return _run(
-        recording, run, tree, external, clock, [each for each in changes if isinstance(each, SetEntry)]
-    )
 
+    def __init__(
+        self,
+        run: RecordedRun,
+        changes: Iterable[Change] = (),
+        document: tuple[str, str] | None = None,
+        matches: Mapping[str, str] | None = None,
+        missing: Status | None = None,
+    ) -> None:
+        recording, head = run.recording, run.recording.head
+        if any(segment.gap for segment in recording.segments):
+            raise BtcoreError("the recording has a gap: what follows it cannot be changed")
+        if document is not None:
+            head = head._replace(documents=_exchange(head, document))
+            head = head._replace(classes=(*head.classes, *_new_leaves(head, run.tree)))
+        matches = matches or {}
+        for old in matches:
+            _check_node(old, run.keys, "the recorded tree")
+        changes = list(changes)
+        results = {
+            (change.tick, change.node): change.status for change in changes if isinstance(change, SetResult)
+        }
+        activations = {matches.get(key, key): known for key, known in run.activations.items()}
+        external = _Activations(head.types, activations, results, missing)
+        self.tree = tree = load_recorded(head, external, StandInClock())
+        external.keys = keys_of(tree)
+        for change in changes:
+            if isinstance(change, SetResult):
+                _check_node(change.node, list(activations), "the tree, whose results are recorded")
+        for new in matches.values():
+            _check_node(new, external.keys, "the tree")
+        uids = {key: uid for uid, key in enumerate(external.keys, start=1)}
+        recorded_uids = {uid: matches.get(key, key) for uid, key in enumerate(run.keys, start=1)}
+        external.uids = {uid: uids[key] for uid, key in recorded_uids.items() if key in uids}
+        external.scopes = _match_scopes(run.tree, tree, len(head.outer))
+        if document is None or _nodes(tree) == _nodes(run.tree):
+            entries = restore_entries(head.state, external.boards, external.entry)
+            restore_nodes(head.state, tree, entries, external.decode)
+        elif any(node.status is not IDLE for node in head.state.nodes):
+            raise BtcoreError(
+                "the recording begins within a run: it has no start for a tree with other nodes; use a "
+                "recording that begins earlier"
+            )
+        self.unmatched = [key for key in activations if key not in external.keys]
+        self.position = 0
+        self.status = IDLE
+        self.end: EndReason = "the recording ended"
+        self.ended_at = ""
+        self._recording = recording
+        self._external = external
+        self._entries = [each for each in changes if isinstance(each, SetEntry)]
+        self._held = [each for each in changes if isinstance(each, HoldEntry)]
+        tree.context.clock = self._clock = _Times()
+        _add_callbacks(recording, tree, external)
 
-def _run(
-    recording: RunRecording,
-    run: _RecordedRun,
-    tree: Tree,
-    external: _Activations,
-    clock: _Times,
-    entries: Sequence[SetEntry],
-) -> ChangedRun:
-    collected = _Transitions(tree)
-    tree.subscribe(collected)
-    tree.context.clock = clock
-    _add_callbacks(recording, tree, external)
-    end: EndReason = "the recording ended"
-    ended_at = ""
-    status = IDLE
-    for step in recording.steps:
+    @property
+    def assumed_from(self) -> int | None:
+        """The first tick that rests on an assumption; None if there is none."""
+        return self._external.assumed_from
+
+    @property
+    def invented(self) -> Sequence[str]:
+        """The nodes for which nothing was recorded, and which had the result *missing*."""
+        return self._external.invented
+
+    def step(self) -> bool:
+        """Run the next step. Return False if there is none, or the run ended."""
+        if self.position == len(self._recording.steps) or self.end != "the recording ended":
+            return False
+        step = self._recording.steps[self.position]
+        self.position += 1
+        tree, external = self.tree, self._external
         external.begin_step()
         external.present_tick = step.tick or external.present_tick
+        external.held = []
         for event in step.before:
             external.apply(event, "")
-        for change in entries:
+        for change in self._entries:
             if change.tick == step.tick:
                 tree.blackboard[change.key] = change.value
-        clock.begin(step)
+        external.held = [each for each in self._held if each.tick == step.tick]
+        external.hold_entries()
+        self._clock.begin(step)
         events = [event for event in step.inputs if getattr(event, "uid", 0) in external.uids]
         external.forced = {
             (external.uids[event.uid], event.is_pre_tick): event.status
@@ -416,43 +507,86 @@ def _run(
         try:
             if step.tick:
                 tree.ticks = step.tick - 1
-                status = tree.tick_exactly_once()
-                if status in (SUCCESS, FAILURE) and step.status not in (SUCCESS, FAILURE, IDLE):
-                    end = "the tree ended"
-                    break
+                self.status = tree.tick_exactly_once()
+                if self.status in (SUCCESS, FAILURE) and step.status not in (SUCCESS, FAILURE, IDLE):
+                    self.end = "the tree ended"
             else:
                 tree.halt()
         except NodeExecutionError as error:
-            status = IDLE
+            self.status = IDLE
             if step.status is not IDLE:
-                end, ended_at = "a node raised", error.path
-                break
+                self.end, self.ended_at = "a node raised", error.path
         except TickInterrupt:
             assert external.node is not None
-            end, ended_at = "no result is recorded", external.node.path
-            break
-    tree.flush_observers()
-    found = run.transitions, collected.found
-    index = _first_difference(*found, end == "the recording ended")
+            self.end, self.ended_at = "no result is recorded", external.node.path
+        return self.end == "the recording ended"
+
+
+def run_changed(
+    recording: RunRecording,
+    changes: Iterable[Change] = (),
+    document: tuple[str, str] | None = None,
+    matches: Mapping[str, str] | None = None,
+) -> ChangedRun:
+    """Run a recording again with changes, and compare it with the recorded run; see `ChangedReplay`."""
+    run = RecordedRun(recording)
+    changed = ChangedReplay(run, changes, document, matches)
+    collected, failures = PathTransitions(changed.tree), FailureObserver(changed.tree)
+    changed.tree.subscribe(collected)
+    changed.tree.subscribe(failures)
+    while changed.step():
+        pass
+    changed.tree.flush_observers()
+    matches = matches or {}
+    transitions = [each._replace(key=matches.get(each.key, each.key)) for each in run.transitions]
+    found = transitions, collected.found
+    index = _first_difference(*found, changed.end == "the recording ended")
     first, second = (each[index] if index is not None and index < len(each) else None for each in found)
     return ChangedRun(
-        tree.ticks,
-        status,
-        end,
-        ended_at,
+        changed.tree.ticks,
+        changed.status,
+        changed.end,
+        changed.ended_at,
         min((change.tick for change in (first, second) if change is not None), default=None),
         "" if first is None else str(first),
         "" if second is None else str(second),
-        external.assumed_from,
+        changed.assumed_from,
+        failures.found,
+        changed.unmatched,
     )
 
 
 def _exchange(head: Head, document: tuple[str, str]) -> tuple[tuple[str, str, bool], ...]:
-    """Return the documents of *head* with another main document."""
-    main = next(index for index, (_, _, is_shared) in enumerate(head.documents) if not is_shared)
-    exchanged = list(head.documents)
-    exchanged[main] = (*document, False)
-    return tuple(exchanged)
+    """Return the documents of *head* with another main document, and the files that it includes."""
+    file, text = document
+    sources = read(parse_text(text, file))
+    if sources.diagnostics.errors:  # an included file is elsewhere
+        return *head.documents[:-1], (*document, False)
+    shared = (each for each in head.documents if each[2])
+    return *shared, *((each.file, each.text, False) for each in sources.documents)
+
+
+def _new_leaves(head: Head, recorded: Tree) -> Iterator[RecordedClass]:
+    """Yield the classes of leaves that are neither built in nor recorded, and have no recorded name."""
+    nodes = Registry.standard()
+    roots = [parse_text(text, file).root for file, text, _ in head.documents]
+    trees = [tree for root in roots for tree in root.iterchildren("BehaviorTree")]
+    known = {each.id for each in head.classes} | {tree.get("ID") for tree in trees}
+    names = {node.name for node in recorded.nodes}
+    found: dict[str, dict[str, Port]] = {}
+    for element in (element for tree in trees for child in tree.children for element in child.iter()):
+        id = element.get("ID") if element.tag in ("Action", "Condition") else element.tag
+        is_known = id is None or id in known or nodes.get(id, head.format) is not None
+        if not (is_known or element.children or element.get("name") in names):
+            collect_ports(element, found.setdefault(str(id), {}), head.format)
+    for id, ports in found.items():
+        described = [(port.name, port.direction.name, "BT::AnyTypeAllowed", None) for port in ports.values()]
+        yield RecordedClass(id, "leaf", "ACTION", False, tuple(described))
+
+
+def _nodes(tree: Tree) -> list[tuple[str, str]]:
+    """Return the keys and the IDs of the nodes."""
+    return [(key, node.config.id) for key, node in zip(keys_of(tree), tree.nodes, strict=True)]
 
 
 def _check_node(key: str, keys: Sequence[str], where: str) -> None:

@@ -5,7 +5,7 @@ import logging
 import math
 import os
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
 from pathlib import Path
@@ -65,7 +65,10 @@ class Workers:
         self._killed: dict[int, int] = {}
 
     def run_episodes(
-        self, episodes: Iterator[Episode], stopped: Callable[[], object]
+        self,
+        episodes: Iterator[Episode],
+        stopped: Callable[[], object],
+        recording_arguments: Callable[[Episode], Sequence[str]],
     ) -> Iterator[tuple[Episode, Result]]:
         """Run episodes in parallel, and yield each with its result as soon as it is finished.
 
@@ -77,13 +80,14 @@ class Workers:
             episodes: The episodes to run.
             stopped: Called at least every 0.1 s. When it returns a true value, the submitted episodes are
                 cancelled.
+            recording_arguments: Returns the arguments of `run_episode` after the second.
 
         Raises:
             click.ClickException: The connection to the scheduler is lost, or a worker cannot run episodes.
         """
         while not stopped():
             self._count()
-            self._submit(episodes)
+            self._submit(episodes, recording_arguments)
             if not self._running and self.count:
                 return
             try:
@@ -92,7 +96,7 @@ class Workers:
                 continue
             episode, _ = self._running.pop(future.key)
             # Before the result is processed, so that no worker is idle in the meantime.
-            self._submit(episodes)
+            self._submit(episodes, recording_arguments)
             result = self._result(future, episode)
             if result is not None:
                 yield episode, result
@@ -106,14 +110,17 @@ class Workers:
                 raise _scheduler_gone() from error
             self._counted = monotonic()
 
-    def _submit(self, episodes: Iterator[Episode]) -> None:
+    def _submit(
+        self, episodes: Iterator[Episode], recording_arguments: Callable[[Episode], Sequence[str]]
+    ) -> None:
         while len(self._running) < self.count:
             episode = self._again.pop() if self._again else next(episodes, None)
             if episode is None:
                 return
             # Dask identifies tasks by their keys: another attempt needs another key.
             key = f"episode-{self._session}-{episode.number}-{self._killed.get(episode.number, 0)}"
-            future = self.client.submit(run_episode, episode.command, self._folder, key=key, pure=False)
+            arguments = episode.command, self._folder, *recording_arguments(episode)
+            future = self.client.submit(run_episode, *arguments, key=key, pure=False)
             self._running[key] = episode, future
             future.add_done_callback(self._finished.put)  # called on a thread of the client
 

@@ -89,6 +89,7 @@ def _parse_script(ctx: click.Context, parameter: click.Parameter, text: str | No
     metavar="N",
     help="Run an episode up to N times if its worker dies; after that its status is KILLED.",
 )
+@click.option("--no-record", is_flag=True, help="Do not keep the recordings of the episodes without success.")
 @click.option(
     "--json", "as_json", is_flag=True, help="Print the results as a JSON object on the last line of stdout."
 )
@@ -105,6 +106,7 @@ def sweep(
     workers: int | None,
     scheduler: str | None,
     attempts: int,
+    no_record: bool,
     as_json: bool,
     duration: float,
     **run_options: Any,
@@ -112,8 +114,8 @@ def sweep(
     """Run TREE in simulated time with many seeds and parameter values, and report the success rates.
 
     Each episode is the same as a run of 'btcore run TREE --fast --seed S'; the report lists the command lines
-    of the episodes that failed. Finished episodes are saved in the output folder: after an interruption, the
-    same command continues with the remaining episodes.
+    of the episodes that failed, whose recordings are kept for 'btcore replay'. Finished episodes are saved in
+    the output folder: after an interruption, the same command continues with the remaining episodes.
 
     \b
     Exit codes:
@@ -138,7 +140,8 @@ def sweep(
             pool = cluster.remote(scheduler, attempts)
         else:
             pool = cluster.local(workers, attempts, path)
-        summary = run_sweep(folder, success_if, pool)
+        can_record = "record" in definition.choices.refused  # the recorder is installed
+        summary = run_sweep(folder, success_if, pool, can_record and not no_record)
         results, code = write_results(folder, success_if, table_format, summary)
     if as_json:
         terminal.print_json(results)

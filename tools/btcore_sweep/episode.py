@@ -8,8 +8,9 @@ import json
 import threading
 import time
 from collections.abc import Sequence
-from contextlib import chdir, redirect_stderr, redirect_stdout
+from contextlib import chdir, redirect_stderr, redirect_stdout, suppress
 from functools import cache
+from pathlib import Path
 from typing import Any, Final
 
 import click
@@ -31,12 +32,16 @@ _LOCK: Final = threading.Lock()
 Result = dict[str, Any]
 
 
-def run_episode(command: Sequence[str], folder: str) -> Result:
+def run_episode(
+    command: Sequence[str], folder: str, recording: str = "", record_on: str = "failure"
+) -> Result:
     """Run an episode.
 
     Args:
         command: The arguments of `btcore run`.
         folder: The working directory.
+        recording: The file to which the run is recorded, with its absolute path; "" = it is not recorded.
+        record_on: The value of the option `--record-on`.
 
     Returns:
         A dict. `code`: the exit code; `report`: the object that `--json` prints, or None if the run
@@ -46,6 +51,10 @@ def run_episode(command: Sequence[str], folder: str) -> Result:
         the run could not continue, otherwise missing; `wall_s`: the duration (s of real time).
     """
     result: Result
+    if recording:
+        with suppress(OSError):  # another machine may be unable to write there
+            Path(recording).parent.mkdir(exist_ok=True)
+            command = [*command, "--record", recording, "--record-on", record_on]
     # A worker has no terminal: its output is dropped, and warnings are returned.
     output = io.StringIO()
     with (
@@ -73,7 +82,9 @@ def run_episode(command: Sequence[str], folder: str) -> Result:
             result = _fault_result(ExitCode.USER_ERROR, "\n".join([str(error), *notes]))
         except (Exception, SystemExit) as error:
             result = _internal_error(error)
-    lines = [warning.partition("\n")[0] for warning in warnings]
+    # The sweep prints where the recordings are.
+    others = [warning for warning in warnings if not (recording and recording in warning)]
+    lines = [warning.partition("\n")[0] for warning in others]
     result["warnings"] = list(dict.fromkeys(lines))[:_MAX_WARNINGS]
     result["wall_s"] = round(time.perf_counter() - began, 4)
     return result

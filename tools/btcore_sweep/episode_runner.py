@@ -2,8 +2,8 @@
 
 import threading
 import time
-from collections.abc import Iterable
-from contextlib import AbstractContextManager
+from collections.abc import Iterable, Sequence
+from contextlib import AbstractContextManager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Final, NamedTuple
 
@@ -47,7 +47,10 @@ class ExecutionSummary(NamedTuple):
 
 
 def run_sweep(
-    folder: SweepFolder, script: Program | None, pool: "AbstractContextManager[Workers]"
+    folder: SweepFolder,
+    script: Program | None,
+    pool: "AbstractContextManager[Workers]",
+    must_record: bool = False,
 ) -> ExecutionSummary:
     """Run the episodes that are not finished yet, and add each of them to the folder.
 
@@ -57,6 +60,7 @@ def run_sweep(
         folder: The folder of the sweep, entered as a context manager.
         script: The condition for a success, or None.
         pool: A context with the workers, which is entered if there are episodes to run.
+        must_record: Whether to keep the recordings of the episodes without success.
 
     Raises:
         click.UsageError: A combination of parameter values cannot be run with the first seed, or *script*
@@ -70,6 +74,12 @@ def run_sweep(
     # If there are finished episodes, an error in the script is reported before workers are started.
     for record in folder.done.values():
         table.create_row(sweep.episode(record["episode"]), record, script)
+
+    def recording_arguments(episode: Episode) -> Sequence[str]:
+        # Only the script tells which episodes to keep.
+        record_on = "failure" if script is None else "always"
+        return (str(folder.recording(episode.number).resolve()), record_on) if must_record else ()
+
     began = time.perf_counter()
     stopped = threading.Event()
     with (
@@ -79,14 +89,18 @@ def run_sweep(
     ):
         count, episode_time = 0, 0.0
         episodes = (sweep.episode(number) for number in todo)
-        for episode, result in workers.run_episodes(episodes, stopped.is_set):
+        for episode, result in workers.run_episodes(episodes, stopped.is_set, recording_arguments):
             record = {"episode": episode.number, **result}
             _raise_user_error(record, episode, sweep)
             bar.warn(record.pop("warnings", ()))
             folder.add(record)
             count += 1
             episode_time += record.get("wall_s", 0.0)
-            bar.count_episode(table.create_row(episode, record, script)["success"], workers.count)
+            success = table.create_row(episode, record, script)["success"]
+            if success and must_record:
+                with suppress(OSError):
+                    folder.recording(episode.number).unlink()
+            bar.count_episode(success, workers.count)
         wall = time.perf_counter() - began
         busy = episode_time / (wall * max(workers.count, 1))
         return ExecutionSummary(signals.number, count, wall, workers.count, workers.deaths, busy)

@@ -1,5 +1,6 @@
 """The results of a sweep: the table, the report, the summary on stderr, and the object of `--json`."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
 
@@ -13,7 +14,7 @@ from btcore_sweep.charts import percent
 from btcore_sweep.definition import Episode
 from btcore_sweep.episode_runner import ExecutionSummary
 from btcore_sweep.report import ReportData, render_report
-from btcore_sweep.sweep_folder import SweepFolder
+from btcore_sweep.sweep_folder import RECORDINGS, SweepFolder
 from btcore_sweep.sweep_statistics import LEVEL, SuccessRate, compute_statistics
 from btcore_sweep.table import Row, create_row, list_columns, write_table
 
@@ -50,8 +51,15 @@ def write_results(
     script_text = None if script is None else script.text
     data = ReportData(sweep, compute_statistics(rows, sweep), script_text, tuple(walls))
     files.write(report, render_report(data).encode())
+    recordings = {
+        row["episode"]: file
+        for row in data.statistics.failed
+        if (file := folder.recording(row["episode"])).exists()
+    }
     _print_summary(data, execution, results, report)
-    return _to_json_data(data, execution, results, report), _exit_code(rows, execution)
+    if recordings:
+        terminal.print_labelled("recordings", str(folder.path / RECORDINGS))
+    return _to_json_data(data, execution, results, report, recordings), _exit_code(rows, execution)
 
 
 def _exit_code(rows: list[Row], execution: ExecutionSummary) -> ExitCode:
@@ -63,7 +71,7 @@ def _exit_code(rows: list[Row], execution: ExecutionSummary) -> ExitCode:
 
 
 def _to_json_data(
-    data: ReportData, execution: ExecutionSummary, results: Path, report: Path
+    data: ReportData, execution: ExecutionSummary, results: Path, report: Path, recordings: Mapping[int, Path]
 ) -> dict[str, Any]:
     statistics, sweep = data.statistics, data.definition
     return {
@@ -87,7 +95,10 @@ def _to_json_data(
             {"node": node.node, "ended": node.ended, "episodes": node.failed, "failures": node.times}
             for node in statistics.failing
         ],
-        "failed": [_failed_episode(sweep.episode(row["episode"]), row) for row in statistics.failed],
+        "failed": [
+            _failed_episode(sweep.episode(row["episode"]), row, recordings.get(row["episode"]))
+            for row in statistics.failed
+        ],
         "workers": {
             "count": execution.workers,
             "deaths": execution.deaths,
@@ -99,13 +110,14 @@ def _to_json_data(
     }
 
 
-def _failed_episode(episode: Episode, row: Row) -> dict[str, Any]:
+def _failed_episode(episode: Episode, row: Row, recording: Path | None) -> dict[str, Any]:
     return {
         "episode": episode.number,
         "seed": episode.seed,
         "params": dict(episode.values),
         **{column: row[column] for column in ("status", "failed_at", "error")},
         "replay": episode.replay,
+        "recording": None if recording is None else str(recording),
     }
 
 

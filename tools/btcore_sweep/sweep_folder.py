@@ -1,7 +1,8 @@
 """The folder of a sweep, in which its definition and its finished episodes are saved.
 
 `sweep.json` contains the definition of the sweep, `journal.jsonl` a line of JSON for each episode, which
-is written as soon as the episode is finished. If the process is killed while it writes, the incomplete last
+is written as soon as the episode is finished. `recordings` contains the recordings of the episodes without
+success, for `btcore replay`. If the process is killed while it writes, the incomplete last
 line is removed when the sweep continues.
 """
 
@@ -26,6 +27,7 @@ else:
 
 DEFINITION: Final = "sweep.json"
 JOURNAL: Final = "journal.jsonl"
+RECORDINGS: Final = "recordings"
 _LOCKED_BYTE: Final = 2**31 - 2
 """The offset of the byte that is locked on Windows, where other programs cannot read locked bytes."""
 
@@ -69,6 +71,10 @@ class SweepFolder:
         if self._file is not None:
             self._file.close()
             self._file = None
+
+    def recording(self, number: int) -> Path:
+        """Return the file for the recording of an episode."""
+        return self.path / RECORDINGS / f"{number}.btrec.txt"
 
     def add(self, record: Record) -> None:
         """Save the record of a finished episode. A second record of the same episode is ignored."""

@@ -1,6 +1,7 @@
 """`btcore ros2 serve`: trees as goals of an action, as by BehaviorTree.ROS2's TreeExecutionServer."""
 
 import importlib.util
+import os
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -40,6 +41,12 @@ GROOT2_PORT = 1667
 _PUBLISHES: Final = importlib.util.find_spec("zmq") is not None
 """Whether the trees are published for Groot 2 by default."""
 
+_RECORDINGS: Final = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros", "btcore", "recordings")
+"""The folder in which the ends of failed trees are recorded by default."""
+
+_DEFAULTS: Final[dict[str, object]] = {"record": str(_RECORDINGS), "record_on": "failure"}
+"""Other defaults for options of providers."""
+
 FIXED_PORT = "read-only, because viewers stay connected to this port between goals"
 
 
@@ -47,7 +54,7 @@ FIXED_PORT = "read-only, because viewers stay connected to this port between goa
     "serve",
     cls=ProviderCommand,
     short_help="Serve trees as goals of an action.",
-    context_settings={"default_map": {"publish": ("groot2",)} if _PUBLISHES else {}},
+    context_settings={"default_map": {**_DEFAULTS, **({"publish": ("groot2",)} if _PUBLISHES else {})}},
 )
 @click.argument("trees", nargs=-1, type=click.Path(exists=True, path_type=Path))
 @click.option(
@@ -78,6 +85,9 @@ def serve(
 
     The parameters of BehaviorTree.ROS2's TreeExecutionServer can be given by --ros-args:
     '-p tick_frequency:=50' or '--params-file FILE.yaml'. Ctrl-C ends the server.
+
+    The end of each tree that fails is recorded in a folder (~/.ros/btcore/recordings, or that of --record);
+    --record-on never turns this off.
     """
     arguments = [] if action_name is None else ["-p", f"action_name:={action_name}"]
     if tick_frequency is not None:

@@ -195,19 +195,15 @@ def test_file_extension_selects_the_log_class(
         assert type(log) is kind
 
 
+WRITTEN = "logs that can be written end in .btlog, .btdb, .btrec.txt, .db3, .json or .mcap"
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        (
-            "a.btlgo",
-            "a.btlgo: logs that can be written end in .btlog, .btdb, .db3, .json or .mcap; did you mean "
-            "a.btlog?",
-        ),
-        (
-            "a",
-            "a: logs that can be written end in .btlog, .btdb, .db3, .json or .mcap; did you mean a.btlog?",
-        ),
-        ("", ".: logs that can be written end in .btlog, .btdb, .db3, .json or .mcap; for example run.btlog"),
+        ("a.btlgo", f"a.btlgo: {WRITTEN}; did you mean a.btlog?"),
+        ("a", f"a: {WRITTEN}; did you mean a.btlog?"),
+        ("", f".: {WRITTEN}; for example run.btlog"),
         ("a.fbl", "a.fbl: a log in this format can be read, but not written; use a.btlog"),
     ],
 )

@@ -196,5 +196,5 @@ def test_it(btcore_clock):
 
 def test_pytest_finds_the_plugin_by_its_entry_point() -> None:
     project = tomllib.loads((Path(__file__).parents[3] / "pyproject.toml").read_text(encoding="utf-8"))
-    (module,) = project["project"]["entry-points"]["pytest11"].values()
+    module = project["project"]["entry-points"]["pytest11"]["btcore"]
     assert hasattr(importlib.import_module(module), "btcore_harness")

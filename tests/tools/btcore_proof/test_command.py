@@ -12,6 +12,7 @@ from click.testing import Result
 
 from btcore.logs import read_log
 from btcore_proof import command
+from btcore_recorder import Replay
 from tests.btcore.cli.conftest import Cli
 
 DRIVE = """
@@ -284,13 +285,12 @@ def test_saved_test_fails_until_the_tree_is_mended(prove: Callable[..., Result],
     folder = tmp_path / "found" / "here"
     prove(DRIVE, "--never", "Drive & !PathFree ticked", "--save", str(folder))
     assert sorted(path.name for path in folder.iterdir()) == [
-        "08-never-drive-pathfree-ticked.btlog",
+        "08-never-drive-pathfree-ticked.btrec.txt",
         "test_08_never_drive_pathfree_ticked.py",
     ]
     test = folder / "test_08_never_drive_pathfree_ticked.py"
     text = test.read_text(encoding="utf-8")
     assert 'FOLDER / "../../tree.xml"' in text
-    assert '(0.1, {"Drive": "R"}),' in text
     outcome = run_test(test)
     assert "'Drive & !PathFree ticked' holds" in outcome.stdout
     mended = DRIVE.replace("Sequence>", "ReactiveSequence>").replace("Fallback>", "ReactiveFallback>")
@@ -299,12 +299,54 @@ def test_saved_test_fails_until_the_tree_is_mended(prove: Callable[..., Result],
     assert outcome.returncode == 0, outcome.stdout
 
 
-def test_saved_log_shows_the_counterexample(prove: Callable[..., Result], tmp_path: Path) -> None:
+def test_saved_recording_shows_the_counterexample(prove: Callable[..., Result], tmp_path: Path) -> None:
     prove(DRIVE, "--never", "Stop & !PathFree ticked", "--save", str(tmp_path))
-    recording = read_log(tmp_path / "08-never-stop-pathfree-ticked.btlog")
+    file = tmp_path / "08-never-stop-pathfree-ticked.btrec.txt"
+    recording = read_log(file)
     last = {each.uid: each.status.name for each in recording.transitions}
     names = {node.name: last.get(uid) for uid, node in recording.nodes.items()}
     assert names["Stop"] == "RUNNING"
+    assert Replay(file).verify() is None
+
+
+ENDLESS = """
+<root BTCPP_format="4"> <BehaviorTree ID="Main"> <ReactiveSequence>
+  <Sleep msec="1000"/> <Action ID="Look"/>
+</ReactiveSequence> </BehaviorTree> </root>"""
+TIMED = """
+<root BTCPP_format="4"> <BehaviorTree ID="Main"> <Parallel success_count="2">
+  <Sequence> <Sleep msec="1001"/> <Action ID="Right"/> </Sequence>
+  <Sequence> <Look seen="{seen}"/> <Sleep msec="1000"/> <Action ID="Left"/> </Sequence>
+</Parallel> </BehaviorTree>
+<TreeNodesModel>
+  <Action ID="Look"> <output_port name="seen" type="int"/> </Action>
+</TreeNodesModel> </root>"""
+UPDATED = """
+<root BTCPP_format="4"> <BehaviorTree ID="Main"> <Sequence>
+  <Look seen="{seen}"/> <SkipUnlessUpdated entry="{seen}"> <Left seen="{seen}"/> </SkipUnlessUpdated>
+</Sequence> </BehaviorTree>
+<TreeNodesModel>
+  <Action ID="Look"> <output_port name="seen"/> </Action>
+  <Action ID="Left"> <input_port name="seen"/> </Action>
+</TreeNodesModel> </root>"""
+
+
+@pytest.mark.parametrize(
+    ("tree", "words"),
+    [
+        (ENDLESS, ()),
+        (TIMED, ("--never", "Right & !Left")),
+        (UPDATED, ("--never", "Left is FAILURE", "--given", "seen")),
+    ],
+)
+def test_recording_of_a_counterexample_is_what_happened(
+    prove: Callable[..., Result], tmp_path: Path, tree: str, words: tuple[str, ...]
+) -> None:
+    result = prove(tree, *words, "--save", str(tmp_path))
+    files = list(tmp_path.glob("*.btrec.txt"))
+    assert files, result.output
+    for file in files:
+        assert Replay(file).verify() is None
 
 
 def test_saved_tests_pass_ruff_and_name_what_tree_needs(prove: Callable[..., Result], tmp_path: Path) -> None:
@@ -320,7 +362,8 @@ def test_saved_tests_pass_ruff_and_name_what_tree_needs(prove: Callable[..., Res
     test = folder / "test_08_never_wave_is_success.py"
     text = test.read_text(encoding="utf-8")
     assert 'nodes.add_plugin(FOLDER / "../spot.py")' in text
-    assert 'set_before={"wanted": "box"}' in text
+    recording = folder / "08-never-wave-is-success.btrec.txt"
+    assert 'entry ["box", ' in recording.read_text(encoding="utf-8")
     for words in (("check",), ("format", "--check")):
         ruff = [sys.executable, "-m", "ruff", *words, "--isolated", str(folder)]
         checked = subprocess.run(ruff, capture_output=True, text=True, check=False)

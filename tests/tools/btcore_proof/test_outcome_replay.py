@@ -1,12 +1,15 @@
-"""Runs with given outcomes: `assert_holds_in_run`, and which result a leaf takes that has none."""
+"""Runs with given outcomes: how they violate questions, and which result a leaf takes that has none."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import pytest
 
-from btcore_proof import OutcomesError, assert_holds_in_run, assert_proved, prove
-from btcore_proof.outcome_replay import outcomes_of_ticks
+from btcore_proof import OutcomesError, assert_proved, prove
+from btcore_proof.declarations import Declarations
+from btcore_proof.outcome_replay import TickOutcomes, outcomes_of_ticks
 from btcore_proof.standard_questions import ENDS
+from btcore_proof.tree_files import _plans, fault_in_run
 
 RETRY = """
 <root BTCPP_format="4">
@@ -30,17 +33,27 @@ def file(tmp_path: Path) -> Path:
     return tmp_path / "tree.xml"
 
 
+def assert_holds(
+    file: Path, question: str, ticks: Sequence[TickOutcomes], cycle: tuple[int, float] | None = None
+) -> None:
+    declared = Declarations()
+    plans = _plans(file, None, [file], None, None, declared)
+    fault = fault_in_run(plans, question, ticks, cycle, {}, declared)
+    if fault is not None:
+        raise AssertionError(f"{question}: {fault}")
+
+
 def test_run_that_violates_the_question_fails(file: Path) -> None:
     file.write_text(SEQUENCE.format(kind="Sequence"))
     ticks = [(0.0, {"Ready": "S", "Grasp": "R"}), (0.1, {"Grasp": "S", "Lift": "R"})]
     with pytest.raises(AssertionError, match="never Lift: 'Lift' holds"):
-        assert_holds_in_run(file, "never Lift", ticks, models=[file])
+        assert_holds(file, "never Lift", ticks)
     with pytest.raises(AssertionError, match="'Lift' does not hold within 0 ticks"):
-        assert_holds_in_run(file, "Grasp leads to Lift within 0 ticks", ticks, models=[file])
-    assert_holds_in_run(file, "Grasp leads to Lift within 1 tick", ticks, models=[file])
-    assert_holds_in_run(file, "Grasp before Lift", ticks, models=[file])
+        assert_holds(file, "Grasp leads to Lift within 0 ticks", ticks)
+    assert_holds(file, "Grasp leads to Lift within 1 tick", ticks)
+    assert_holds(file, "Grasp before Lift", ticks)
     with pytest.raises(AssertionError, match="'Grasp' holds before 'Lift'"):
-        assert_holds_in_run(file, "Lift before Grasp", ticks, models=[file])
+        assert_holds(file, "Lift before Grasp", ticks)
 
 
 def test_leaf_without_an_outcome_takes_its_next_result_then_repeats_the_last(file: Path) -> None:
@@ -48,12 +61,12 @@ def test_leaf_without_an_outcome_takes_its_next_result_then_repeats_the_last(fil
     # Ready has outcomes in the first and the third tick only.
     ticks = [(0.0, {"Ready": "S", "Grasp": "R"}), (0.1, {"Grasp": "R"}), (0.2, {"Ready": "F"})]
     with pytest.raises(AssertionError, match="'Ready is FAILURE & Grasp halted' holds"):
-        assert_holds_in_run(file, "never Ready is FAILURE & Grasp halted", ticks, models=[file])
+        assert_holds(file, "never Ready is FAILURE & Grasp halted", ticks)
     # Beyond its outcomes, Ready still succeeds, but Grasp does not run forever.
     ticks = [(0.0, {"Ready": "S", "Grasp": "R"}), (0.1, {}), (0.2, {})]
-    assert_holds_in_run(file, "never Ready is FAILURE", ticks, models=[file])
+    assert_holds(file, "never Ready is FAILURE", ticks)
     with pytest.raises(AssertionError):
-        assert_holds_in_run(file, "never Grasp is SUCCESS", ticks, models=[file])
+        assert_holds(file, "never Grasp is SUCCESS", ticks)
 
 
 def test_cycle_is_repeated_until_the_tree_ends(file: Path) -> None:
@@ -61,9 +74,9 @@ def test_cycle_is_repeated_until_the_tree_ends(file: Path) -> None:
     # No outcome lets the endless loop end.
     ticks = [(0.0, {"Ready": "S", "Grasp": "R"}), (0.1, {"Ready": "S", "Grasp": "S(object=?)"})]
     with pytest.raises(AssertionError, match="still RUNNING"):
-        assert_holds_in_run(file, ENDS, ticks, cycle=(0, 0.2), models=[file])
+        assert_holds(file, ENDS, ticks, cycle=(0, 0.2))
     file.write_text(RETRY.format(attempts=50))
-    assert_holds_in_run(file, ENDS, ticks, cycle=(0, 0.2), models=[file])
+    assert_holds(file, ENDS, ticks, cycle=(0, 0.2))
 
 
 def test_action_ends_in_a_cycle_that_halted_it_before_the_tree_was_mended(file: Path) -> None:
@@ -76,9 +89,9 @@ def test_action_ends_in_a_cycle_that_halted_it_before_the_tree_was_mended(file: 
     assert run.cycle is not None
     ticks, cycle = outcomes_of_ticks(run), (run.cycle, run.period)
     with pytest.raises(AssertionError, match="still RUNNING"):
-        assert_holds_in_run(file, ENDS, ticks, cycle=cycle, models=[file])
+        assert_holds(file, ENDS, ticks, cycle=cycle)
     file.write_text(RETRY.format(attempts=1))
-    assert_holds_in_run(file, ENDS, ticks, cycle=cycle, models=[file])
+    assert_holds(file, ENDS, ticks, cycle=cycle)
 
 
 def test_outcomes_of_a_counterexample_repeat_it(file: Path) -> None:
@@ -88,7 +101,7 @@ def test_outcomes_of_a_counterexample_repeat_it(file: Path) -> None:
     assert answer.counterexample is not None
     ticks = outcomes_of_ticks(answer.counterexample)
     with pytest.raises(AssertionError, match="does not follow"):
-        assert_holds_in_run(file, question, ticks, models=[file])
+        assert_holds(file, question, ticks)
 
 
 @pytest.mark.parametrize(
@@ -103,7 +116,7 @@ def test_outcomes_of_a_counterexample_repeat_it(file: Path) -> None:
 def test_bad_outcomes_are_refused(file: Path, leaves: dict[str, str], question: str, message: str) -> None:
     file.write_text(SEQUENCE.format(kind="Sequence"))
     with pytest.raises(OutcomesError, match=message):
-        assert_holds_in_run(file, question, [(0.0, leaves)], models=[file])
+        assert_holds(file, question, [(0.0, leaves)])
 
 
 def test_assert_proved_shows_the_counterexample(file: Path) -> None:
@@ -134,9 +147,9 @@ def test_ticks_repeat_the_time_that_passes_within_a_tick(file: Path) -> None:
     assert run is not None
     ticks = outcomes_of_ticks(run)
     with pytest.raises(AssertionError, match="holds"):
-        assert_holds_in_run(file, question, ticks, models=[file])
+        assert_holds(file, question, ticks)
     file.write_text(tree.format(first=2001))
-    assert_holds_in_run(file, question, ticks, models=[file])
+    assert_holds(file, question, ticks)
 
 
 COUNTED = """
@@ -185,4 +198,4 @@ def test_an_unknown_value_that_is_written_again_counts_as_an_update(
     run = answer.counterexample
     assert run is not None
     with pytest.raises(AssertionError, match="holds"):
-        assert_holds_in_run(file, question, outcomes_of_ticks(run), models=[file])
+        assert_holds(file, question, outcomes_of_ticks(run))

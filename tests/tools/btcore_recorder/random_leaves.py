@@ -1,5 +1,6 @@
 """Nodes that do anything at random: return, raise, write, wait, set statuses, and tick or halt children."""
 
+import logging
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -21,6 +22,8 @@ from btcore import (
 )
 from btcore.nodes.sequences_and_fallbacks import Sequence
 from tests.conformance.recorded_cases import conformance_registry
+
+_log = logging.getLogger(__name__)
 
 NODE_IDS = ("Write", "Count", "Wait", "Check", "Hold", "Odd", "Anyhow", "OwnSequence")
 """The IDs of the nodes in this file."""
@@ -48,7 +51,9 @@ def any_value(source: Random) -> object:
 
 
 def any_result(source: Random) -> object:
-    """Return any end result, or raise."""
+    """Return any end result, or raise. Log a message before."""
+    if source.random() < 0.1:
+        _log.warning("message %d", source.randrange(9))
     if source.random() < 0.05:
         raise source.choice([ValueError("bad"), KeyError("k"), RuntimeError()])
     return source.choice([True, False, SUCCESS, FAILURE, SKIPPED])
@@ -128,6 +133,7 @@ class Hold(btcore.StatefulAction):
 
     def on_halted(self) -> None:
         if self.source.random() < 0.5:
+            _log.error("halted")
             self.out = 7
         if self.source.random() < 0.2:
             raise ValueError("halted")
@@ -154,6 +160,7 @@ class Odd(btcore.DecoratorNode):
                 raise
             return FAILURE
         if source.random() < 0.2:
+            _log.warning("the child is reset")
             self.reset_child()
         return status if source.random() < 0.7 else RUNNING
 

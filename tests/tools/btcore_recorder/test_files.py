@@ -394,6 +394,27 @@ def test_a_ring_keeps_the_end_of_a_run(tmp_path: Path, monkeypatch: pytest.Monke
 # --- values
 
 
+@pytest.mark.parametrize("limits", [{"max_duration_s": 1.0}, {"max_bytes": 10_000.0}])
+def test_a_recording_continues_in_further_files(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, limits: dict[str, float]
+) -> None:
+    monkeypatch.setattr("btcore_recorder.file_recorder.WRITE_INTERVAL_S", 0.001)
+    tree, count = written_tree(), 0
+    with record(tree, tmp_path / "run.btrec.txt", **limits) as recorder:
+        while recorder.path.name != "run.3.btrec.txt" and count < 10_000:
+            with suppress(NodeExecutionError):
+                tree.tick_exactly_once()
+            tree.clock.advance(0.3)  # type: ignore[attr-defined]
+            tree.blackboard["n"] = count
+            count += 1
+            while recorder._queue.qsize() > 20:
+                pass  # the thread catches up
+    assert not recorder.is_incomplete
+    replays = [Replay(tmp_path / f"run{number}.btrec.txt") for number in ("", ".2", ".3")]
+    assert [replay.verify() for replay in replays] == [None] * 3
+    assert [step.tick for replay in replays for step in replay.steps] == list(range(1, count + 1))
+
+
 @pytest.mark.parametrize("seed", range(30))
 def test_values_are_recorded_exactly(seed: int) -> None:
     value = any_value(Random(seed))

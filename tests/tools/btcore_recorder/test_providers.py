@@ -9,10 +9,16 @@ from click.testing import CliRunner
 import btcore
 from btcore import NodeExecutionError, OutputError, Registry, Run, RunSettings
 from btcore.cli.main import main
+from btcore.program_runner import TreelessProgram
 from btcore_recorder import Replay
 from btcore_recorder.providers import RecordingSettings
 
 DOCUMENT = '<root BTCPP_format="4"><BehaviorTree ID="Main">{}</BehaviorTree></root>'
+
+
+OTHER_TREES = """<BehaviorTree ID="Good"><AlwaysSuccess/></BehaviorTree>
+<BehaviorTree ID="Bad"><AlwaysFailure/></BehaviorTree>
+<BehaviorTree ID="Raises"><OpenDoor angle="3"/></BehaviorTree></root>"""
 
 
 @btcore.action
@@ -23,16 +29,19 @@ def open_door(angle: btcore.In[float]) -> bool:
     return angle > 0
 
 
+NODES = Registry.standard()
+NODES.add(open_door)
+
+
 def run_door(folder: Path, angle: float, **settings: str) -> list[Path]:
     """Run a tree that is recorded, and return the files that are there then."""
-    tree, nodes = folder / "door.xml", Registry.standard()
-    nodes.add(open_door)
+    tree = folder / "door.xml"
     leaves = f'<Sleep msec="200"/><OpenDoor angle="{angle}"/>'
     tree.write_text(DOCUMENT.format(f"<Sequence>{leaves}</Sequence>"))
     recording = RecordingSettings(folder / "run.btrec.txt", **settings)  # type: ignore[arg-type]
     with (
         suppress(NodeExecutionError),
-        Run(tree, nodes=nodes, settings=[RunSettings(fast=True), recording]) as run,
+        Run(tree, nodes=NODES, settings=[RunSettings(fast=True), recording]) as run,
     ):
         run.tick_to_end()
     return sorted(folder.glob("*.btrec.txt"))
@@ -54,6 +63,68 @@ def test_the_end_of_a_run_is_written_if_it_fails(tmp_path: Path, angle: float, i
         replay = Replay(file)
         assert replay.verify() is None
         assert replay.tree.ticks == 3
+
+
+def test_the_end_of_a_run_is_written_if_a_tick_limit_strikes_or_an_assertion_fails(tmp_path: Path) -> None:
+    tree = tmp_path / "tree.xml"
+    endless = '<Repeat num_cycles="-1"><AlwaysSuccess/></Repeat>'
+    for limit, nodes in ((0.01, endless), (None, '<Sleep msec="100"/>')):
+        tree.write_text(DOCUMENT.format(nodes))
+        file = tmp_path / f"limit_{limit}.btrec.txt"
+        settings = [RunSettings(fast=True), RecordingSettings(file, record_on="failure")]
+        with (
+            suppress(NodeExecutionError, AssertionError),
+            Run(tree, settings=settings, tick_limit=limit) as run,
+        ):
+            run.step()
+            assert limit
+        replay = Replay(file)
+        assert replay.verify() is None
+        assert replay.tree.ticks >= 1
+
+
+def test_a_folder_gets_a_file_for_each_tree_that_fails(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As in a tree server, which halts each tree at its end."""
+    folder, document = tmp_path / "recordings", tmp_path / "tree.xml"
+    document.write_text(DOCUMENT.format("<SubTree ID='Good'/>").replace("</root>", "") + OTHER_TREES)
+    monkeypatch.setattr("btcore_recorder.files.FOLDER_BYTES", 3000)
+    settings = RecordingSettings(folder, record_on="failure")
+    with Run(TreelessProgram("Waiting"), settings=[settings]) as run:
+        for name in ("Bad", "Good", "Bad", "Bad", "Bad", "Raises"):
+            tree = btcore.load(document, tree=name, nodes=NODES)
+            run.replace_tree(tree)
+            with suppress(NodeExecutionError):
+                tree.tick_exactly_once()
+            tree.halt()
+    files = sorted(folder.iterdir())
+    assert 1 < len(files) < 5
+    assert sum(file.stat().st_size for file in files[:-1]) <= 3000
+    assert "_Raises_" in files[-1].name
+    for file in files:
+        replay = Replay(file)
+        assert replay.verify() is None
+        assert replay.tree.ticks == 1
+
+
+def test_an_interrupted_server_writes_only_the_tree_that_runs(tmp_path: Path) -> None:
+    for is_running in (False, True):
+        folder, document = tmp_path / f"{is_running}", tmp_path / "tree.xml"
+        document.write_text(DOCUMENT.format('<Sleep msec="100"/>'))
+        settings = RecordingSettings(folder, record_on="failure")
+        with suppress(KeyboardInterrupt), Run(TreelessProgram("Waiting"), settings=[settings]) as run:
+            tree = btcore.load(document)
+            run.replace_tree(tree)
+            tree.tick_exactly_once()
+            if not is_running:  # it is cancelled
+                tree.halt()
+            raise KeyboardInterrupt
+        assert len(list(folder.glob("*"))) == is_running
+
+
+def test_a_recording_that_is_turned_off_writes_nothing(tmp_path: Path) -> None:
+    assert not run_door(tmp_path, -1.0, record_on="never")
 
 
 def test_a_tree_that_replaces_another_has_its_own_recording(tmp_path: Path) -> None:

@@ -144,7 +144,7 @@ def test_the_first_difference_is_explained(replay: Replay, recorded: Path) -> No
     assert result.stdout.splitlines() == [
         "equal: 2 ticks with 3 transitions; then, at 0.200 s, tick 3: recorded: the result is RUNNING; "
         "now: the result is FAILURE",
-        "probable cause: something was not recorded",
+        "probable cause: the tree changed",
     ]
     data = json.loads(replay(recorded, "--verify", "--json").stdout)
     assert (data["equal"], data["tick"], data["time_s"]) == (False, 3, 0.2)
@@ -208,7 +208,7 @@ def test_all_recordings_in_a_folder_are_run_again(replay: Replay, recorded: Path
         ),
         (["run.btrec.txt", "--set", "n=2"], "--set n=2: expected NAME=VALUE@TICK, such as door=F@12"),
         (["run.btrec.txt", "--match", "a=b"], "--match needs --tree"),
-        (["run.btrec.txt", "--tree", "no.xml"], "--tree no.xml: no such file or directory"),
+        (["run.btrec.txt", "--tree", "no.xml"], "no.xml: E003 no such file"),
         (["run.btrec.txt", "--tree", "x.xml", "--text"], "--tree and --text exclude each other"),
         (["run.btlog", "--set", "n=2@1"], "run.btlog is a log of statuses: --set needs a recording"),
         (["run.btlog", "--verify"], "run.btlog is a log of statuses: --verify needs a recording"),

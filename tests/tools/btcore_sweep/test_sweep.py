@@ -13,7 +13,9 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner, Result
 
+from btcore import Status
 from btcore.cli.main import main
+from btcore_recorder import Replay
 from tests.btcore.cli.conftest import LastJson
 from tests.tools.btcore_sweep.conftest import environment
 
@@ -72,6 +74,12 @@ def test_episodes_give_the_results_of_run_and_can_be_replayed(
         assert (report["status"], report["ticks"]) == (row["status"], int(row["ticks"]))
         assert report["time_s"] == float(row["time_s"])
     last = data["failed"][-1]
+    recordings = {episode["recording"] for episode in data["failed"]}
+    assert recordings == {str(file) for file in Path("tree.sweep/recordings").iterdir()}
+    recorded = Replay(last["recording"])
+    assert recorded.seek(tick=int(table[last["episode"]]["ticks"]))
+    assert recorded.tree.status is Status.FAILURE
+    assert recorded.verify() is None
     assert CliRunner().invoke(main, shlex.split(last["replay"])[1:]).exit_code == 1
     assert "SucceedByChance::3" in Path("tree.sweep/report.html").read_text(encoding="utf-8")
     assert last["replay"] in Path("tree.sweep/report.html").read_text(encoding="utf-8").replace("&#x27;", "'")
@@ -144,6 +152,10 @@ def test_success_if_redefines_success_without_new_episodes(
     result = sweep(*words, "--success-if", "ticks > 4")
     assert 0 < last_json(result)["rate"] < 1
     assert last_json(result)["workers"]["count"] == 0
+    data = last_json(sweep(*words, "--success-if", "ticks > 4", "--output", "new"))
+    assert {Path(episode["recording"]) for episode in data["failed"]} == set(Path("new/recordings").iterdir())
+    assert sweep(*words, "--success-if", "0", "--output", "off", "--no-record").exit_code == 1
+    assert not Path("off/recordings").exists()
     mistaken = sweep(*words, "--success-if", "tiks > 4")
     assert mistaken.exit_code == 2
     assert "did you mean 'ticks'?" in mistaken.stderr

@@ -94,7 +94,7 @@ def replay(
     if from_s is not None and to_s is not None and from_s > to_s:
         raise click.UsageError(f"--from {from_s:g} is after --to {to_s:g}.")
     if rerun.mode:
-        return rerun.run(Path(log))
+        return rerun.run(Path(log), from_s, to_s)
     recording = read_log(log)
     for warning in recording.warnings:
         terminal.print_warning(warning)

@@ -7,16 +7,22 @@ from typing import Annotated, Any
 
 import click
 
-from btcore.cli import terminal
+from btcore.cli import files, terminal
 from btcore.errors import BtcoreError, SettingsError
 from btcore.escaping import escape_controls
 from btcore.exit_codes import ExitCode
-from btcore.input_files import read_error, read_file
 from btcore.json_text import load_json
 from btcore.options import Options, option
 from btcore.registry.mock_nodes import LETTERS
 from btcore.suggestions import join_names
+from btcore.xml.read.read import parse_file
+from btcore_recorder.excerpts import cut, shrink
 from btcore_recorder.files import EXTENSIONS, TEXT, read_recording
+from btcore_recorder.inputs import RunRecording
+from btcore_recorder.lines import encode_text
+from btcore_recorder.replay import Replay
+from btcore_recorder.saved_tests import find_difference, find_failure, run_with_tree, source_of_test
+from btcore_recorder.text_form import to_text
 from btcore_recorder.verification import Verification, verify
 from btcore_recorder.what_if import Change, ChangedRun, SetEntry, SetResult, run_changed
 
@@ -65,6 +71,21 @@ class RerunOptions(Options):
             metavar="OLD=NEW",
         ),
     ] = ()
+    save_test: (
+        Annotated[
+            Path,
+            option(
+                "Write a test for pytest, and beside it the recorded inputs from --from to --to. It fails as "
+                "the run did, until the tree is mended. It runs the tree of --tree; by default that in the "
+                "recorded file, if this is below the working directory.",
+                metavar="test_NAME.py",
+            ),
+        ]
+        | None
+    ) = None
+    shrink: Annotated[
+        bool, option("With --save-test: remove ticks and inputs as long as the run still fails.")
+    ] = False
     json: Annotated[
         bool, option("With --verify, --tree, --result and --set: print a JSON object for each recording.")
     ] = False
@@ -73,6 +94,14 @@ class RerunOptions(Options):
         changes = [f"--{name}" for name in ("tree", "result", "set") if getattr(self, name)]
         if self.verify and changes:
             raise SettingsError(f"--verify and {changes[0]} exclude each other: choose one.")
+        if self.save_test is not None:
+            others = [f"--{name}" for name in ("verify", "result", "set", "json") if getattr(self, name)]
+            if others:
+                raise SettingsError(f"--save-test and {others[0]} exclude each other: choose one.")
+            if not (self.save_test.name.startswith("test_") and self.save_test.suffix == ".py"):
+                raise SettingsError(f"--save-test {self.save_test}: pytest finds tests in files test_….py.")
+        elif self.shrink:
+            raise SettingsError("--shrink needs --save-test.")
         if self.match and self.tree is None:
             raise SettingsError("--match needs --tree.")
         if self.json and not self.mode:
@@ -81,18 +110,26 @@ class RerunOptions(Options):
     @property
     def mode(self) -> str:
         """The first given option that runs a recording again, or ""."""
-        given = (name for name in ("verify", "tree", "result", "set") if getattr(self, name))
-        return next((f"--{name}" for name in given), "")
+        given = (name for name in ("save_test", "verify", "tree", "result", "set") if getattr(self, name))
+        return next((f"--{name.replace('_', '-')}" for name in given), "")
 
-    def run(self, log: Path) -> ExitCode:
-        """Run the recording *log*, or each in this folder, again, and print what happens."""
-        if log.is_dir():
+    def run(self, log: Path, from_s: float | None, to_s: float | None) -> ExitCode:
+        """Run the recording *log*, or each in this folder, again, and print what happens.
+
+        Args:
+            log: The recording or the folder.
+            from_s: The time (s) at which a saved test begins.
+            to_s: The time (s) at which it ends.
+        """
+        if log.is_dir() and self.save_test is None:
             return self._run_folder(log)
         if not log.name.endswith(EXTENSIONS):
             raise click.UsageError(
                 f"{log} is a log of statuses: {self.mode} needs a recording (…{TEXT}) of what the ticks "
                 "depended on, as btcore run --record writes it."
             )
+        if self.save_test is not None:
+            return self._save_test(log, self.save_test, from_s, to_s)
         outcome = self._run_file(log)
         if self.json:
             terminal.print_json(outcome.as_data())
@@ -124,9 +161,40 @@ class RerunOptions(Options):
     def _run_file(self, log: Path) -> Verification | ChangedRun:
         if self.verify:
             return verify(log)
-        document = None if self.tree is None else (str(self.tree), _read_tree(self.tree))
-        matches = dict(_halves(text, "--match") for text in self.match)
-        return run_changed(read_recording(log), list(self._changes()), document, matches)
+        document = None if self.tree is None else (str(self.tree), parse_file(self.tree).text)
+        return run_changed(read_recording(log), list(self._changes()), document, self._matches)
+
+    def _save_test(self, log: Path, test: Path, from_s: float | None, to_s: float | None) -> ExitCode:
+        """Write a test, and the recording that it runs, and print what the test does now."""
+        file = test.with_suffix(TEXT)
+        for existing in (test, file):
+            if existing.exists():
+                raise click.UsageError(f"{existing} exists already; --save-test does not overwrite it.")
+        recording = read_recording(log)
+        if recording.damage:
+            terminal.print_warning(f"{log}: {recording.damage}")
+        recording = cut(recording, from_s, to_s)
+        if self.shrink:
+            shrunk = shrink(recording)
+            recording = shrunk.recording
+            click.echo(str(shrunk))
+        recorded = run_changed(recording)
+        tree = self.tree or _find_tree(recording)
+        run = recorded if tree is None else run_with_tree(recording, tree, self._matches)
+        has_failed = recorded.failure is not None
+        problem = find_failure(recording, run) if has_failed else find_difference(recording, run)
+        paths = [node.path for node in Replay(recording).tree.nodes]
+        files.write(file, encode_text(to_text(recording, paths)))
+        files.write(test, source_of_test(recording, recorded, test, file, tree, self._matches).encode())
+        names = escape_controls(f"wrote {test} and {file.name}", one_line=True)
+        tried = "the recorded tree" if tree is None else str(tree)
+        outcome = f"fails: {problem}" if problem else "passes"
+        click.echo(f"{names}\n{escape_controls(f'with {tried}, the test now {outcome}')}")
+        return ExitCode.SUCCESS
+
+    @property
+    def _matches(self) -> dict[str, str]:
+        return dict(_halves(text, "--match") for text in self.match)
 
     def _changes(self) -> Iterator[Change]:
         for text in self.result:
@@ -159,11 +227,8 @@ def _halves(text: str, option: str) -> tuple[str, str]:
     return name, value
 
 
-def _read_tree(path: Path) -> str:
-    try:
-        return read_file(path).decode("utf-8-sig")
-    except OSError as error:
-        reason = read_error(error)
-    except UnicodeDecodeError as error:
-        reason = str(error)
-    raise click.ClickException(f"--tree {path}: {reason}")
+def _find_tree(recording: RunRecording) -> Path | None:
+    """Return the file of the recorded tree, if it is below the working directory."""
+    file = Path(recording.head.documents[-1][0])
+    is_here = file.is_file() and file.resolve().is_relative_to(Path.cwd())
+    return file if is_here else None

@@ -48,7 +48,7 @@ _Log = Annotated[
     Field(
         max_length=500,
         description="The `log` that `run` returned, such as run-1, or a log file in the served folder: "
-        ".btlog, .db3, .btdb, .mcap or .fbl; FILE.db3#2 for session 2.",
+        ".btrec.txt, .btlog, .db3, .btdb, .mcap or .fbl; FILE.db3#2 for session 2.",
     ),
 ]
 
@@ -204,3 +204,9 @@ class ExplainFailureArguments(Arguments):
     """The arguments of `explain_failure`."""
 
     log: _Log
+    node: _Name = Field(
+        "",
+        description="The path of a node: why did it have its result, why was it halted or not ticked? {KEY}: "
+        "who wrote this entry? By default the root: why did the tree fail?",
+    )
+    at: str | None = Field(None, max_length=30, description="The number of a tick, or seconds such as 12.5s.")

@@ -34,11 +34,12 @@ PROCESSES: Final = 2
 MAX_WAITING: Final = 20
 """The number of commands that may wait."""
 SIMULATION: Final = (
-    *("btdb", "db3", "fbl", "json", "mcap", "nav2", "prove", "robot_nodes", "stats", "sweep"),
+    *("btdb", "btrec.txt", "db3", "fbl", "json", "mcap", "nav2"),
+    *("prove", "recorder", "robot_nodes", "stats", "sweep", "why"),
     *("simulator", "world_map", "world_places", "map_file", "waypoints"),
     *("navigation", "navigator", "navigation_servers", "exploration", "head_tracker", "object_locator"),
 )
-"""The entry points of btcore that are used: logs and nodes of btcore, and a robot in a simulated world."""
+"""The entry points of btcore that are used: logs, recordings, nodes, and a robot in a simulated world."""
 
 _PATIENCE: Final = 0.75
 """The part of the time limit after which a command is interrupted."""

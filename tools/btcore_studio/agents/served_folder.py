@@ -19,7 +19,7 @@ MAX_LOG_SIZE: Final = 64_000_000
 MAX_LISTED: Final = 200
 """The maximum number of trees that are listed."""
 TREES: Final = (".xml",)
-LOGS: Final = (".btlog", ".db3", ".btdb", ".mcap", ".fbl")
+LOGS: Final = (".btrec.txt", ".btlog", ".db3", ".btdb", ".mcap", ".fbl")
 
 _MAX_LENGTH: Final = 500
 _MAX_VISITED: Final = 20_000
@@ -58,7 +58,7 @@ class ServedFolder:
                 one of the suffixes and a permitted size.
         """
         path = self._inside(name)
-        if path.suffix.lower() not in suffixes:
+        if not path.name.lower().endswith(tuple(suffixes)):
             raise RefusedError(f"'{name}' is refused: the name must end with {' or '.join(suffixes)}")
         try:
             state = path.stat()
@@ -104,7 +104,7 @@ class ServedFolder:
         """Return the first files with these suffixes, relative to the folder and sorted; no hidden files."""
         names: list[str] = []
         for path in self._walk():
-            if path.suffix.lower() in suffixes and not _CONTROL.search(path.name):
+            if path.name.lower().endswith(tuple(suffixes)) and not _CONTROL.search(path.name):
                 names.append(path.relative_to(self.root).as_posix())
                 if len(names) == MAX_LISTED:
                     break

@@ -1,6 +1,6 @@
 """Shorter forms of what commands print, for agents: without what is empty, repeated or of no use to them."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from typing import Any
 
 from btcore.exit_codes import ExitCode
@@ -83,20 +83,3 @@ def _without_empty(data: Any) -> Any:
     if isinstance(data, dict):
         return {key: _without_empty(value) for key, value in data.items() if value not in (None, "", [], {})}
     return data
-
-
-def reason_of(cause: Mapping[str, Any], messages: Sequence[str]) -> str:
-    """Return a sentence with the reason for which the lowest failed node failed.
-
-    Args:
-        cause: The last step of the path to the node, as `btcore stats --json` prints it.
-        messages: The messages of the run.
-    """
-    ports = ", ".join(f'{name}="{text}"' for name, text in cause["ports"].items())
-    of = f" with {ports}" if ports else ""
-    reason = f"the {cause['type'].lower()} <{cause['id']}>{of} returned FAILURE at {cause['time_s']:g} s"
-    if cause["children"]:
-        children = [f"{child} {result or 'did not complete'}" for child, result in cause["children"].items()]
-        reason += f" although none of its children failed: {', '.join(children)}"
-    reported = [text for message in messages if (text := message.partition(f": {cause['node']}: ")[2])]
-    return f"{reason}; it reported: {reported[-1]}" if reported else reason

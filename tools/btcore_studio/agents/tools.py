@@ -42,7 +42,6 @@ from btcore_studio.agents.summaries import (
     counts_of,
     ending_of,
     palette_by_type,
-    reason_of,
 )
 
 KEPT_RUNS: Final = 20
@@ -152,8 +151,8 @@ class Toolbox:
         command = ["run", "--fast", "--json", *self._runner.plugins, *words]
         name = f"run-{next(self._numbers)}"
         with self._runner.temporary_folder() as output:
-            log = output / f"{name}.btlog"
-            done = await self._runner.run([*command, f"--log={log}", *self._words(call, output)], output)
+            log = output / f"{name}.btrec.txt"
+            done = await self._runner.run([*command, f"--record={log}", *self._words(call, output)], output)
             report = _last_json("run", done)
             kept = log.replace(self._runner.scratch / log.name)
         # The summary on stderr repeats the result; what comes before it are messages of leaves.
@@ -238,6 +237,7 @@ class Toolbox:
 
         For each node: how often it succeeded, failed or was halted; `rate`, the share of successes; `runs`,
         how often it was RUNNING, and for how long in total, on average and at most (s). Zeros are omitted.
+        `failure` is the path from the root to the node that made the tree fail, if it failed.
         """
         statistics = await self._json("stats", ["--json", "--", self._log(call.log)])
         changes = [
@@ -245,51 +245,23 @@ class Toolbox:
             for change in statistics.pop("changes")
         ]
         statistics |= {"changes": changes[-call.changes :]} if call.changes else {}
-        statistics["failed"] = bool(statistics.pop("failure"))
         return to_bounded_json(statistics | counts_of(statistics["nodes"]) | {"log": call.log})
 
     async def explain_failure(self, call: ExplainFailureArguments) -> str:
-        """Explain why a tree failed: the path from the root to the node that made it fail.
+        """Explain what a node did in a recorded run; by default, why the tree failed.
 
-        `cause` is the lowest node that failed. `path` begins at the root; each step has the results of the
-        node's children, null for a child that was not ticked or did not complete. `error` is the exception of
-        a leaf, if a leaf of a run raised an exception.
+        `chain` leads from the result to the leaf results and entries that it depends on. `answer` names a
+        smallest set of them that changes the result, as was tried by running the recording again. `error` is
+        the exception of a leaf, and `messages` are what leaves reported. A log that `run` did not write
+        needs to be a recording (.btrec.txt, .mcap); for other logs use read_log.
         """
-        statistics = await self._json("stats", ["--json", "--", self._log(call.log)])
-        path: list[dict[str, Any]] = statistics["failure"]
-        nodes: dict[str, dict[str, Any]] = statistics["nodes"]
+        moment = _option("at", call.at)
+        words = [*moment, "--json", "--", self._log(call.log), *([call.node] if call.node else [])]
+        explained = await self._json("why", words)
         kept = self._runs.get(call.log, {})
-        result: dict[str, Any] = {"log": call.log, "failed": bool(path) or "error" in kept}
-        if error := kept.get("error"):
-            place = f" ({error['at']})" if error["at"] else ""
-            why = f"it raised {error['exception']}: {error['message']}{place}"
-            result |= {"cause": error["node"], "why": why}
-        elif path:
-            cause = path[-1]
-            totals = {key: nodes[cause["node"]][key] for key in ("success", "failure", "halted")}
-            why = reason_of(cause, kept.get("messages", []))
-            result |= {"cause": cause["node"], "why": why, "totals": totals, "path": path}
-            manual = await self._about(cause["id"])
-            result |= {"description": manual} if manual else {}
-        else:
-            running = [node for node, row in nodes.items() if row["running"]]
-            result["why"] = "the tree did not fail: its last result is not FAILURE, or it has no result yet"
-            result |= {"running": running} if running else {}
-            often = sorted(nodes, key=lambda node: -int(nodes[node]["failure"]))[:5]
-            result["most_failures"] = {
-                node: nodes[node]["failure"] for node in often if nodes[node]["failure"]
-            }
-        result |= {key: kept[key] for key in ("error", "messages") if key in kept}
-        return to_bounded_json(result)
-
-    async def _about(self, node_id: str) -> str | None:
-        """Return the description of a node, or None if the node is not known."""
-        try:
-            facts = await self._json("nodes", ["--json", "--", node_id], all_nodes=True)
-        except RefusedError:
-            return None  # such as a leaf of another program
-        description: str = facts[node_id]["description"]
-        return description or None
+        return to_bounded_json(
+            {"log": call.log, **explained, **{key: kept[key] for key in ("error", "messages") if key in kept}}
+        )
 
     def _keep(self, name: str, run: dict[str, Any]) -> None:
         """Keep the log of a run, and forget the oldest run."""
@@ -349,7 +321,7 @@ class Toolbox:
 
     async def _json(self, command: str, words: Sequence[str], all_nodes: bool = False) -> Any:
         """Return the JSON data that a command prints."""
-        plugins = [] if command == "stats" else self._runner.plugins
+        plugins = [] if command in ("stats", "why") else self._runner.plugins
         with self._runner.temporary_folder() as output:
             done = await self._runner.run([command, *plugins, *words], output, all_nodes=all_nodes)
         try:

@@ -1,6 +1,6 @@
 """What agents read of a log and of a proof."""
 
-from btcore_studio.agents.summaries import answer_of, reason_of
+from btcore_studio.agents.summaries import answer_of
 
 
 def test_answers_have_no_empty_values_and_keep_zeros() -> None:
@@ -17,11 +17,3 @@ def test_answers_have_no_empty_values_and_keep_zeros() -> None:
     }
     proved = {"question": "A before B", "answer": "proved", "vacuous": True, "cycle": None}
     assert answer_of(proved)["answer"] == "proved, vacuously: its premise never holds"
-
-
-def test_reason_names_children_that_did_not_complete() -> None:
-    cause = {"node": "late", "id": "Timeout", "type": "DECORATOR", "time_s": 1.5, "ports": {"msec": "1500"}}
-    assert reason_of({**cause, "children": {"OpenDoor::3": None}}, ["warning: other: no"]) == (
-        'the decorator <Timeout> with msec="1500" returned FAILURE at 1.5 s although none of its children '
-        "failed: OpenDoor::3 did not complete"
-    )

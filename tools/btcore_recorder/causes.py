@@ -1,0 +1,460 @@
+"""The causes of what nodes did in a recorded run, from replays of single ticks.
+
+A cause leads from a result down to the leaves and conditions that it depends on, and from the entries that
+these have read to the nodes that wrote them, also in earlier ticks.
+"""
+
+import reprlib
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from enum import Enum
+from itertools import islice
+from typing import Final
+
+from btcore.clock import NS_PER_S
+from btcore.engine.journal import MessageLogged
+from btcore.engine.node import TreeNode
+from btcore.errors import BtcoreError, ScriptError
+from btcore.script.expressions import Literal as ScriptLiteral
+from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
+from btcore.suggestions import join_names
+from btcore.xml.plan.key_uses import WRITING, find_name_uses, iter_subexpressions, parse_statements
+from btcore_recorder.inputs import Raised, Result
+from btcore_recorder.recorded_tree import is_stand_in
+from btcore_recorder.replay import Replay
+from btcore_recorder.tick_trace import EntryName, Halt, Read, TickTrace, Visit, Write, scripts_of
+from btcore_recorder.values import NotReplayable
+from btcore_recorder.what_if import Change, HoldEntry, SetResult, keys_of
+
+MAX_CAUSES: Final = 300
+"""Maximum number of causes that are considered for an answer."""
+_VALUES_TRIED: Final = 8
+
+SHOWN = reprlib.Repr()
+SHOWN.maxstring = SHOWN.maxother = 60
+
+
+@dataclass
+class Cause:
+    """A part of an explanation; *causes* are its own causes, the most important first.
+
+    Attributes:
+        because: What the node did, or why, as the end of a sentence that begins with the node.
+        details: With what values a leaf did it, and what it logged.
+        changes: Other values of the input that the cause is; empty if it is none.
+        is_passed_on: Whether the node only passes on the result of a child.
+        is_context: Whether it only explains how the tick came to what follows it.
+    """
+
+    position: int
+    uid: int
+    because: str
+    details: str = ""
+    changes: Sequence[Change] = ()
+    is_passed_on: bool = False
+    is_context: bool = False
+    causes: "list[Cause]" = field(default_factory=list)
+    tried: str = ""
+
+    def is_like(self, other: "Cause") -> bool:
+        """Return whether *other* says the same."""
+        return (self.position, self.uid, self.because) == (other.position, other.uid, other.because)
+
+    def walk(self) -> "Iterator[Cause]":
+        """Yield the cause and its own causes, each before the next."""
+        yield self
+        for cause in self.causes:
+            yield from cause.walk()
+
+
+class CauseFinder:
+    """Finds the causes of what nodes did in the run of *replay*."""
+
+    def __init__(self, replay: Replay) -> None:
+        self._replay = replay
+        self._nodes = replay.tree.nodes
+        self._steps = replay.steps
+        self.keys = keys_of(replay.tree)
+        self._parents = {child.config.uid: node for node in self._nodes for child in node.children}
+        self._traces: dict[int, TickTrace] = {}
+        self._count = 0
+
+    def begin(self) -> None:
+        """Begin a new question."""
+        self._count = 0
+
+    def seek(self, position: int) -> None:
+        """Run the replay to the end of *position* steps.
+
+        Raises:
+            BtcoreError: It differs from the recording.
+        """
+        if not self._replay.seek(position):
+            raise BtcoreError(f"the replay differs from the recording: {self._replay.difference}")
+
+    def trace(self, position: int) -> TickTrace:
+        """Return what happens in the step with the index *position*."""
+        if position not in self._traces:
+            self.seek(position)
+            trace = TickTrace(self._replay.tree)
+            is_same = self._replay.step()
+            trace.close()
+            if not is_same:
+                raise BtcoreError(f"the replay differs from the recording: {self._replay.difference}")
+            self._traces[position] = trace
+        return self._traces[position]
+
+    def tick(self, position: int) -> int:
+        """Return the number of a tick; for a halt that of the tick before it."""
+        return next((step.tick for step in self._steps[position::-1] if step.tick), 0)
+
+    def time(self, position: int) -> float:
+        """Return the time of a tick (s since the recording began); for a halt that of the tick before it."""
+        head = self._replay.recording.head
+        time = next((step.time for step in self._steps[position::-1] if step.tick), head.time)
+        return (time - head.time) / NS_PER_S
+
+    def path(self, uid: int) -> str:
+        """Return the path of a node; "" for 0."""
+        return self.keys[uid - 1] if uid else ""
+
+    def _names(self, visits: Iterable[Visit]) -> str:
+        names = dict.fromkeys(f"'{self.keys[visit.uid - 1]}'" for visit in visits)
+        return join_names(list(names), most=4)
+
+    # --- explanations
+
+    def _new(self, position: int, uid: int, because: str, changes: Sequence[Change] = ()) -> Cause:
+        self._count += 1
+        return Cause(position, uid, because, changes=changes)
+
+    @property
+    def _is_full(self) -> bool:
+        return self._count >= MAX_CAUSES
+
+    def explain_result(self, position: int, visit: Visit) -> Cause:
+        """Explain the result of a tick of a node."""
+        node = self._nodes[visit.uid - 1]
+        if visit.decided_by == "condition" and node.config.conditions:
+            return self._explain_condition(position, visit)
+        children = visit.children
+        if visit.decided_by == "callback":
+            cause = self._new(
+                position, visit.uid, f"a callback of the program forced {name_of(visit.result)}"
+            )
+        elif is_stand_in(node):
+            cause = self._explain_external(position, visit)
+        elif visit.result is None and not children:
+            cause = self._new(position, visit.uid, "it raised an exception")
+        else:
+            own = [read for read in visit.reads if read.by not in node.config.conditions]
+            cause = self._new(position, visit.uid, self._describe(node, visit, own))
+            cause.is_passed_on = bool(children) and not own
+            self._add_children(cause, children, visit.result)
+            self._add_earlier_child(cause, visit)
+            self._add_reads(cause, own, is_input=True)
+            return cause
+        self._add_children(cause, children, visit.result)
+        return cause
+
+    def _add_children(self, cause: Cause, children: Sequence[Visit], result: Status | None) -> None:
+        """Add the results of children, those first that are equal to *result*, the last ones first."""
+        last_first = children[::-1]
+        ordered = sorted(last_first, key=lambda each: (each.result is not result, each.result is SKIPPED))
+        seen: set[tuple[int, Status | None]] = set()
+        for child in ordered:
+            if not self._is_full and (child.uid, child.result) not in seen:
+                seen.add((child.uid, child.result))
+                cause.causes.append(self.explain_result(cause.position, child))
+                cause.causes[-1].is_context = child.result is not ordered[0].result or result is None
+
+    def _add_earlier_child(self, cause: Cause, visit: Visit) -> None:
+        """Add the result, in an earlier tick, of the child before the first one that was ticked."""
+        siblings = self._nodes[visit.uid - 1].children
+        if visit.before is not RUNNING or not visit.children or self._is_full:
+            return
+        first = next(i for i, each in enumerate(siblings) if each.config.uid == visit.children[0].uid)
+        at = self._replay.find_end(siblings[first - 1].config.uid, cause.position) if first else None
+        if at is None:
+            return
+        end = self.trace(at).visits_of(siblings[first - 1].config.uid)[-1]
+        cause.causes.append(self.explain_result(at, end))
+        cause.causes[-1].is_context = end.result is not visit.result
+
+    def _describe(self, node: TreeNode, visit: Visit, reads: Sequence[Read]) -> str:
+        """Return why a built-in node had its result."""
+        values = _describe_reads(reads)
+        children = visit.children
+        if not children:
+            script = next((read for read in reads if read.script), None)
+            if script is not None and node.config.id == "ScriptCondition":
+                truth = "true" if visit.result is SUCCESS else "false"
+                return f'code="{_one_line(script.script)}" is {truth}: {values}'
+            values = ", ".join(filter(None, (_describe_literals(node), values)))
+            return (
+                f"<{node.config.id}> returned {name_of(visit.result)}{f', with {values}' if values else ''}"
+            )
+        last = min(children[::-1], key=lambda each: each.result is not visit.result)
+        same = [child for child in children if child.result is last.result]
+        verb = "raised an exception" if last.result is None else f"returned {name_of(last.result)}"
+        who = f"its child {self._names([last])}"
+        if len({child.uid for child in same}) > 1 and last.result is visit.result:
+            who = f"its children {self._names(same)}"
+        return f"{who} {verb}{f', with {values}' if values else ''}"
+
+    def _explain_condition(self, position: int, visit: Visit) -> Cause:
+        """Explain a result that a pre-condition determined."""
+        conditions = self._nodes[visit.uid - 1].config.conditions
+        names: tuple[str, ...] = {FAILURE: ("_failureIf",), SUCCESS: ("_successIf",)}.get(
+            visit.result or IDLE, ("_while",) if visit.before is RUNNING else ("_skipIf", "_while")
+        )
+        given = [name for name in names if name in conditions]
+        reads = [read for read in visit.reads if read.by in given]
+        texts = " and ".join(f'{name}="{_one_line(conditions[name])}"' for name in given)
+        truth = "is false" if given == ["_while"] else "is true" if len(given) == 1 else "decide"
+        values = _describe_reads(reads)
+        because = f"its condition {texts} {truth}{f': {values}' if values else ''}"
+        cause = self._new(position, visit.uid, because)
+        self._add_reads(cause, reads, is_input=True)
+        return cause
+
+    def _explain_external(self, position: int, visit: Visit) -> Cause:
+        """Explain the result of an external node: an input."""
+        step = self._steps[position]
+        node = self._nodes[visit.uid - 1]
+        key = self.path(visit.uid)
+        error = next(
+            (each.error for each in step.inputs if isinstance(each, Raised) and each.uid == visit.uid), None
+        )
+        if visit.result is None and error is not None:
+            because = f"it raised {error.type}: {_one_line(error.text)}"
+        else:
+            because = f"it returned {name_of(visit.result)}"
+        values = ", ".join(filter(None, (_describe_literals(node), _describe_reads(visit.reads))))
+        others = {SUCCESS: (FAILURE,), RUNNING: (SUCCESS, FAILURE)}.get(visit.result or IDLE, (SUCCESS,))
+        changes = [SetResult(step.tick, key, status) for status in others] if step.tick else []
+        cause = self._new(position, visit.uid, because, changes)
+        cause.details = f"{f', with {values}' if values else ''}{self._messages(position, visit.uid)}"
+        self._add_reads(cause, visit.reads, is_input=False)
+        return cause
+
+    def _messages(self, position: int, uid: int) -> str:
+        """Return what the last tick of an external node in a step logged, for a sentence."""
+        found: list[str] = []
+        since: list[str] = []
+        for event in self._steps[position].inputs:
+            if isinstance(event, MessageLogged):
+                since.append(event.text)
+            elif isinstance(event, (Result, Raised)):
+                found = since if event.uid == uid else found
+                since = []
+        return "".join(f'; it logged "{_one_line(text)}"' for text in found[-2:])
+
+    def explain_halt(self, position: int, halt: Halt) -> Cause:
+        """Explain why a node was halted."""
+        uid = halt.uid
+        if halt.by is None:
+            return self._new(position, uid, "the whole tree was halted from outside, between two ticks")
+        by = halt.by
+        if by.uid == uid:
+            return self._explain_condition(position, by)
+        cause = self._new(position, uid, f"'{self.path(by.uid)}' halted it")
+        if is_stand_in(self._nodes[by.uid - 1]):
+            own = self._new(position, by.uid, "its own code halted the child")
+            cause.causes.append(own)
+        # What was ticked before the halt decided: the parent halts children after the result of another one.
+        decided = by if by.result is not RUNNING or not by.children else by.children[-1]
+        cause.causes.append(self.explain_result(position, decided))
+        return cause
+
+    def explain_no_tick(self, position: int, uid: int) -> Cause:
+        """Explain why a node was not ticked."""
+        trace = self.trace(position)
+        child = uid
+        while (parent := self._parents.get(child)) is not None:
+            visits = trace.visits_of(parent.config.uid)
+            if visits:
+                visit = visits[-1]
+                above = self.path(parent.config.uid)
+                if visit.decided_by == "condition" and parent.config.conditions:
+                    cause = self._new(position, uid, f"'{above}' above it was not started")
+                    cause.causes.append(self._explain_condition(position, visit))
+                    return cause
+                before = visit.children
+                earlier = self._explain_earlier_end(position, uid, child, visit)
+                if earlier is not None:
+                    return earlier
+                if before:
+                    last = before[-1]
+                    because = (
+                        f"'{above}' ended at '{self.path(last.uid)}', which returned {name_of(last.result)}"
+                    )
+                    if last.result is RUNNING:
+                        because = f"'{above}' waits for '{self.path(last.uid)}', which is RUNNING"
+                else:
+                    because = f"'{above}' returned {name_of(visit.result)} without ticking it"
+                cause = self._new(position, uid, because)
+                for each in reversed(before):
+                    if not self._is_full:
+                        cause.causes.append(self.explain_result(position, each))
+                if not before:
+                    cause.causes.append(self.explain_result(position, visit))
+                return cause
+            child = parent.config.uid
+        return self._new(position, uid, "the tree was not ticked")
+
+    def _explain_earlier_end(self, position: int, uid: int, child: int, visit: Visit) -> Cause | None:
+        """Explain that *child*, in which the node is, had ended in an earlier tick; None if it had not."""
+        if not visit.children or visit.children[0].uid <= child:
+            return None
+        at = self._replay.find_end(child, position)
+        if at is None:
+            return None
+        end = self.trace(at).visits_of(child)[-1]
+        above, ended = self.path(visit.uid), self.path(child)
+        because = (
+            f"'{above}' goes on after '{ended}', which returned {name_of(end.result)} in tick {self.tick(at)}"
+        )
+        cause = self._new(position, uid, because)
+        cause.causes.append(self.explain_result(at, end))
+        return cause
+
+    # --- entries
+
+    def _add_reads(self, cause: Cause, reads: Sequence[Read], is_input: bool) -> None:
+        for read in reads:
+            if not self._is_full:
+                cause.causes.append(self.explain_value(cause.position, read, is_input))
+
+    def explain_value(self, position: int, read: Read, is_input: bool) -> Cause:
+        """Explain the value of an entry.
+
+        Args:
+            position: The step in which it is read.
+            is_input: Whether the engine read it, so that another value can be tried.
+        """
+        if read.entry is None:
+            return self._new(position, 0, f"there is no entry {read.key}")
+        tick = self._steps[position].tick
+        trace = self.trace(position)
+        write = trace.last_write(read.entry, read.sequence_id)
+        at: int | None = position
+        if write is None:
+            at = self._replay.find_write(*read.entry, position)
+            if at is not None:
+                write = self.trace(at).last_write(read.entry, read.sequence_id)
+        if at is None or write is None:
+            because = f"had written {read.key} = {SHOWN.repr(read.value)} when the recording began"
+            cause = self._new(position, 0, because)
+            if is_input and tick:
+                cause.changes = self._other_values(tick, read, None)
+            return cause
+        cause = self._new(at, write.uid, self._describe_write(position, at, read, write))
+        visit = next((each for each in reversed(self.trace(at).visits) if each.uid == write.uid), None)
+        is_external = not write.uid or is_stand_in(self._nodes[write.uid - 1])
+        if is_external and is_input and tick:
+            cause.changes = self._other_values(tick, read, self._value_before(at, read.entry, write))
+        if visit is not None and not self._is_full:
+            self._add_reads(cause, visit.reads, is_input and not is_external)
+            if visit.parent is not None and not is_external:  # why it was ticked
+                index = next(i for i, each in enumerate(visit.parent.children) if each is visit)
+                self._add_children(cause, visit.parent.children[:index], None)
+        return cause
+
+    def _describe_write(self, position: int, at: int, read: Read, write: Write) -> str:
+        what = f"{read.key} = {SHOWN.repr(read.value)}"
+        script = self._writing_script(write.uid, {read.key, write.entry.key}) if write.uid else ""
+        if at == position:
+            return f"wrote {what}{script} {'in' if write.uid else 'before'} this tick"
+        ticks = self.tick(position) - self.tick(at)
+        seconds = self.time(position) - self.time(at)
+        before = f"{ticks:,} {'tick' if ticks == 1 else 'ticks'} before ({seconds:g} s)"
+        return f"wrote {what}{script}, {before}"
+
+    def _writing_script(self, uid: int, keys: set[str]) -> str:
+        """Return the script of a node that writes one of *keys*, for a sentence; "" if none does."""
+        node = self._nodes[uid - 1]
+        for by, text in scripts_of(node):
+            uses = find_name_uses(text, node.config.enums)
+            if any(use.access in WRITING and use.name.lstrip("@") in keys for use in uses):
+                return f' by {by}="{_one_line(text)}"'
+        return ""
+
+    def _value_before(self, at: int, entry: EntryName, write: Write) -> object:
+        """Return the value that an entry had before a write in step *at*; None if it is not known."""
+        earlier = [each for each in self.trace(at).writes if each.entry == entry]
+        index = next(i for i, each in enumerate(earlier) if each is write)
+        if index:
+            return earlier[index - 1].value
+        self.seek(at)
+        held = self._replay.external.boards[entry.scope].local_entries().get(entry.key)
+        return None if held is None else held.value
+
+    def _other_values(self, tick: int, read: Read, before: object) -> list[Change]:
+        """Return changes that give an entry another value."""
+        assert read.entry is not None
+        value = read.value
+        if isinstance(value, NotReplayable):
+            return []
+        found: list[object] = [] if before is None else [before]
+        literals = list(_literals(read.script))
+        if isinstance(value, Enum):
+            found += list(type(value))
+        elif isinstance(value, bool):
+            found.append(not value)
+        elif isinstance(value, (int, float)):
+            numbers = [each for each in literals if isinstance(each, (int, float))]
+            for number in [*numbers, 0]:
+                found += [number - 1, number + 1, number]
+            found += [-value, value + 1]
+            if isinstance(value, float):
+                found = [float(each) for each in found if isinstance(each, (int, float))]
+            else:
+                found = [int(each) for each in found if isinstance(each, (int, float)) and each == int(each)]
+        elif isinstance(value, str):
+            found += [*literals, "", "0", "1"]
+        elif value is None:
+            found += [*literals, 0, 1, True]
+        else:
+            found += [[], 0]
+        others: list[object] = []
+        for each in found:
+            fits = type(each) is type(value) or value is None or isinstance(value, (str, Enum))
+            if fits and each != value and each not in others:
+                others.append(each)
+        return [HoldEntry(tick, *read.entry, other) for other in others[:_VALUES_TRIED]]
+
+
+def _describe_literals(node: TreeNode) -> str:
+    """Return the ports of *node* that are literals in the document, for a sentence."""
+    ports = [port for port in node.config.inputs.values() if port.key is None and port.is_explicit]
+    return ", ".join(f'{port.name}="{_one_line(port.text)}"' for port in ports[:6])
+
+
+def _describe_reads(reads: Sequence[Read]) -> str:
+    values = dict.fromkeys(
+        f"{read.key} = {SHOWN.repr(read.value)}" if read.entry is not None else f"no entry {read.key}"
+        for read in reads
+    )
+    return ", ".join(islice(values, 6))
+
+
+def _literals(script: str) -> Iterator[object]:
+    """Yield the literals of a script."""
+    try:
+        statements = parse_statements(script, {}) if script else ()
+    except ScriptError:
+        return
+    for statement in statements:
+        for part in iter_subexpressions(statement):
+            if isinstance(part, ScriptLiteral):
+                yield part.value
+
+
+def name_of(status: Status | None) -> str:
+    """Return the name of a result for a sentence; None = the node raised."""
+    return "nothing" if status is None else status.name
+
+
+def _one_line(text: str) -> str:
+    return " ".join(text.split())[:100]
