@@ -87,7 +87,7 @@ class TreeNode:
     """Whether a tick must not return RUNNING."""
 
     config: NodeConfig = _NO_CONFIG
-    # First what every tick reads: so it is near to each other in memory (compiled).
+    # What every tick reads comes first, so that it is close together in memory (compiled).
     _status: Status = IDLE
     _tick_extras: TickExtras | None = None
     """None = the node has no conditions, callbacks, counters or journal."""

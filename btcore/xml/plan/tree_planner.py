@@ -199,7 +199,7 @@ class PlanningContext:
 
 
 class _Outline:
-    """A node as the first pass leaves it.
+    """A node that the first pass has found.
 
     Attributes:
         element: The element of the node.
@@ -223,7 +223,7 @@ class TreePlanner:
     """
 
     def __init__(self, definition: TreeDefinition, context: PlanningContext) -> None:
-        # What the first pass leaves to the second: the <BehaviorTree> and its nodes, in pre-order.
+        # The result of the first pass: the <BehaviorTree> and its nodes, in pre-order.
         self._outlines: list[_Outline] = []
         self._definition = definition
         self._context = context
