@@ -469,10 +469,7 @@ def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
         and node._status is not SUCCESS
         and node._status is not FAILURE
     ):
-        if node._context.journal is None:
-            forced = pre_tick(node)
-        else:
-            forced = _call_callback(node, True, partial(pre_tick, node))
+        forced = _call_callback(node, True, partial(pre_tick, node))
         if forced is SUCCESS or forced is FAILURE:
             status = forced
     if status is UNDECIDED:
@@ -484,10 +481,7 @@ def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
         conditions.run_postconditions(status)
     post_tick = extras.post_tick
     if post_tick is not None:
-        if node._context.journal is None:
-            forced = post_tick(node, status)
-        else:
-            forced = _call_callback(node, False, partial(post_tick, node, status))
+        forced = _call_callback(node, False, partial(post_tick, node, status))
         if forced is SUCCESS or forced is FAILURE:
             status = forced
     if counts is not None:
@@ -650,9 +644,10 @@ def _halt_external(node: TreeNode, journal: "Journal") -> None:
 
 
 def _call_callback(node: TreeNode, is_pre_tick: bool, callback: Callable[[], Status]) -> Status:
-    """Call a callback of *node*, and record the status that it forces."""
+    """Call a callback of *node*. If the tree is recorded, record the status that it forces."""
     journal = node._context.journal
-    assert journal is not None
+    if journal is None:
+        return callback()
     start = journal.record_count
     journal.leave()
     try:
