@@ -80,6 +80,7 @@ PREVIEW ?= --trials 9
 PROOFS ?= --trees 1000
 TYPED_FILES ?= --files 200
 KILLS ?= --trials 100
+CPP_RECORDINGS ?= none
 ROS2_SCHEDULES ?= --schedules 500
 ROS2_RUNS ?=
 ROS2_GOALS ?= --goals 2000
@@ -279,13 +280,14 @@ accept-tools: .venv/ready
 	@$(if $(filter none,$(EDITS)),,BTCORE_EXPECT=pure BTCORE_EDITS=$(EDITS) .venv/bin/pytest -n $(CORES) \
 		--dist worksteal tests/tools/btcore_studio/edit)
 	@$(if $(filter none,$(RECORDED_RUNS)),,BTCORE_EXPECT=pure BTCORE_RUNS=$(RECORDED_RUNS) .venv/bin/pytest -n $(CORES) \
-		$(addprefix tests/tools/btcore_recorder/,test_replay.py test_what_if.py test_why.py))
+		$(addprefix tests/tools/btcore_recorder/,test_excerpts.py test_replay.py test_what_if.py test_why.py))
 	$(call acceptance,mcp_attacks,$(MCP_ATTACKS))
 	$(call acceptance,mistakes,$(MISTAKES))
 	$(call acceptance,preview,$(PREVIEW))
 	$(call acceptance,proofs,$(PROOFS),--jobs $(CORES))
 	$(call acceptance,typed_files,$(TYPED_FILES),--jobs $(CORES))
 	$(call acceptance,kills,$(KILLS))
+	$(call acceptance,cpp_recordings,$(CPP_RECORDINGS))
 
 accept-ros2: .venv-ros/ready
 	$(call acceptance,ros2_schedules,$(ROS2_SCHEDULES),,.venv-ros)

@@ -24,7 +24,7 @@ PACKAGES = {
     "btcore_studio", "btcore_sweep",
 }  # fmt: skip
 
-DATA_SUFFIXES = {".action", ".json", ".msg", ".srv", ".typed", ".urdf", ".xml", ".yaml"}
+DATA_SUFFIXES = {".action", ".hpp", ".json", ".msg", ".srv", ".typed", ".urdf", ".xml", ".yaml"}
 
 PYTHONS = [
     classifier.rpartition(" ")[2]

@@ -499,7 +499,7 @@ def _tick(tree: Tree, repeat: bool) -> Status:
                 observers.begin_tick(tree.ticks)
                 if context.journal is not None:  # a journal needs observers
                     context.journal.begin_tick(tree.ticks, context.tick_start, context.cause)
-                    context.cause = 0
+                    context.cause = context.cause if context.is_woken else 0
             status = execute_tick(root)
             if status is SUCCESS or status is FAILURE:
                 reset_status(root)

@@ -227,6 +227,31 @@ class BlackboardEvent:
     boards: Mapping[str, Mapping[str, Any]]
 
 
+LeafTick = tuple[int, str, int, Mapping[str, str], Mapping[str, str], str]
+"""A tick of a leaf of a recording.
+
+It is the uid, the path, the number of the result (IDLE if the leaf raised an exception), the values of the
+inputs and of the outputs as texts by name, and the text of the exception or "".
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class LeavesEvent:
+    """The leaves that were ticked in a tick of the root, of a recording that is run again.
+
+    Attributes:
+        stamp: The time of the tree (ns).
+        wall: The wall-clock time (ns since the epoch).
+        tick: The number of the tick.
+        leaves: The leaves, in the order in which they were ticked.
+    """
+
+    stamp: int
+    wall: int
+    tick: int
+    leaves: tuple[LeafTick, ...]
+
+
 @dataclass(frozen=True, slots=True)
 class StaticSceneEvent:
     """The part of the scene that does not change during a run.
@@ -333,6 +358,7 @@ Event = (
     | TransitionEvent
     | TickEvent
     | BlackboardEvent
+    | LeavesEvent
     | StaticSceneEvent
     | MovingSceneEvent
     | ExceptionEvent

@@ -1,20 +1,26 @@
-"""Logs in the viewer: the part of `btcore replay` that needs rerun."""
+"""Logs and recordings in the viewer: the part of `btcore replay` that needs rerun."""
 
 import uuid
-from collections.abc import Iterator
-from typing import Final
+from collections.abc import Iterable, Iterator, Sequence
+from typing import Final, Protocol
 
 from btcore.logs import Recording
+from btcore.status import Status
 from btcore_monitor.console import print_message
 from btcore_monitor.environment_checks import check_installed
 from btcore_monitor.errors import RecordingError
 from btcore_monitor.events import (
     NODE_TYPES,
+    BlackboardEvent,
     DataSource,
     Event,
+    ExceptionEvent,
+    LeafTick,
+    LeavesEvent,
     MissingDataEvent,
     ObservedNode,
     ObservedTree,
+    TickEvent,
     TransitionEvent,
     TreeEvent,
     infer_node_type,
@@ -27,6 +33,32 @@ LOG_FILE: Final = DataSource(
     "a log file", {"ticks": _NOT_KEPT, "exceptions": _NOT_KEPT, "blackboard": _NOT_KEPT}
 )
 """The source of a tree that is read from a log file, with the data that a log file does not contain."""
+RECORDING: Final = DataSource("a recording", {"ticks": "their durations are not recorded"})
+"""The source of a run that is run again."""
+
+
+class Moment(Protocol):
+    """A recording after a tick."""
+
+    @property
+    def tick(self) -> int:
+        """The number of the tick."""
+
+    @property
+    def time(self) -> int:
+        """The time at which the tick began (ns since the recording began)."""
+
+    @property
+    def root(self) -> Status:
+        """The result of the tick."""
+
+    @property
+    def entries(self) -> Sequence[tuple[str, str, str]]:
+        """The entries of the blackboards as (path of the subtree, key, value as text)."""
+
+    @property
+    def leaves(self) -> Sequence[LeafTick]:
+        """The leaves that were ticked, in order."""
 
 
 class LogViewer(ViewerOptions):
@@ -35,8 +67,11 @@ class LogViewer(ViewerOptions):
     It satisfies the protocol of the entry point group `btcore.replay`, which `btcore replay` declares.
     """
 
-    def show(self, recording: Recording, window: range) -> None:
-        """Show the transitions of *recording* with an index in *window*, where the options say."""
+    def show(self, recording: Recording, window: range, moments: Iterable[Moment] = ()) -> None:
+        """Show the transitions of *recording* with an index in *window*, where the options say.
+
+        *moments* are those of a recording that is run again, in order.
+        """
         check_installed("rerun", "numpy")
         self.quiet_viewer()
         from btcore_monitor.screen.rerun_process import ScreenError
@@ -46,7 +81,7 @@ class LogViewer(ViewerOptions):
         try:
             with self.open_sinks(opens_viewer) as sinks:
                 view = self.create_view(SingleRobotLayout(sinks))
-                for event in events(recording, window):
+                for event in events(recording, window, moments):
                     view.process_event(event)
                 view.close()
                 viewer = sinks.viewer
@@ -86,22 +121,46 @@ def observed_tree(recording: Recording) -> ObservedTree:
     return ObservedTree(uuid.uuid4().hex, name, tuple(nodes), {"": name, **trees})
 
 
-def events(recording: Recording, window: range) -> Iterator[Event]:
-    """Yield the transitions of *recording* with an index in *window*, as events of a robot."""
+def events(recording: Recording, window: range, moments: Iterable[Moment] = ()) -> Iterator[Event]:
+    """Yield the transitions of *recording* with an index in *window*, and the *moments*, as events."""
     first = recording.transitions[window.start].stamp if window.start else recording.start
     stamp, wall = first - recording.start, first
     statuses = dict(recording.statuses(window.start))
-    yield TreeEvent(observed_tree(recording), stamp, wall, statuses, source=LOG_FILE)
+    since = stamp
+    known = (moment for moment in moments if moment.time >= since)
+    moment = next(known, None)
+    source = LOG_FILE if moment is None else RECORDING
+    yield TreeEvent(observed_tree(recording), stamp, wall, statuses, source=source)
     # A gap's `at` is the index of the transition that follows the gap.
     gaps = [gap for gap in recording.gaps if window.start <= gap.at <= window.stop]
     for index in window:
         before, (wall, uid, previous, status) = stamp, recording.transitions[index]
         stamp = wall - recording.start
+        while moment is not None and moment.time < stamp:
+            yield from _moment_events(moment, recording.start)
+            moment = next(known, None)
         while gaps and gaps[0].at <= index:
             yield MissingDataEvent(stamp, wall, before, "transitions", gaps.pop(0).reason)
         yield TransitionEvent(index + 1, stamp, wall, 0, uid, previous, status)
     ends = [gap.reason for gap in gaps]
-    if recording.damage and window.stop == len(recording.transitions):
+    is_whole = window.stop == len(recording.transitions)
+    while moment is not None and (is_whole or moment.time <= stamp):
+        yield from _moment_events(moment, recording.start)
+        moment = next(known, None)
+    if recording.damage and is_whole:
         ends.append(recording.damage)
     for reason in ends:
         yield MissingDataEvent(stamp, wall, stamp, "transitions", reason)
+
+
+def _moment_events(moment: Moment, start: int) -> Iterator[Event]:
+    wall = start + moment.time
+    yield TickEvent(moment.tick, moment.time, wall, 0, int(moment.root))
+    boards: dict[str, dict[str, str]] = {}
+    for path, key, text in moment.entries:
+        boards.setdefault(path, {})[key] = text
+    yield BlackboardEvent(moment.time, wall, boards)
+    yield LeavesEvent(moment.time, wall, moment.tick, tuple(moment.leaves))
+    for _, path, _, _, _, error in moment.leaves:
+        if error:
+            yield ExceptionEvent(moment.time, wall, path, error)

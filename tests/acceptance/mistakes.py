@@ -381,7 +381,6 @@ def check_answer(good: Path, file: Path, answer: Answer, place: str, faults: lis
     run = answer.counterexample
     if run is None:
         return
-    cycle = None if run.cycle is None else (run.cycle, run.period)
     recording = file.parent / "run.btrec.txt"
     declared = declarations_beside(file)
     plans = _plans(file, registry(), [file], None, None, declared)
@@ -394,7 +393,7 @@ def check_answer(good: Path, file: Path, answer: Answer, place: str, faults: lis
         failed = False
         try:
             assert_holds_in_run(
-                tree, answer.question, recording, cycle=cycle, nodes=registry(), models=[tree]
+                tree, answer.question, recording, cycle=run.recorded_cycle, nodes=registry(), models=[tree]
             )
         except AssertionError:
             failed = True

@@ -5,6 +5,7 @@
 - A click on a node marks its line, and a click on a line its node. Folding, search and export work. A file
   that is broken keeps its last picture. Nothing is requested elsewhere, and the console has no error.
 - A running tree is coloured, its entries are listed, and a breakpoint stops it at one node.
+- A recording of a run is shown at any tick, with the values of a leaf.
 - A tree of 1,000 nodes is drawn in less than twice the time in which Chromium opens its static SVG. With less
   than seven trials this is only reported.
 
@@ -170,6 +171,40 @@ def check_run(browser: Any, folder: Path, pictures: Path | None) -> None:
         published.wait(20)
 
 
+def check_recording(browser: Any, folder: Path, pictures: Path | None) -> None:
+    """Wait until the page of a recording shows a tick in which a leaf fails."""
+    file, recording = folder / "rounds.xml", folder / "rounds.btrec.txt"
+    file.write_text(ROUNDS, encoding="utf-8")
+    command = [
+        sys.executable,
+        "-m",
+        "btcore",
+        "run",
+        file,
+        "--fast",
+        "--duration",
+        "9",
+        "--record",
+        recording,
+    ]
+    run(command, check=True, stdout=DEVNULL, stderr=DEVNULL, env=environment())
+    with start_preview(str(recording)) as url:
+        page = browser.new_page(viewport={"width": 1280, "height": 760})
+        page.goto(url)
+        page.wait_for_selector("#moment :text('Tick 90')")
+        for _ in range(50):
+            page.keyboard.press("ArrowLeft")
+        page.wait_for_selector("#moment :text('Tick 40')")
+        page.click("g[data-uid='9']")
+        page.wait_for_selector("#node .name:text('is known')")
+        page.fill("#position", "5")
+        page.wait_for_selector("g.s1[data-uid='12']")
+        page.wait_for_selector("#node .status:text('SUCCESS')")
+        if pictures is not None:
+            page.screenshot(path=pictures / "preview_recording.png")
+        page.close()
+
+
 def measure(browser: Any, url: str) -> float:
     """Return the time in ms from the request of *url* until its drawing is on the screen."""
     context = browser.new_context(viewport={"width": 1440, "height": 900})
@@ -216,6 +251,7 @@ def main() -> int:
             return 0
         browser = playwright.chromium.launch(executable_path=place, args=["--no-sandbox"])
         check_run(browser, Path(name), options.pictures)
+        check_recording(browser, Path(name), options.pictures)
         for title, found in (
             ("a file", check_file(browser, Path(name), options.pictures)),
             ("speed", check_speed(browser, Path(name), options.trials)),

@@ -6,7 +6,7 @@ seed, so that a reported tree can be compared again alone: ``--only 1234``. For 
 - safety: runs of at most six ticks are enumerated (`proof_enumeration.py`) and searched. For every standard
   and random safety question the prover must refute exactly what a run violates, with a shortest run.
   If a decorator has hidden state (`proof_plugins.py`), the answers may also be unknown, and if the tree
-  compares a value that is not known, they may be possible.
+  compares a value that is not known, they may be possible. A recording of the run must be repeated exactly.
 - random runs: the ordinary engine runs the tree with the system's clock and leaves that take random times.
   No run may contradict what is proved.
 - liveness: if the enumeration finds all states, the search must be complete, and its answers must be those of
@@ -18,9 +18,12 @@ import os
 import random
 import re
 import sys
+import tempfile
 import time
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import ExitStack
 from itertools import repeat
+from pathlib import Path
 from typing import NamedTuple
 
 from proof_enumeration import (
@@ -43,6 +46,7 @@ from btcore.clock import Clock
 from btcore.engine.leaf import Condition, LeafNode, StatefulAction, SyncAction
 from btcore.errors import BtcoreError
 from btcore.loading.instantiate import instantiate
+from btcore.logs import open_log
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, SUCCESS
 from btcore.tree.tree import Tree
@@ -54,6 +58,7 @@ from btcore_proof.prover import POSSIBLE, PROVED, REFUTED, Answer, Prover
 from btcore_proof.standard_questions import ENDS
 from btcore_proof.standard_questions import LEAVES as LEAF_QUESTION
 from btcore_proof.state_graph import StateGraph
+from btcore_recorder.verification import verify
 
 TICKS = 6
 TICKS_OF_RUN = 10
@@ -135,8 +140,8 @@ def safety_differences(tree: RandomTree, expected: Enumeration) -> list[str]:
     """Return where the prover's answers differ from an enumeration."""
     report = prover_of(tree).answer(expected.ticks)
     answers = {answer.question: answer for answer in report.answers}
+    found = [text for answer in report.answers if answer.answer == REFUTED if (text := _unrepeated(answer))]
     asked = [str(question) for question in tree.questions if _is_safety(question)]
-    found: list[str] = []
     for question in [*standard_checks(tree), *asked]:
         answer, depth = answers[question], expected.depths.get(question)
         if tree.compares_unknown and (answer.answer == POSSIBLE or "declare its domain" in answer.detail):
@@ -160,6 +165,19 @@ def safety_differences(tree: RandomTree, expected: Enumeration) -> list[str]:
             if answer.answer == PROVED or (answer.answer != REFUTED and not is_vague):
                 found.append(f"{question}: {answer.answer} ({answer.detail}), but runs end without it")
     return found
+
+
+def _unrepeated(answer: Answer) -> str:
+    """Return where the replay of a recording of a counterexample differs from it, or ""."""
+    shown = answer.counterexample
+    if shown is None or shown.run is None:
+        return ""
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "run.btrec.txt"
+        with ExitStack() as recordings:
+            shown.run.run(lambda tree: recordings.enter_context(open_log(tree, file)))
+        verified = verify(file)
+    return "" if verified.is_same else f"{answer.question}: the recording is not repeated: {verified}"
 
 
 def _is_safety(question: RandomQuestion) -> bool:

@@ -314,6 +314,7 @@ WITHOUT = {
     "btcore_monitor.events.DataSource": EVENT,
     "btcore_monitor.events.ExceptionEvent": EVENT,
     "btcore_monitor.events.HooksEvent": EVENT,
+    "btcore_monitor.events.LeavesEvent": EVENT,
     "btcore_monitor.events.MovingSceneEvent": EVENT,
     "btcore_monitor.events.StaticSceneEvent": EVENT,
     "btcore_monitor.events.TransitionEvent": EVENT,

@@ -1,6 +1,7 @@
 """`btcore replay` with the viewer: a log as a recording of rerun."""
 
 import importlib.util
+import logging
 import subprocess
 import sys
 from collections.abc import Callable
@@ -10,9 +11,21 @@ import pytest
 from click.testing import CliRunner, Result
 from rerun.chunk import RrdReader
 
+from btcore import Builder, In, Put, Registry, action
 from btcore.cli.main import main
 from btcore.logs import read_log
-from btcore_monitor.events import MissingDataEvent, TransitionEvent, TreeEvent
+from btcore_monitor.events import (
+    FAILURE,
+    IDLE,
+    SUCCESS,
+    BlackboardEvent,
+    ExceptionEvent,
+    LeavesEvent,
+    MissingDataEvent,
+    TickEvent,
+    TransitionEvent,
+    TreeEvent,
+)
 from btcore_monitor.log_viewer import events, observed_tree
 from btcore_monitor.logs import read_fbl
 from btcore_monitor.wire.fulltree import read_fulltree
@@ -116,3 +129,75 @@ def test_changes_within_a_tick_are_drawn_together(replay: Replay, tmp_path: Path
         if chunk.entity_path == "/tree/pills" and not chunk.is_static
     )
     assert drawn == 4  # the first state, and the state after each of the log's three ticks
+
+
+class Readings(list[float]):
+    """The readings of a sensor."""
+
+
+@action
+def measure(readings: Readings, distance: Put[float], limit: In[float]) -> bool:
+    distance(readings.pop(0))
+    logging.getLogger("rover").warning("%d readings left", len(readings))
+    return True
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Path:
+    """The recording of a run in which the distance falls below the limit, and then there is no reading."""
+    from btcore_recorder import record
+
+    nodes = Registry.standard()
+    nodes.add(measure)
+    b = Builder(nodes)
+    approach = b.Sequence(
+        b.Measure(distance="{d}", limit="0.5"), b.ScriptCondition(code="d < 1", name="near")
+    )
+    tree = b.build(approach, resources=[Readings([2.0, 0.5])])
+    path = tmp_path / "approach.btrec.txt"
+    with record(tree, path):
+        tree.tick_exactly_once()
+        tree.tick_exactly_once()
+        with pytest.raises(Exception, match="pop from empty list"):
+            tree.tick_exactly_once()
+    return path
+
+
+def test_a_recording_has_entries_and_ports_of_leaves_at_each_tick(run: Path) -> None:
+    recording = read_log(run)
+    moments = recording.moments()  # type: ignore[attr-defined]
+    shown = list(events(recording, range(len(recording.transitions)), moments))
+    assert [event.status for event in shown if isinstance(event, TickEvent)] == [FAILURE, SUCCESS, IDLE]
+    boards = [event.boards for event in shown if isinstance(event, BlackboardEvent)]
+    assert boards == [{"": {"d": "2"}}, {"": {"d": "0.5"}}, {"": {"d": "0.5"}}]
+    leaves = [event.leaves for event in shown if isinstance(event, LeavesEvent)]
+    assert leaves[:2] == [
+        (
+            (2, "Measure::2", SUCCESS, {"limit": "0.5"}, {"distance": distance, "logged": logged}, ""),
+            (3, "near", status, {"code": "d < 1", "d": distance}, {}, ""),
+        )
+        for distance, status, logged in (
+            ("2", FAILURE, "1 readings left"),
+            ("0.5", SUCCESS, "0 readings left"),
+        )
+    ]
+    assert leaves[2] == ((2, "Measure::2", IDLE, {"limit": "0.5"}, {}, "pop from empty list"),)
+    assert [event.path for event in shown if isinstance(event, ExceptionEvent)] == ["Measure::2"]
+    stamps = [change.stamp for change in recording.transitions]
+    second = stamps.index(next(stamp for stamp in stamps if stamp > stamps[0]))
+    part = events(recording, range(second, second + 1), recording.moments())  # type: ignore[attr-defined]
+    assert [event.tick for event in part if isinstance(event, TickEvent)] == [2]
+
+
+def test_the_viewer_has_the_leaves_and_entries_of_a_recording(
+    replay: Replay, tmp_path: Path, run: Path
+) -> None:
+    result = replay(run, "--save", "run.rrd")
+    assert result.exit_code == 0, result.output
+    texts = {"/leaves": "", "/blackboard": ""}
+    for chunk in RrdReader(tmp_path / "run.rrd").stream():
+        if chunk.entity_path in texts:
+            texts[chunk.entity_path] += str(chunk.to_record_batch().column("TextDocument:text").to_pylist())
+    assert "Measure | raised | `limit: 0.5` |" in texts["/leaves"]
+    assert "pop from empty list" in texts["/leaves"]
+    assert "`0.5`" in texts["/blackboard"]

@@ -49,6 +49,15 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("filterwarnings", "ignore:failed to send response:RuntimeWarning")
 
 
+@pytest.fixture(autouse=True, scope="session")
+def recordings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
+    """The folder in which servers record by default."""
+    home = tmp_path_factory.mktemp("ros")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("ROS_HOME", str(home))
+        yield home / "btcore" / "recordings"
+
+
 @pytest.fixture
 def session() -> "Iterator[RosSession]":
     """A ROS node in the domain of this worker."""

@@ -131,15 +131,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
-@pytest.fixture(autouse=True, scope="module")
-def recordings(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Path]:
-    """The folder in which servers record by default."""
-    home = tmp_path_factory.mktemp("ros")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("ROS_HOME", str(home))
-        yield home / "btcore" / "recordings"
-
-
 @pytest.fixture(scope="module")
 def server(folder: Path) -> Iterator[ServerProcess]:
     server = ServerProcess(

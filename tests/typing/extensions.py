@@ -1,12 +1,18 @@
 """The extensions of tools have the types that the tools declare, which mypy checks."""
 
+from collections.abc import Callable
+from pathlib import Path
+
 from btcore_monitor.log_viewer import LogViewer
 from btcore_monitor.preview_extension import RobotPreview
 from btcore_proof.outcome_replay import OutcomesReader
 from btcore_recorder.commands.replay import LogViewer as ReplayExtension
+from btcore_recorder.moments import Moments
 from btcore_recorder.outcomes import read_outcomes
 from btcore_studio.preview.live import PreviewExtension
+from btcore_studio.preview.timeline import Timeline
 
 preview: PreviewExtension = RobotPreview()
 replay: ReplayExtension = LogViewer()
+timeline: Callable[[Path], Timeline] = Moments
 outcomes: OutcomesReader = read_outcomes

@@ -237,7 +237,7 @@ def _save(
     if not record_counterexample(plans, answer, declared, folder / f"{name}{RECORDING}"):
         # Nodes that are no leaves, such as a ManualSelector, have no outcomes.
         terminal.print_warning(
-            f"'{answer.question}': nothing was saved, because the leaves' outcomes do not repeat the run"
+            f"'{answer.question}': no test was saved, because the leaves' outcomes do not repeat the run"
         )
         return
     target = folder / f"test_{name.replace('-', '_')}.py"

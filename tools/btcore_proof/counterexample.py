@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from btcore.clock import NS_PER_S, Clock, SimClock
@@ -9,7 +10,7 @@ from btcore.status import Status
 from btcore.tree.drawing import Fragment
 from btcore.tree.tree import Tree
 from btcore_proof.exploration import Explorer
-from btcore_proof.model_leaves import Choices, LeafEvent, UnknownValue
+from btcore_proof.model_leaves import Choices, LeafEvent, RecordableUnknownValue, UnknownValue
 from btcore_proof.state_graph import Moment
 from btcore_proof.tick_runner import run_tick
 from btcore_proof.tick_times import (
@@ -71,6 +72,56 @@ class RunTick(NamedTuple):
         return self.times[0]
 
 
+@dataclass(frozen=True)
+class RepeatableRun:
+    """A run of the ordinary engine with given choices.
+
+    Attributes:
+        make: Loads the tree.
+        choices_of_ticks: The choices of each tick.
+        times: The times of the ticks (ns), from `times_of`.
+        domains: The declared values of entries.
+    """
+
+    make: TreeMaker = field(compare=False, repr=False)
+    choices_of_ticks: Sequence[Sequence[int]]
+    times: Sequence[Sequence[int]]
+    domains: Mapping[str, tuple[str, ...]]
+
+    def run(self, attach: Callable[[Tree], object]) -> list[RunTick]:
+        """Run the ticks; *attach* is called with the tree before its first tick, for example to record it."""
+        choices = Choices(self.domains)
+        choices.unknown_class = RecordableUnknownValue
+        clock = SimClock()
+        tree = self.make(choices, clock)
+        attach(tree)
+        tick_clock = TickClock(tree, clock)
+        names = names_of(tree)
+        ticks: list[RunTick] = []
+        for given, readings in zip(self.choices_of_ticks, self.times, strict=True):
+            tick_clock.begin(readings)
+            choices.begin(given)
+            result, error = run_tick(tree, choices)
+            events = [
+                LeafTick(
+                    event.leaf.config.path,
+                    event.result,
+                    {port: text_of(value) for port, value in event.written.items()},
+                    names[event.leaf.config.uid],
+                )
+                for event in _shown(choices.events)
+            ]
+            leaves = [leaf for leaf in events if leaf.result is not Status.IDLE]
+            halted = [leaf.path for leaf in events if leaf.result is Status.IDLE]
+            running = [node.config.path for node in tree.nodes if node._status is Status.RUNNING]
+            shown = readings if readings[0] != readings[-1] else readings[:1]
+            seconds = [time / NS_PER_S for time in shown]
+            fault, guesses = str(error or ""), list(choices.guesses)
+            ticks.append(RunTick(seconds, leaves, halted, running, result, fault, events, guesses))
+        tree.flush_observers()
+        return ticks
+
+
 class Counterexample(NamedTuple):
     """A run that shows what is wrong.
 
@@ -81,6 +132,7 @@ class Counterexample(NamedTuple):
         given: The values of the entries that the program sets before the first tick, as texts by key;
             `?` = the value is not known.
         drawing: The tree after the last tick, as lines of texts with their styles.
+        run: The run that can be repeated, with two repetitions of the cycle.
     """
 
     ticks: list[RunTick]
@@ -88,6 +140,12 @@ class Counterexample(NamedTuple):
     period: float = 0.0
     given: Mapping[str, str] = {}
     drawing: Sequence[Sequence[Fragment]] = ()
+    run: RepeatableRun | None = None
+
+    @property
+    def recorded_cycle(self) -> tuple[int, float] | None:
+        """The index of the tick at which a cycle begins in a recording of `run`, and its duration (s)."""
+        return None if self.cycle is None else (len(self.ticks), self.period)
 
 
 LeafResults = list[tuple[str, Status]]
@@ -145,54 +203,6 @@ def _deadlines_of(
 def _shown(events: Sequence[LeafEvent]) -> list[LeafEvent]:
     """Return the events of leaves, and those of decorators that hold their child back."""
     return [event for event in events if event.result is Status.RUNNING or not event.leaf.children]
-
-
-def replay(
-    make: TreeMaker,
-    choices_of_ticks: Sequence[Sequence[int]],
-    times: Sequence[Sequence[int]],
-    domains: Mapping[str, tuple[str, ...]],
-    attach: Callable[[Tree], object] | None = None,
-) -> list[RunTick]:
-    """Run the tree on the ordinary engine with given choices.
-
-    Args:
-        make: Loads the tree.
-        choices_of_ticks: The choices of each tick.
-        times: The times of the ticks (ns), from `times_of`.
-        domains: The declared values of entries.
-        attach: Called with the tree before its first tick, for example to draw it.
-    """
-    choices = Choices(domains)
-    clock = SimClock()
-    tree = make(choices, clock)
-    if attach is not None:
-        attach(tree)
-    tick_clock = TickClock(tree, clock)
-    names = names_of(tree)
-    ticks: list[RunTick] = []
-    for given, readings in zip(choices_of_ticks, times, strict=True):
-        tick_clock.begin(readings)
-        choices.begin(given)
-        result, error = run_tick(tree, choices)
-        events = [
-            LeafTick(
-                event.leaf.config.path,
-                event.result,
-                {port: text_of(value) for port, value in event.written.items()},
-                names[event.leaf.config.uid],
-            )
-            for event in _shown(choices.events)
-        ]
-        leaves = [leaf for leaf in events if leaf.result is not Status.IDLE]
-        halted = [leaf.path for leaf in events if leaf.result is Status.IDLE]
-        running = [node.config.path for node in tree.nodes if node._status is Status.RUNNING]
-        shown = readings if readings[0] != readings[-1] else readings[:1]
-        seconds = [time / NS_PER_S for time in shown]
-        fault, guesses = str(error or ""), list(choices.guesses)
-        ticks.append(RunTick(seconds, leaves, halted, running, result, fault, events, guesses))
-    tree.flush_observers()
-    return ticks
 
 
 def names_of(tree: Tree) -> dict[int, str]:

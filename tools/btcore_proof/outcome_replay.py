@@ -1,6 +1,6 @@
 """Runs with given outcomes of the leaves: a counterexample is run again, also after the tree was changed."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Final, Protocol
 
@@ -12,7 +12,7 @@ from btcore.registry.mock_nodes import LETTERS, Outcome, parse_outcomes
 from btcore.status import RUNNING
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
-from btcore_proof.counterexample import Counterexample, TreeMaker, text_of
+from btcore_proof.counterexample import TreeMaker, text_of
 from btcore_proof.interrupts import UnknownOutcomeError
 from btcore_proof.model_leaves import Choices, ModelOutcome, Writer, counted_entries, model_leaf_model
 from btcore_proof.propositions import Question, parse_proposition, parse_question
@@ -30,7 +30,6 @@ A leaf has an outcome for each time that it is ticked in this tick.
 
 If time passes within the tick, there are several times: one of each reading of the clock.
 """
-_LETTER_OF: Final = {status: letter for letter, status in LETTERS.items()}
 
 
 class OutcomesReader(Protocol):
@@ -56,18 +55,6 @@ def recorded_outcomes(file: Path) -> tuple[Sequence[TickOutcomes], Mapping[str, 
         raise OutcomesError(f"{file}: recordings cannot be read: install btcore_recorder")
     read: OutcomesReader = loaded[0].value
     return read(file)
-
-
-def outcomes_of_ticks(run: Counterexample) -> list[TickOutcomes]:
-    """Return the outcomes with which the leaves repeat a counterexample."""
-    ticks: list[TickOutcomes] = []
-    for tick in run.ticks:
-        leaves: dict[str, str] = {}
-        for leaf in tick.leaves:
-            outcome = Outcome(_LETTER_OF[leaf.result], tuple(leaf.written.items()))
-            leaves[leaf.name] = leaves.get(leaf.name, "") + str(outcome)
-        ticks.append((tick.times if len(tick.times) > 1 else tick.time, leaves))
-    return ticks
 
 
 class ReplayChoices(Choices):
@@ -190,12 +177,10 @@ def replay_outcomes(
     ticks: Sequence[TickOutcomes],
     question: str,
     cycle: tuple[int, float] | None = None,
-    attach: Callable[[Tree], object] | None = None,
-    cycles: int = CYCLES,
 ) -> str | None:
     """Run a tree with given outcomes, on the ordinary engine. Return what is wrong, or None.
 
-    The run ends when the fault occurs, when the tree ends, or after the ticks. A cycle is run *cycles* times.
+    The run ends when the fault occurs, when the tree ends, or after the ticks.
 
     Args:
         make: Loads the tree.
@@ -203,8 +188,6 @@ def replay_outcomes(
         ticks: The ticks.
         question: The question that the run may violate.
         cycle: The index of the tick at which a cycle begins, and the duration of the cycle (s).
-        attach: Called with the tree before its first tick.
-        cycles: How often the cycle is run.
 
     Raises:
         OutcomesError: A leaf is not in the tree, or the question has no runs or compares a value that is not
@@ -216,11 +199,9 @@ def replay_outcomes(
     choices.check(tree)
     check = _run_check(tree, question)
     runner = TickRunner(tree, choices, check.watched)
-    if attach is not None:
-        attach(tree)
     tick_clock = TickClock(tree, clock)
     try:
-        for times in _times(ticks, cycle, cycles):
+        for times in _times(ticks, cycle):
             tick_clock.begin(times)
             tick = runner.run(())
             message = check.after(tick)
@@ -233,14 +214,14 @@ def replay_outcomes(
         tree.flush_observers()
 
 
-def _times(replayed: Sequence[TickOutcomes], cycle: tuple[int, float] | None, cycles: int) -> list[list[int]]:
+def _times(replayed: Sequence[TickOutcomes], cycle: tuple[int, float] | None) -> list[list[int]]:
     """Return the times (ns) of all ticks."""
     times_of_ticks = [times if isinstance(times, Sequence) else [times] for times, _ in replayed]
     ticks = [[round(time * NS_PER_S) for time in times] for times in times_of_ticks]
     if cycle is not None:
         start, duration = cycle
         repeated = ticks[start:]
-        for number in range(1, cycles):
+        for number in range(1, CYCLES):
             later = round(number * duration * NS_PER_S)
             ticks += [[time + later for time in times] for times in repeated]
     return ticks

@@ -15,7 +15,7 @@ from btcore.status import FAILURE, RUNNING, SUCCESS
 from btcore.suggestions import join_names
 from btcore.tree.drawing import draw_results
 from btcore.tree.tree import Tree
-from btcore_proof.counterexample import Counterexample, replay, text_of, times_of
+from btcore_proof.counterexample import Counterexample, RepeatableRun, text_of, times_of
 from btcore_proof.exploration import TICK_LIMIT_S, Explorer, clock_for_search
 from btcore_proof.fair_cycles import (
     FairCycle,
@@ -29,6 +29,7 @@ from btcore_proof.fair_cycles import (
 from btcore_proof.leaf_models import ModelError
 from btcore_proof.model_leaves import (
     Choices,
+    UnknownValue,
     counted_entries,
     model_leaf_model,
     operands_of,
@@ -501,11 +502,16 @@ class Prover:
 
         def make(choices: Choices, clock: Clock) -> Tree:
             tree = self._make(choices, clock)
-            write_entries(tree, beginning)
+            own = {
+                key: choices.unknown(value.key, value.operands) if isinstance(value, UnknownValue) else value
+                for key, value in beginning.items()
+            }
+            write_entries(tree, own)
             return tree
 
         trees: list[Tree] = []
-        ticks = replay(make, [tick.moment.choices for tick in run], times, self._domains, trees.append)
+        repeatable = RepeatableRun(make, [tick.moment.choices for tick in run], times, self._domains)
+        ticks = repeatable.run(trees.append)
         is_confirmed = all(
             _agrees(whole_tick, tick.result)
             and expected == [(leaf.path, leaf.result) for leaf in tick.events]
@@ -521,6 +527,7 @@ class Prover:
             period,
             {key: text_of(value) for key, value in beginning.items()},
             draw_results(trees[0].id, len(ticks), trees[0].root),
+            repeatable,
         )
         return self._answer(question, REFUTED, message, shown)
 

@@ -120,8 +120,8 @@ def _arguments(
 ) -> list[str]:
     recording = f"FOLDER / {_text(name + RECORDING)}"
     arguments = [_place(source.file, folder), _text(answer.question), recording]
-    if run.cycle is not None:
-        arguments.append(f"cycle=({run.cycle}, {run.period})")
+    if run.recorded_cycle is not None:
+        arguments.append(f"cycle={run.recorded_cycle}")
     if source.plugins or source.has_libraries:
         arguments.append("nodes=nodes")
     if source.models:

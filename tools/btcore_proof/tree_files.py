@@ -1,6 +1,6 @@
 """Proofs about the trees of XML files: `prove`, `assert_proved` and `assert_holds_in_run`."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from os import PathLike
 from pathlib import Path
@@ -18,12 +18,10 @@ from btcore.xml.read.read import parse_file, read
 from btcore_proof.answer_text import lines_of_answer
 from btcore_proof.counterexample import TreeMaker
 from btcore_proof.declarations import Declarations, declarations_beside, read_declarations
-from btcore_proof.model_leaves import Choices, ModelPrompt, RecordableUnknownValue, with_model_leaves
+from btcore_proof.model_leaves import Choices, ModelPrompt, with_model_leaves
 from btcore_proof.outcome_replay import (
-    CYCLES,
     ReplayChoices,
     TickOutcomes,
-    outcomes_of_ticks,
     recorded_outcomes,
     replay_outcomes,
 )
@@ -283,8 +281,6 @@ def fault_in_run(
     cycle: tuple[int, float] | None,
     set_before: Mapping[str, str],
     declared: Declarations,
-    attach: Callable[[Tree], object] | None = None,
-    cycles: int = CYCLES,
 ) -> str | None:
     """Return how a run with given outcomes violates a question, or None.
 
@@ -296,17 +292,13 @@ def fault_in_run(
         set_before: The values of the entries that the program sets before the first tick, as texts; `?` is a
             value that is not known.
         declared: The declarations.
-        attach: Called with the tree before its first tick, to record it.
-        cycles: How often the cycle is run.
 
     Raises:
         OutcomesError: The outcomes of a leaf are invalid.
         QuestionError: The question is invalid.
     """
     choices = ReplayChoices(ticks, None if cycle is None else cycle[0], declared.entries)
-    if attach is not None:
-        choices.unknown_class = RecordableUnknownValue
-    return replay_outcomes(_maker(plans, set_before), choices, ticks, question, cycle, attach, cycles)
+    return replay_outcomes(_maker(plans, set_before), choices, ticks, question, cycle)
 
 
 def record_counterexample(plans: Plans, answer: Answer, declared: Declarations, file: Path) -> bool:
@@ -319,28 +311,15 @@ def record_counterexample(plans: Plans, answer: Answer, declared: Declarations, 
         file: The file of the recording.
 
     Returns:
-        Whether the leaves' outcomes in the recording repeat the counterexample. Otherwise, there is no file.
+        Whether a test can repeat the counterexample by the outcomes of the leaves in the recording.
     """
-    run = answer.counterexample
-    assert run is not None
-    cycle = None if run.cycle is None else (run.cycle, run.period)
-    ticks: Sequence[TickOutcomes] = outcomes_of_ticks(run)
+    shown = answer.counterexample
+    assert shown is not None
+    assert shown.run is not None
     with ExitStack() as recordings:
-        fault = fault_in_run(
-            plans,
-            answer.question,
-            ticks,
-            cycle,
-            run.given,
-            declared,
-            lambda tree: recordings.enter_context(open_log(tree, file)),
-            cycles=1,
-        )
+        shown.run.run(lambda tree: recordings.enter_context(open_log(tree, file)))
     ticks, entries = recorded_outcomes(file)
-    if fault is None or fault_in_run(plans, answer.question, ticks, cycle, entries, declared) is None:
-        file.unlink()
-        return False
-    return True
+    return fault_in_run(plans, answer.question, ticks, shown.recorded_cycle, entries, declared) is not None
 
 
 def _maker(plans: Plans, set_before: Mapping[str, str]) -> TreeMaker:

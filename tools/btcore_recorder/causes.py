@@ -4,7 +4,6 @@ A cause leads from a result down to the leaves and conditions that it depends on
 these have read to the nodes that wrote them, also in earlier ticks.
 """
 
-import reprlib
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from enum import Enum
@@ -20,6 +19,7 @@ from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.suggestions import join_names
 from btcore.xml.plan.key_uses import WRITING, find_name_uses, iter_subexpressions, parse_statements
 from btcore_recorder.inputs import Raised, Result
+from btcore_recorder.moments import value_text
 from btcore_recorder.recorded_tree import is_stand_in
 from btcore_recorder.replay import Replay
 from btcore_recorder.tick_trace import EntryName, Halt, Read, TickTrace, Visit, Write, scripts_of
@@ -28,10 +28,8 @@ from btcore_recorder.what_if import Change, HoldEntry, SetResult, keys_of
 
 MAX_CAUSES: Final = 300
 """Maximum number of causes that are considered for an answer."""
+_MAX_VALUE: Final = 60
 _VALUES_TRIED: Final = 8
-
-SHOWN = reprlib.Repr()
-SHOWN.maxstring = SHOWN.maxother = 60
 
 
 @dataclass
@@ -204,9 +202,11 @@ class CauseFinder:
 
     def _explain_condition(self, position: int, visit: Visit) -> Cause:
         """Explain a result that a pre-condition determined."""
+        if visit.result is None:
+            return self._new(position, visit.uid, "a script of its conditions raised an exception")
         conditions = self._nodes[visit.uid - 1].config.conditions
         names: tuple[str, ...] = {FAILURE: ("_failureIf",), SUCCESS: ("_successIf",)}.get(
-            visit.result or IDLE, ("_while",) if visit.before is RUNNING else ("_skipIf", "_while")
+            visit.result, ("_while",) if visit.before is RUNNING else ("_skipIf", "_while")
         )
         given = [name for name in names if name in conditions]
         reads = [read for read in visit.reads if read.by in given]
@@ -333,8 +333,8 @@ class CauseFinder:
             position: The step in which it is read.
             is_input: Whether the engine read it, so that another value can be tried.
         """
-        if read.entry is None:
-            return self._new(position, 0, f"there is no entry {read.key}")
+        if read.entry is None or not read.sequence_id:
+            return self._new(position, 0, f"had not written {read.key}, nor had any node")
         tick = self._steps[position].tick
         trace = self.trace(position)
         write = trace.last_write(read.entry, read.sequence_id)
@@ -344,7 +344,7 @@ class CauseFinder:
             if at is not None:
                 write = self.trace(at).last_write(read.entry, read.sequence_id)
         if at is None or write is None:
-            because = f"had written {read.key} = {SHOWN.repr(read.value)} when the recording began"
+            because = f"had written {read.key} = {short_text(read.value)} when the recording began"
             cause = self._new(position, 0, because)
             if is_input and tick:
                 cause.changes = self._other_values(tick, read, None)
@@ -362,7 +362,7 @@ class CauseFinder:
         return cause
 
     def _describe_write(self, position: int, at: int, read: Read, write: Write) -> str:
-        what = f"{read.key} = {SHOWN.repr(read.value)}"
+        what = f"{read.key} = {short_text(read.value)}"
         script = self._writing_script(write.uid, {read.key, write.entry.key}) if write.uid else ""
         if at == position:
             return f"wrote {what}{script} {'in' if write.uid else 'before'} this tick"
@@ -433,7 +433,7 @@ def _describe_literals(node: TreeNode) -> str:
 
 def _describe_reads(reads: Sequence[Read]) -> str:
     values = dict.fromkeys(
-        f"{read.key} = {SHOWN.repr(read.value)}" if read.entry is not None else f"no entry {read.key}"
+        f"{read.key} = {short_text(read.value)}" if read.entry is not None else f"no entry {read.key}"
         for read in reads
     )
     return ", ".join(islice(values, 6))
@@ -449,6 +449,12 @@ def _literals(script: str) -> Iterator[object]:
         for part in iter_subexpressions(statement):
             if isinstance(part, ScriptLiteral):
                 yield part.value
+
+
+def short_text(value: object) -> str:
+    """Return *value* as a text of at most 60 characters."""
+    text = value_text(value)
+    return text if len(text) <= _MAX_VALUE else text[: _MAX_VALUE - 1] + "…"
 
 
 def name_of(status: Status | None) -> str:

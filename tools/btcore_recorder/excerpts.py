@@ -15,6 +15,8 @@ from btcore_recorder.replay import Replay
 
 MAX_STEPS_TO_SHRINK: Final = 200_000
 """Maximum number of steps that `shrink` runs, so that it ends, on every machine with the same result."""
+ITEMS_PER_STEP: Final = 100
+"""The number of list items, or repetitions in a step, that count as a step, because they take as long."""
 
 T = TypeVar("T")
 
@@ -24,12 +26,14 @@ class _Rerun(Replay):
 
     Attributes:
         done: The steps that were run.
+        cost: The number of these steps, in which many repetitions count as further steps.
         failures: Finds the first failure.
     """
 
     def __init__(self, recording: RunRecording) -> None:
         super().__init__(recording._replace(segments=()))
         self.done: list[Step] = []
+        self.cost = 0
         self.failures = FailureObserver(self.tree)
         self.tree.subscribe(self.failures)
 
@@ -39,10 +43,17 @@ class _Rerun(Replay):
         self._states = {0: self._states[0]}
         self._go_back(0)
         self.done.clear()
+        self.cost = 0
         self.failures.reset()
         while self.failures.found is None and self.step():
             pass
         return self.failures.found
+
+    def step(self) -> bool:
+        """Run the next step."""
+        has_run = super().step()
+        self.cost += 1 + self.external.repetitions // ITEMS_PER_STEP
+        return has_run
 
     def _compare(
         self, step: Step, status: Status, error: NodeExecutionError | None
@@ -52,7 +63,7 @@ class _Rerun(Replay):
 
 
 def cut(recording: RunRecording, from_s: float | None = None, to_s: float | None = None) -> RunRecording:
-    """Return the part of a recording between two times (s since its start), with the state at its begin.
+    """Return the part of a recording between two times (s since its start), with the state before it.
 
     Raises:
         LogError: There are no ticks between these times, or steps are missing there.
@@ -117,7 +128,9 @@ class _Shrinking:
         self._recording = recording
         self._rerun = _Rerun(recording)
         self._left = max(MAX_STEPS_TO_SHRINK, 2 * len(recording.steps))
-        failure = self._rerun.run(recording.steps)
+        # Facts that are no longer true without other steps are not known.
+        unknown = [step._replace(woken_by=None, transitions=None) for step in recording.steps]
+        failure = self._rerun.run(unknown)
         if self._rerun.difference is not None:
             raise LogError(f"the replay differs from the recording at {self._rerun.difference}")
         if failure is None:
@@ -129,14 +142,29 @@ class _Shrinking:
         before = _size(self._recording.steps)
         size = None
         while size != (size := _size(self._steps)):
-            _remove(
+            self._remove(
                 _rounds(self._steps), lambda rounds: self._fails([step for each in rounds for step in each])
             )
-            _remove(self._steps, self._fails)
+            self._remove(self._steps, self._fails)
             inputs = [(at, event) for at, step in enumerate(self._steps) for event in _inputs_of(step)]
-            _remove(inputs, partial(self._fails_with_inputs, tuple(self._steps)))
+            self._remove(inputs, partial(self._fails_with_inputs, tuple(self._steps)))
         recording = self._recording._replace(steps=tuple(self._steps), segments=(), damage="")
         return Shrunk(recording, self._failure, before, _size(self._steps), self._left > 0)
+
+    def _remove(self, units: Sequence[T], fails: Callable[[Sequence[T]], bool]) -> None:
+        """Remove units as long as *fails* returns True for the others: half of them, a quarter, … and one."""
+        size = max(len(units) // 2, 1)
+        while size and units:
+            index, count = 0, len(units)
+            while index < len(units) and self._left > 0:
+                others = [*units[:index], *units[index + size :]]
+                self._left -= len(others) // ITEMS_PER_STEP
+                if fails(others):
+                    units = others
+                else:
+                    index += size
+            if size > 1 or len(units) == count:
+                size //= 2
 
     def _fails_with_inputs(
         self, steps: Sequence[Step], kept: Sequence[tuple[int, tuple[bool, Input]]]
@@ -157,10 +185,10 @@ class _Shrinking:
 
     def _fails(self, steps: Sequence[Step]) -> bool:
         """Return whether the run still fails with *steps* only, and keep them if so."""
-        if self._left <= 0 or not steps:
+        if not steps:
             return False
         failure = self._rerun.run(steps)
-        self._left -= self._rerun.position
+        self._left -= self._rerun.cost
         if failure is None or self._rerun.difference is not None:
             return False
         if (failure.node, failure.error) != (self._failure.node, self._failure.error):
@@ -171,21 +199,6 @@ class _Shrinking:
 
 def _size(steps: Sequence[Step]) -> tuple[int, int]:
     return len(steps), sum(len(step.before) + len(step.inputs) for step in steps)
-
-
-def _remove(units: Sequence[T], fails: Callable[[Sequence[T]], bool]) -> None:
-    """Remove units as long as *fails* returns True for the others: half of them, a quarter, … and one."""
-    size = max(len(units) // 2, 1)
-    while size and units:
-        index, count = 0, len(units)
-        while index < len(units):
-            others = [*units[:index], *units[index + size :]]
-            if fails(others):
-                units = others
-            else:
-                index += size
-        if size > 1 or len(units) == count:
-            size //= 2
 
 
 def _rounds(steps: Sequence[Step]) -> list[list[Step]]:

@@ -242,6 +242,7 @@ class FileRecorder:
         self._unwritten += data
         try:
             write_whole(self._file, self._unwritten)
+            os.fsync(self._file.fileno())  # a power failure must not lose more than a killed process
         except OSError as error:
             self._lose(f"writing failed: {error.strerror or error}")
             with suppress(OSError):

@@ -1,5 +1,6 @@
 """The files of recordings: their names, and their forms, by the extension or the first bytes."""
 
+import logging
 import os
 import re
 from collections.abc import Iterable
@@ -8,18 +9,25 @@ from datetime import datetime
 from pathlib import Path
 from typing import Final, Protocol
 
+from btcore.escaping import escape_controls
 from btcore.extras import describe_missing
 from btcore.logs.files import LogError, read_bytes
-from btcore.output_files import numbered_file
+from btcore.output_files import numbered_file, write_file
 from btcore.suggestions import suggestion
 from btcore_recorder.inputs import RunRecording
-from btcore_recorder.lines import Line, read_lines
+from btcore_recorder.lines import Line, read_lines, recording_lines
 from btcore_recorder.text_form import MAGIC, TextForm, TextLines
 
 TEXT: Final = ".btrec.txt"
 MCAP: Final = ".mcap"
 EXTENSIONS: Final = (TEXT, MCAP)
 
+_log = logging.getLogger("btcore")
+
+RECONSTRUCTED: Final = "reconstructed"
+"""The name of an item in the versions of a head: the log from which the recording was reconstructed."""
+_MAX_NAME: Final = 200
+_OF_A_LOG: Final = "btcore replay LOG --save-recording FILE makes one of a log of statuses"
 FOLDER_BYTES: Final = 500_000_000
 """Maximum size of the recordings in a folder; beyond it, the oldest are removed."""
 
@@ -63,19 +71,54 @@ def form_for(path: Path) -> Form:
 def read_recording(path: Path) -> RunRecording:
     """Read a recording. A truncated or damaged file is read up to the damage.
 
+    A warning is logged if the recording was reconstructed from a log.
+
     Raises:
         LogError: The file cannot be read, is not a recording, or is damaged in its head.
     """
     data = read_bytes(path)
     if data.startswith(_MCAP_MAGIC):
         try:
-            from btcore_recorder.mcap_form import McapLines
+            from btcore_recorder.mcap_form import McapLines, has_recording
         except ModuleNotFoundError as error:
             raise LogError(f"{path}: {describe_missing(error.name)}") from error
-        return read_lines(McapLines(data), str(path))
-    if not data.startswith(MAGIC):
-        raise LogError(f"{path}: this is not a recording: it does not begin with 'btrec'")
-    return read_lines(TextLines(data), str(path))
+        if not has_recording(data):
+            raise LogError(f"{path}: there is no recording in this bag; {_OF_A_LOG}")
+        recording = read_lines(McapLines(data), str(path))
+    elif data.startswith(MAGIC):
+        recording = read_lines(TextLines(data), str(path))
+    else:
+        raise LogError(f"{path}: this is not a recording: it does not begin with 'btrec'; {_OF_A_LOG}")
+    if (log := recording.head.versions.get(RECONSTRUCTED)) is not None:
+        _log.warning("%s: %s", path, describe_reconstruction(log))
+    return recording
+
+
+def describe_reconstruction(log: str) -> str:
+    """Return what a recording lacks that was reconstructed from *log*."""
+    name = escape_controls(log[:_MAX_NAME], one_line=True)
+    return (
+        f"reconstructed from the statuses in '{name}': results of leaves are derived, and ticks without a "
+        "change are missing; questions about entries, inputs, outputs and conditions need a recording of the "
+        "run itself (btcore run --record)"
+    )
+
+
+def save_recording(path: Path, recording: RunRecording, paths: Iterable[str]) -> None:
+    """Write a recording; *paths* are the paths of its nodes, for readers.
+
+    Raises:
+        LogError: The extension is not that of a recording, or the file cannot be written.
+    """
+    form, head = form_for(path), recording.head
+    time = head.time
+    for lines in recording_lines(recording, paths):
+        time = next((line[2] for line in lines if line[0] == "tick"), time)
+        form.add(lines, head.wall_time + time - head.time)
+    try:
+        write_file(path, form.take_end())
+    except OSError as error:
+        raise LogError(f"{path}: cannot write the recording: {error.strerror or error}") from None
 
 
 class RecordingFiles:

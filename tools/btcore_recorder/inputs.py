@@ -5,7 +5,7 @@ numbers (UIDs), scopes are indices, values have the form of `btcore_recorder.val
 """
 
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.engine.journal import (
@@ -21,6 +21,9 @@ from btcore.engine.journal import (
 from btcore.engine.node import TreeNode
 from btcore.status import Status
 from btcore.tree.tree import Tree
+
+UNKNOWN_CHECKSUM: Final = -1
+"""The checksum of a tick that raised an exception, if the tree was not halted afterwards."""
 
 
 class Result(NamedTuple):
@@ -127,7 +130,8 @@ class Step(NamedTuple):
         before: What happened since the previous step.
         inputs: What the step depends on, in order.
         status: The result of the tick; IDLE after a halt or an exception.
-        checksum: The checksum of all transitions from the start of the segment to the end of the step.
+        checksum: The checksum of all transitions from the start of the segment to the end of the step; or
+            `UNKNOWN_CHECKSUM`.
         woken_by: The UID of the node that requested the tick, −1 for a request by `Tree.wake`, 0 for no
             request; None = not known.
         transitions: The UID and the new status of each transition since the last step; None = not recorded.

@@ -102,6 +102,7 @@ class TreeRecordings:
         self._ring: RingRecorder | None = None
         self._tree: Tree | None = None
         self._is_over = False  # whether the program has halted the tree before the end of the run
+        self._write_lock = threading.Lock()
         self._writers: list[threading.Thread] = []
         self.incomplete: list[Path] = []
 
@@ -173,8 +174,9 @@ class TreeRecordings:
 
     def _write(self, kept: "KeptSteps", tree_id: str, file: Path | None = None) -> None:
         try:
-            file = file or self._files.next(tree_id)
-            kept.write(file)
+            with self._write_lock:  # one file after the other: a folder has a maximum size
+                file = file or self._files.next(tree_id)
+                kept.write(file)
         except BtcoreError as error:
             self._note_error(error, file)
         else:

@@ -33,7 +33,7 @@ from btcore.status import IDLE, SKIPPED, NodeType, Status
 from btcore.tree.tree import Tree
 from btcore.values import UserType, ValueType, VectorType
 from btcore.xml.define import define
-from btcore.xml.plan.plan import plan
+from btcore.xml.plan.plan import Plans, plan
 from btcore.xml.read.document import Diagnostics
 from btcore.xml.read.read import Sources, parse_text
 from btcore_recorder.inputs import (
@@ -108,6 +108,7 @@ class ExternalCode:
         self.registry = Registry.standard()
         self._inputs = inputs
         self._decoder = Decoder(types)
+        self.plans: Plans | None = None  # of the recorded tree
         self.nodes: Sequence[TreeNode] = ()
         self.boards: Sequence[Blackboard] = ()
         self._types: dict[str, ValueType] = {}
@@ -115,12 +116,12 @@ class ExternalCode:
         self.node: TreeNode | None = None  # the external node that is ticked or halted
         self.has_unreplayable_values = False
         self._child_error: NodeExecutionError | None = None
-        self._repetitions = 0
+        self.repetitions = 0
 
     def begin_step(self) -> None:
         """Begin a step, or what happens before it."""
         self.node = None
-        self._repetitions = 0
+        self.repetitions = 0
 
     def take(self) -> Input | None:
         """Take the next input of the tick or halt of an external node."""
@@ -156,8 +157,8 @@ class ExternalCode:
 
     def paused(self, uid: int, count: int) -> bool:
         """Return whether the node with *uid* pauses after *count* repetitions."""
-        self._repetitions += 1
-        if self._repetitions > MAX_REPETITIONS:
+        self.repetitions += 1
+        if self.repetitions > MAX_REPETITIONS:
             raise NodeError(f"more than {MAX_REPETITIONS:,} repetitions in a tick")
         head = self._inputs.next
         # Named tuples of two types are equal if their values are.
@@ -327,7 +328,7 @@ def load_recorded(head: Head, external: ExternalCode, clock: StandInClock) -> Tr
     marks = [is_shared for _, _, is_shared in head.documents]
     shared = [document for document, is_shared in zip(documents, marks, strict=True) if is_shared]
     sources = Sources(tuple(documents), tuple(shared), Diagnostics())
-    plans = plan(define(sources, head.tree_id, head.format), registry)
+    plans = external.plans = plan(define(sources, head.tree_id, head.format), registry)
     outer: list[Blackboard] = []
     for autoremap, remaps in reversed(head.outer):
         parent = outer[-1] if outer else None

@@ -16,7 +16,7 @@ from btcore.logs.files import LogError
 from btcore.status import FAILURE, IDLE, SUCCESS, Status
 from btcore.tree.tree import Tree
 from btcore_recorder.files import read_recording
-from btcore_recorder.inputs import RunRecording, Segment, Step, TreeState
+from btcore_recorder.inputs import UNKNOWN_CHECKSUM, RunRecording, Segment, Step, TreeState
 from btcore_recorder.recorded_tree import ExternalCode, Inputs, StandInClock, add_callbacks, load_recorded
 from btcore_recorder.tree_state import capture, describe_difference, restore_entries, restore_nodes
 from btcore_recorder.values import Encoder
@@ -158,8 +158,12 @@ class Replay:
         self.tree.subscribe(self._checksum)
         self._restore(head.state)
         self._encoder = Encoder(lambda name, description: None)  # the types are those of the recording
-        self._states = {0: (head.state, 0)}
         self._segments = {segment.position: segment for segment in recording.segments}
+        # The states from which `seek` starts, with the checksums. A recording of BehaviorTree.CPP has no
+        # states of nodes.
+        self._states = {0: (capture(self.tree, external.boards, self._encoder.encode), 0)} | {
+            position: (segment.state, 0) for position, segment in self._segments.items() if not segment.gap
+        }
         self._times = _RecordedTimes(self._inputs)
         self.tree.context.clock = self._times
         add_callbacks(self.tree, external, steps)
@@ -224,7 +228,7 @@ class Replay:
         if status is not step.status:
             raised = "" if error is None else f": {error.cause}"
             return f"the result is {step.status.name}", f"the result is {status.name}{raised}"
-        if self._checksum.value != step.checksum:
+        if step.checksum not in (self._checksum.value, UNKNOWN_CHECKSUM):
             return "other transitions", "transitions with another checksum"
         return None
 
@@ -282,7 +286,8 @@ class Replay:
             until: Run until the first step after which *until* of the tree is true.
 
         Returns:
-            Whether the moment was reached: there is such a moment, and no difference before it.
+            Whether the moment was reached: there is such a moment, and no difference since the last saved
+            state before it, such as that with which each minute of a recording begins.
         """
         if until is not None:
             while self.step():
@@ -293,9 +298,7 @@ class Replay:
             position = self._find_tick(tick) if tick is not None else self._find_time(time or 0.0)
         if not 0 <= position <= len(self.steps):
             return False
-        start = position - position % STATE_INTERVAL
-        while start not in self._states:
-            start -= STATE_INTERVAL
+        start = max(known for known in self._states if known <= position)
         if position < self.position or self.position < start:
             self._go_back(start)
         while self.position < position and self.step():

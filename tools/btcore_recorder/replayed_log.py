@@ -1,6 +1,8 @@
 """A recording as a log: its transitions, as the replay repeats them."""
 
+from collections.abc import Iterator
 from contextlib import suppress
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, cast
 
@@ -15,7 +17,34 @@ from btcore.status import IDLE, Status, Transition
 from btcore.tree.tree import Tree
 from btcore_bags.log import BagLog, read_bag
 from btcore_recorder.file_recorder import FileRecorder
+from btcore_recorder.inputs import RunRecording
+from btcore_recorder.moments import Moment, Moments
 from btcore_recorder.replay import Replay
+
+MAX_MOMENTS: Final = 20_000
+"""Maximum number of moments that are shown of a recording."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayedLog(Recording):
+    """What a log of a recorded run would contain.
+
+    Attributes:
+        run: The recording.
+    """
+
+    run: RunRecording = field(kw_only=True)
+
+    def moments(self) -> Iterator[Moment]:
+        """Yield the moments after the ticks; of more than MAX_MOMENTS, at equal intervals."""
+        moments = Moments(self.run)
+        interval = -(-moments.count // MAX_MOMENTS)
+        for position in range(1, moments.count + 1, max(1, interval)):
+            moment = moments.at(position)
+            if moment.tick:
+                yield moment
+            if moment.problem:
+                return
 
 
 class _Collector(Observer):
@@ -32,7 +61,7 @@ class _Collector(Observer):
         self.transitions_of_run.append(LoggedTransition(self.wall_time, uid, previous, status))
 
 
-def read_as_log(path: Path) -> Recording:
+def read_as_log(path: Path) -> ReplayedLog:
     """Return what a log of the recorded run would contain. A transition has the time at which its tick began.
 
     Raises:
@@ -55,8 +84,9 @@ def read_as_log(path: Path) -> Recording:
     damage = replay.recording.damage
     if replay.difference is not None:
         damage = f"the replay differs from the recording at {replay.difference}"
-    return Recording(
-        path, xml, head.wall_time, parse_nodes(xml, str(path)), collector.transitions_of_run, damage
+    nodes = parse_nodes(xml, str(path))
+    return ReplayedLog(
+        path, xml, head.wall_time, nodes, collector.transitions_of_run, damage, run=replay.recording
     )
 
 

@@ -4,6 +4,7 @@ import json
 import os
 import re
 import textwrap
+import warnings
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from os import PathLike
@@ -30,8 +31,9 @@ def assert_does_not_fail(
     """Run a recording again, and assert that the tree does not fail, and that no node raises.
 
     `btcore replay --save-test` writes tests with this assertion. The leaves do what was recorded, matched by
-    path. If the tree needs a result that was not recorded, for example that of a new leaf, the run ends; this
-    is an error only before the tick in which the recorded run failed, or if recorded leaves are missing.
+    path. If the tree needs a result that was not recorded, for example that of a new leaf, the run ends with
+    a warning; this is an error before the tick in which the recorded run failed, or if recorded leaves are
+    missing.
 
     Args:
         recording: The file of the recording.
@@ -58,9 +60,16 @@ def assert_does_not_fail(
     """
     __tracebackhide__ = True  # pytest shows the test instead of this function
     recorded = _read(recording)
-    problem = find_failure(recorded, run_with_tree(recorded, tree, matches))
+    run = run_with_tree(recorded, tree, matches)
+    problem = find_failure(recorded, run)
     if problem:
         raise AssertionError(problem)
+    if run.end == "no result is recorded":
+        warnings.warn(
+            f"the run ends in tick {run.ticks}, because no result is recorded for '{run.ended_at}': what "
+            "follows is not tested",
+            stacklevel=2,
+        )
 
 
 def assert_runs_as_recorded(
@@ -113,7 +122,7 @@ def find_failure(recording: RunRecording, run: ChangedRun) -> str:
     failed = (step.tick for step in recording.steps if step.tick and step.status in (FAILURE, IDLE))
     failed_in = next(failed, 0)
     if run.end == "no result is recorded" and (run.ticks < failed_in or run.unmatched):
-        unmatched = join_names(run.unmatched, "and")
+        unmatched = join_names([f"'{path}'" for path in run.unmatched], "and")
         removed = f", and the tree has no {unmatched}, whose results are recorded" if unmatched else ""
         return (
             f"the run ends in tick {run.ticks} (the recorded failure is in tick {failed_in}), because no "

@@ -8,6 +8,7 @@ begins in another tick than the recorded one is an assumption: the robot might h
 from collections import Counter, defaultdict, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import cycle
 from typing import Any, Literal, NamedTuple
 
 from btcore.blackboard.ports import Port
@@ -15,6 +16,7 @@ from btcore.engine.journal import ExternalHaltBegan, Paused, StatusForced, TimeR
 from btcore.engine.node import TreeNode, reset_status
 from btcore.engine.observers import Observer
 from btcore.errors import BtcoreError, NodeExecutionError, TickInterrupt
+from btcore.registry.mock_nodes import LETTERS, MockLeafError, Outcome, parse_outcomes
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status, Transition
 from btcore.suggestions import did_you_mean
@@ -35,7 +37,7 @@ from btcore_recorder.inputs import (
     Written,
     scopes_of,
 )
-from btcore_recorder.recorded_tree import ExternalCode, Inputs, StandInClock, load_recorded
+from btcore_recorder.recorded_tree import ExternalCode, Inputs, StandInClock, is_stand_in, load_recorded
 from btcore_recorder.replay import Replay
 from btcore_recorder.tree_state import restore_entries, restore_nodes
 
@@ -86,12 +88,14 @@ class ChangedRun(NamedTuple):
         status: The result of its last tick.
         end: Why it ended.
         ended_at: The path of the node that raised or lacks a result; else "".
-        differs_from: The first tick with other transitions than in the recorded run; None if there is none.
-        recorded: The first transition that differs, as recorded; "" if there is none.
+        differs_from: The first tick with other transitions, or another result, than in the recorded run; None
+            if there is none.
+        recorded: The first transition or result that differs, as recorded; "" if there is none.
         now: The same in the changed run.
         assumed_from: The first tick that rests on an assumption; None if there is none.
         failure: Where it failed first; None if it did not.
         unmatched: The paths of the nodes whose results are recorded, but which the tree does not have.
+        unused: The changes without effect: the node was not ticked in this tick, or there is no such tick.
     """
 
     ticks: int
@@ -104,6 +108,7 @@ class ChangedRun(NamedTuple):
     assumed_from: int | None
     failure: Failure | None
     unmatched: Sequence[str]
+    unused: Sequence[str]
 
     @property
     def is_same(self) -> bool:
@@ -112,16 +117,20 @@ class ChangedRun(NamedTuple):
 
     def __str__(self) -> str:
         lines = [f"the same in all {self.ticks:,} ticks"]
+        if not self.is_same:
+            lines = ["the same until it ends"]
         if self.differs_from is not None:
             recorded, now = self.recorded or "nothing more happens", self.now or "nothing more happens"
             lines = [f"it differs from tick {self.differs_from} on: recorded: {recorded}; now: {now}"]
         place = f" at '{self.ended_at}'" if self.ended_at else ""
-        lines.append(f"it ends in tick {self.ticks} with {self.status.name}, because {self.end}{place}")
+        with_result = "" if self.end == "no result is recorded" else f" with {self.status.name}"
+        lines.append(f"it ends in tick {self.ticks}{with_result}, because {self.end}{place}")
         if self.assumed_from is not None:
             lines.append(
                 f"from tick {self.assumed_from} on it rests on assumptions: nodes start in other ticks than "
                 "recorded"
             )
+        lines += [f"{change} had no effect" for change in self.unused]
         return "\n".join(lines)
 
     @property
@@ -165,8 +174,10 @@ class _PathTransition(NamedTuple):
     key: str
     status: Status
 
-    def __str__(self) -> str:
-        return f"'{self.key}' becomes {self.status.name}"
+    def text(self, has_tick: bool) -> str:
+        """Return the transition for a sentence, with or without its tick."""
+        moment = f" in tick {self.tick}" if has_tick else ""
+        return f"'{self.key}' becomes {self.status.name}{moment}"
 
 
 class PathTransitions(Observer):
@@ -229,7 +240,8 @@ class _Activations(ExternalCode):
         types: The descriptions of the recorded types.
         activations: What each node did, by its key in the changed tree.
         results: The changed results, by tick and key.
-        missing: The result of a node for which no activation is left; None = the run ends there.
+        outcomes: Outcomes of nodes for which no activation is left, by key, as in `parse_outcomes`.
+        missing: The result of other nodes for which no activation is left; None = the run ends there.
     """
 
     def __init__(
@@ -237,12 +249,16 @@ class _Activations(ExternalCode):
         types: Mapping[str, Any],
         activations: Mapping[str, Sequence[_Activation]],
         results: Mapping[tuple[int, str], Status],
+        outcomes: Mapping[str, str],
         missing: Status | None = None,
     ) -> None:
         super().__init__(Inputs(), types)
         self.held: list[HoldEntry] = []
+        self.used: set[tuple[int, str]] = set()  # the nodes that were ticked, by tick
         self.invented: list[str] = []  # the nodes that had *missing* as their result
         self._missing = missing
+        self._outcomes = {key: cycle(parse_outcomes(text)) for key, text in outcomes.items()}
+        self._mocked: dict[str, Iterator[Outcome]] = {}
         self.present_tick = 0
         self.assumed_from: int | None = None
         self.keys: Sequence[str] = ()
@@ -265,20 +281,26 @@ class _Activations(ExternalCode):
             left = self._left.get(key)
             if not left:
                 self.node = node
+                changed = self._changed_result(key)
+                if changed is not None:
+                    self.assume()
+                    return changed
+                if key in self._outcomes:
+                    return self._tick_mock(node, key)
                 if self._missing is None:
                     raise _NoResultError
                 self.assume()
                 if node.status is RUNNING:  # it was halted here, or the recording ended
-                    return self._results.get((self.present_tick, key), RUNNING)
+                    return RUNNING
                 self.invented.append(key)
                 is_invalid = self._missing is RUNNING and node._must_complete
-                return self._results.get((self.present_tick, key), SUCCESS if is_invalid else self._missing)
+                return SUCCESS if is_invalid else self._missing
             activation = left.popleft()
             self._present[key] = activation, 0
             if activation.tick != self.present_tick:
                 self.assume()
         activation, index = self._present[key]
-        status = RUNNING
+        last: Input | None = None
         if index == len(activation.ticks):  # the node was halted here, or the recording ended
             self.assume()
         else:
@@ -286,11 +308,29 @@ class _Activations(ExternalCode):
             *events, last = activation.ticks[index]
             for event in events:
                 self.apply(event, "")
-            if isinstance(last, Raised) and (self.present_tick, key) not in self._results:
-                self.raise_error(last.error)
-            if isinstance(last, Result):
-                status = last.status
-        return self._results.get((self.present_tick, key), status)
+        changed = self._changed_result(key)
+        if changed is not None:
+            return changed
+        if isinstance(last, Raised):
+            self.raise_error(last.error)
+        return last.status if isinstance(last, Result) else RUNNING
+
+    def _tick_mock(self, node: TreeNode, key: str) -> Status:
+        """Do the next outcome of a node for which no activation is left."""
+        self.assume()
+        if node.status is not RUNNING:
+            self._mocked[key] = iter(next(self._outcomes[key]))
+        outcome = next(self._mocked[key], Outcome("R"))
+        for port, text in outcome.outputs:
+            node.set_output(port, text)
+        if outcome.letter == "X":
+            raise MockLeafError("the outcome is X")
+        return LETTERS[outcome.letter]
+
+    def _changed_result(self, key: str) -> Status | None:
+        """Return the result of `SetResult` for the present tick of a node, or None."""
+        self.used.add((self.present_tick, key))
+        return self._results.get((self.present_tick, key))
 
     def halt(self, node: TreeNode) -> None:
         key = self.keys[node.config.uid - 1]
@@ -398,7 +438,9 @@ class ChangedReplay:
         changes: Changed inputs.
         document: The file name and the text of another tree, in place of the main document.
         matches: For nodes that have another path in this tree: the new path by the recorded path.
-        missing: The result of a node when nothing is recorded for it; None = the run ends there.
+        outcomes: What nodes do when nothing more is recorded for them, by path, such as `RRS|F`; see
+            `btcore.registry.mock_nodes.parse_outcomes`.
+        missing: The result of other nodes when nothing is recorded for them; None = the run ends there.
 
     Attributes:
         tree: The tree.
@@ -407,6 +449,8 @@ class ChangedReplay:
         end: Why the run ended; "the recording ended" until then.
         ended_at: The path of the node that raised or lacks a result; else "".
         unmatched: The paths of the recorded nodes that the other tree does not have.
+        other_result: The first tick with another result than recorded, the recorded one and the present one;
+            None if there is none.
 
     Raises:
         TreeError: The other tree cannot be loaded.
@@ -419,6 +463,7 @@ class ChangedReplay:
         changes: Iterable[Change] = (),
         document: tuple[str, str] | None = None,
         matches: Mapping[str, str] | None = None,
+        outcomes: Mapping[str, str] | None = None,
         missing: Status | None = None,
     ) -> None:
         recording, head = run.recording, run.recording.head
@@ -435,12 +480,15 @@ class ChangedReplay:
             (change.tick, change.node): change.status for change in changes if isinstance(change, SetResult)
         }
         activations = {matches.get(key, key): known for key, known in run.activations.items()}
-        external = _Activations(head.types, activations, results, missing)
+        external = _Activations(head.types, activations, results, outcomes or {}, missing)
         self.tree = tree = load_recorded(head, external, StandInClock())
         external.keys = keys_of(tree)
+        leaves = [key for key, node in zip(external.keys, tree.nodes, strict=True) if is_stand_in(node)]
         for change in changes:
             if isinstance(change, SetResult):
-                _check_node(change.node, list(activations), "the tree, whose results are recorded")
+                _check_node(change.node, leaves, "the tree, whose results are recorded")
+        for key in outcomes or ():
+            _check_node(key, leaves, "the tree, whose results are recorded")
         for new in matches.values():
             _check_node(new, external.keys, "the tree")
         uids = {key: uid for uid, key in enumerate(external.keys, start=1)}
@@ -460,8 +508,10 @@ class ChangedReplay:
         self.status = IDLE
         self.end: EndReason = "the recording ended"
         self.ended_at = ""
+        self.other_result: tuple[int, Status, Status] | None = None
         self._recording = recording
         self._external = external
+        self._results = [each for each in changes if isinstance(each, SetResult)]
         self._entries = [each for each in changes if isinstance(each, SetEntry)]
         self._held = [each for each in changes if isinstance(each, HoldEntry)]
         tree.context.clock = self._clock = _Times()
@@ -471,6 +521,18 @@ class ChangedReplay:
     def assumed_from(self) -> int | None:
         """The first tick that rests on an assumption; None if there is none."""
         return self._external.assumed_from
+
+    @property
+    def unused(self) -> Sequence[str]:
+        """The changes that had no effect, as texts."""
+        ticks = {step.tick for step in self._recording.steps[: self.position]}
+        set_entries: list[SetEntry | HoldEntry] = [*self._entries, *self._held]
+        entries = [each for each in set_entries if each.tick not in ticks]
+        return [f"{each.key}={each.value}@{each.tick}" for each in entries] + [
+            f"{node}={status.name}@{tick}"
+            for tick, node, status in self._results
+            if (tick, node) not in self._external.used
+        ]
 
     @property
     def invented(self) -> Sequence[str]:
@@ -508,6 +570,8 @@ class ChangedReplay:
             if step.tick:
                 tree.ticks = step.tick - 1
                 self.status = tree.tick_exactly_once()
+                if self.status is not step.status and self.other_result is None:
+                    self.other_result = step.tick, step.status, self.status
                 if self.status in (SUCCESS, FAILURE) and step.status not in (SUCCESS, FAILURE, IDLE):
                     self.end = "the tree ended"
             else:
@@ -527,10 +591,11 @@ def run_changed(
     changes: Iterable[Change] = (),
     document: tuple[str, str] | None = None,
     matches: Mapping[str, str] | None = None,
+    outcomes: Mapping[str, str] | None = None,
 ) -> ChangedRun:
     """Run a recording again with changes, and compare it with the recorded run; see `ChangedReplay`."""
     run = RecordedRun(recording)
-    changed = ChangedReplay(run, changes, document, matches)
+    changed = ChangedReplay(run, changes, document, matches, outcomes)
     collected, failures = PathTransitions(changed.tree), FailureObserver(changed.tree)
     changed.tree.subscribe(collected)
     changed.tree.subscribe(failures)
@@ -541,18 +606,28 @@ def run_changed(
     transitions = [each._replace(key=matches.get(each.key, each.key)) for each in run.transitions]
     found = transitions, collected.found
     index = _first_difference(*found, changed.end == "the recording ended")
-    first, second = (each[index] if index is not None and index < len(each) else None for each in found)
+    differs_from: int | None = None
+    recorded = now = ""
+    if index is not None:
+        sides = [each[index] if index < len(each) else None for each in found]
+        ticks = {side.tick for side in sides if side is not None}
+        differs_from = min(ticks)
+        recorded, now = ["" if side is None else side.text(len(ticks) > 1) for side in sides]
+    elif changed.other_result is not None:
+        differs_from, before, after = changed.other_result
+        recorded, now = f"the result is {before.name}", f"the result is {after.name}"
     return ChangedRun(
         changed.tree.ticks,
         changed.status,
         changed.end,
         changed.ended_at,
-        min((change.tick for change in (first, second) if change is not None), default=None),
-        "" if first is None else str(first),
-        "" if second is None else str(second),
+        differs_from,
+        recorded,
+        now,
         changed.assumed_from,
         failures.found,
         changed.unmatched,
+        changed.unused,
     )
 
 

@@ -6,6 +6,7 @@ leaf results and entries that external code wrote; a smallest set of them is sea
 again with other results and values (`btcore_recorder.what_if`).
 """
 
+import os
 from collections.abc import Sequence
 from itertools import combinations, product, zip_longest
 from pathlib import PurePath
@@ -15,7 +16,7 @@ from btcore.clock import NS_PER_S
 from btcore.errors import BtcoreError
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
 from btcore.suggestions import did_you_mean, join_names
-from btcore_recorder.causes import SHOWN, Cause, CauseFinder, name_of
+from btcore_recorder.causes import Cause, CauseFinder, name_of, short_text
 from btcore_recorder.inputs import RunRecording
 from btcore_recorder.replay import Replay
 from btcore_recorder.tick_trace import EntryName, Read, TickTrace, Visit
@@ -127,7 +128,7 @@ class Explainer:
         ['code="d < 1" is false: d = 3', 'wrote d = 3 by code="d := 3" in this tick']
     """
 
-    def __init__(self, recording: RunRecording | str) -> None:
+    def __init__(self, recording: RunRecording | str | os.PathLike[str]) -> None:
         self._replay = Replay(recording)
         self._steps = self._replay.steps
         self._causes = CauseFinder(self._replay)
@@ -196,10 +197,9 @@ class Explainer:
         entry = boards[name.scope].local_entries()[name.key]
         read = Read(key, "", "", name, entry.value, entry.sequence_id)
         cause = self._causes.explain_value(position, read, is_input=False)
-        value = SHOWN.repr(entry.value)
+        value = short_text(entry.value)
         question = f"who wrote {{{key}}} = {value}, as it was after tick {self._causes.tick(position)}?"
-        who = f"'{self._causes.path(cause.uid)}'" if cause.uid else OUTSIDE
-        return Answer(question, f"{who}: {cause.because}.", self._chain(cause, ()))
+        return Answer(question, f"{self._describe_cause(cause)}.", self._chain(cause, ()))
 
     def differs_from(self, other: "Explainer") -> Answer:
         """Explain the first decision that differs in another run, what it read, and who wrote that.
@@ -284,6 +284,9 @@ class Explainer:
             return found
         if time is not None:
             start = self._replay.recording.head.time + round(time * NS_PER_S)
+            end = self._causes.time(ticks[-1])
+            if time > end:
+                raise BtcoreError(f"the recording has no tick at {time:g} s; its last tick is at {end:g} s")
             return max((index for index in ticks if steps[index].time <= start), default=ticks[0])
         if prefers_failure:
             failed = [index for index in ticks if steps[index].status in (FAILURE, IDLE)]
@@ -331,7 +334,10 @@ class Explainer:
                 return f"the run would have gone on to '{changed.ended_at}', for which nothing is recorded"
             if outcome and changed.invented and missing is not None:
                 names = join_names([f"'{name}'" for name in dict.fromkeys(changed.invented)], most=3)
-                outcome += f", if {names}, for which nothing is recorded, returned {missing.name}"
+                outcome = (
+                    f"the run would have gone on to {names}, for which nothing is recorded; with "
+                    f"{missing.name} from there, {outcome}"
+                )
             if outcome or not changed.invented:
                 return outcome
         return ""
@@ -437,7 +443,7 @@ def _describe_change(change: Change) -> str:
         case SetResult(tick, node, status):
             return f"'{node}' had returned {status.name} in tick {tick}"
         case HoldEntry(tick, _, key, value):
-            return f"{key} had been {SHOWN.repr(value)} in tick {tick}"
+            return f"{key} had been {short_text(value)} in tick {tick}"
     return str(change)
 
 

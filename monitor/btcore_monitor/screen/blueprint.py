@@ -8,7 +8,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import TextLogColumn, TimelineColumn
 
-from btcore_monitor.screen import blackboard_table, camera_view, panels, scene_view
+from btcore_monitor.screen import blackboard_table, camera_view, leaf_table, panels, scene_view
 from btcore_monitor.screen.folding import FoldedTreeView
 from btcore_monitor.screen.lanes import Lanes
 from btcore_monitor.screen.row_buffer import TREE_TIMELINE, WALL_TIMELINE
@@ -40,6 +40,7 @@ MAX_WHOLE_SPAN_NS: Final = 60_000_000_000
 """Longest run (ns) that lanes and curves show as a whole."""
 _MIN_SPAN_NS: Final = 2_000_000_000
 _TRAIL_S: Final = 120.0
+_LEAVES_TITLE: Final = "Leaves"
 _SPEED_TITLE: Final = "Speed [m/s, rad/s]"
 _CLOSE_UP_POSITION: Final = (1.35, -1.5, 1.75)
 _CLOSE_UP_TARGET: Final = (0.0, 0.0, 0.5)
@@ -219,8 +220,10 @@ def create_now_view(pane: Pane) -> rrb.View:
 
 
 def _create_table_views(pane: Pane) -> list[rrb.View]:
-    """Return the views of the blackboard, if there are entries."""
+    """Return the views of the leaves of a recording, and of the blackboard if there are entries."""
     tabs: list[rrb.View] = []
+    if leaf_table.LEAVES in pane.filled_panels:
+        tabs.append(rrb.TextDocumentView(origin=pane.entity_path(leaf_table.LEAVES), name=_LEAVES_TITLE))
     if blackboard_table.BLACKBOARD in pane.filled_panels:
         tabs.append(
             rrb.TextDocumentView(origin=pane.entity_path(blackboard_table.BLACKBOARD), name="Blackboard")
@@ -230,11 +233,17 @@ def _create_table_views(pane: Pane) -> list[rrb.View]:
 
 
 def _stack_views(views: Sequence[rrb.View]) -> rrb.View | rrb.Container:
-    """Return the first view above tabs with the others."""
+    """Return the first view above tabs with the others. The view of leaves has its own place between them."""
     first, *tabs = views
     if not tabs:
         return first
-    return rrb.Vertical(first, tabs[0] if len(tabs) == 1 else rrb.Tabs(*tabs), row_shares=[0.46, 0.54])
+    rows: list[rrb.View | rrb.Container] = [first]
+    shares = [0.46, 0.54]
+    if tabs[0].name == _LEAVES_TITLE and len(tabs) > 1:
+        rows.append(tabs.pop(0))
+        shares = [0.24, 0.4, 0.36]
+    rows.append(tabs[0] if len(tabs) == 1 else rrb.Tabs(*tabs))
+    return rrb.Vertical(*rows, row_shares=shares)
 
 
 def create_log_view(pane: Pane) -> rrb.View:

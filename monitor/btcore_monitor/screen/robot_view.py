@@ -13,6 +13,7 @@ from btcore_monitor.events import (
     Event,
     ExceptionEvent,
     HooksEvent,
+    LeavesEvent,
     LostTransitionsEvent,
     MissingDataEvent,
     MovingSceneEvent,
@@ -26,6 +27,7 @@ from btcore_monitor.screen.blueprint import LIVE_SPAN_NS, MAX_WHOLE_SPAN_NS, Pan
 from btcore_monitor.screen.folding import FoldedTreeView
 from btcore_monitor.screen.font import legible
 from btcore_monitor.screen.lanes import Lanes
+from btcore_monitor.screen.leaf_table import LEAVES, LeafTable
 from btcore_monitor.screen.panels import (
     LEVELS,
     NowPanel,
@@ -210,6 +212,7 @@ class _TreePanels:
             self.tree_views.insert(0, FoldedTreeView(rows, tree, palette, view_size, highlighted))
         self.transition_log = TransitionLog(rows, tree, palette)
         self.blackboard_table = BlackboardTable(rows, tree, palette)
+        self.leaf_table = LeafTable(rows, tree)
         self.tick_plots = TickPlots(rows, palette)
         self.now_panel = NowPanel(rows, tree)
         self.statistics_table = StatisticsTable(rows, tree)
@@ -218,6 +221,7 @@ class _TreePanels:
             TransitionEvent: self._show_transition,
             TickEvent: self._show_tick,
             BlackboardEvent: self._show_blackboard,
+            LeavesEvent: self.leaf_table.show,
             StaticSceneEvent: self._show_static_scene,
             MovingSceneEvent: self._show_moving_scene,
             ExceptionEvent: self._show_exception,
@@ -347,7 +351,8 @@ class _TreePanels:
         self._move_to(event.stamp, event.wall)
         self._last_tick_stamp = event.stamp
         self._end_tick(event.stamp, event.wall)
-        self.tick_plots.add_tick(event)
+        if "ticks" not in self.source.unavailable:
+            self.tick_plots.add_tick(event)
         self.now_panel.show_tick(event, self.states)
         self.statistics_table.update_if_due(event.stamp, event.wall)
 
@@ -388,6 +393,7 @@ class _TreePanels:
     def _create_pane(self) -> Pane:
         has_data = {
             BLACKBOARD: self.blackboard_table.has_entries or bool(self.blackboard_table.note),
+            LEAVES: self.leaf_table.has_leaves,
             SPEED: self.scene_view.has_speed,
         }
         return Pane(

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from btcore_proof import OutcomesError, assert_proved, prove
+from btcore_proof import Answer, OutcomesError, assert_proved, prove
 from btcore_proof.declarations import Declarations
-from btcore_proof.outcome_replay import TickOutcomes, outcomes_of_ticks
+from btcore_proof.outcome_replay import TickOutcomes, recorded_outcomes
 from btcore_proof.standard_questions import ENDS
-from btcore_proof.tree_files import _plans, fault_in_run
+from btcore_proof.tree_files import _plans, fault_in_run, record_counterexample
 
 RETRY = """
 <root BTCPP_format="4">
@@ -41,6 +41,14 @@ def assert_holds(
     fault = fault_in_run(plans, question, ticks, cycle, {}, declared)
     if fault is not None:
         raise AssertionError(f"{question}: {fault}")
+
+
+def recorded(file: Path, answer: Answer) -> Sequence[TickOutcomes]:
+    """Record the counterexample of *answer*, and return the outcomes in the recording."""
+    declared, recording = Declarations(), file.with_name("run.btrec.txt")
+    plans = _plans(file, None, [file], None, None, declared)
+    assert record_counterexample(plans, answer, declared, recording)
+    return recorded_outcomes(recording)[0]
 
 
 def test_run_that_violates_the_question_fails(file: Path) -> None:
@@ -87,7 +95,7 @@ def test_action_ends_in_a_cycle_that_halted_it_before_the_tree_was_mended(file: 
     assert (answer.question, answer.answer) == (ENDS, "refuted")
     assert run is not None
     assert run.cycle is not None
-    ticks, cycle = outcomes_of_ticks(run), (run.cycle, run.period)
+    ticks, cycle = recorded(file, answer), run.recorded_cycle
     with pytest.raises(AssertionError, match="still RUNNING"):
         assert_holds(file, ENDS, ticks, cycle=cycle)
     file.write_text(RETRY.format(attempts=1))
@@ -98,8 +106,7 @@ def test_outcomes_of_a_counterexample_repeat_it(file: Path) -> None:
     file.write_text(RETRY.format(attempts=2))
     question = "Grasp is SUCCESS leads to Ready is SUCCESS & Grasp is FAILURE"
     answer = prove(file, question, models=[file]).answers[-1]
-    assert answer.counterexample is not None
-    ticks = outcomes_of_ticks(answer.counterexample)
+    ticks = recorded(file, answer)
     with pytest.raises(AssertionError, match="does not follow"):
         assert_holds(file, question, ticks)
 
@@ -143,9 +150,7 @@ def test_ticks_repeat_the_time_that_passes_within_a_tick(file: Path) -> None:
     </Parallel> </BehaviorTree> </root>"""
     file.write_text(tree.format(first=1001))
     question = "never Right & !Left"
-    run = prove(file, question, models=[file]).answers[-1].counterexample
-    assert run is not None
-    ticks = outcomes_of_ticks(run)
+    ticks = recorded(file, prove(file, question, models=[file]).answers[-1])
     with pytest.raises(AssertionError, match="holds"):
         assert_holds(file, question, ticks)
     file.write_text(tree.format(first=2001))
@@ -195,7 +200,5 @@ def test_an_unknown_value_that_is_written_again_counts_as_an_update(
     file.write_text(COUNTED.format(control=control, entry=entry))
     answer = prove(file, question, models=[file]).answers[-1]
     assert answer.answer == "refuted"
-    run = answer.counterexample
-    assert run is not None
     with pytest.raises(AssertionError, match="holds"):
-        assert_holds(file, question, outcomes_of_ticks(run))
+        assert_holds(file, question, recorded(file, answer))

@@ -53,7 +53,10 @@ def test_the_facts_of_a_run_are_recorded(tmp_path: Path) -> None:
     place, code_hash = facts.code["Look"]
     assert place == f"{__file__}:{look.__code__.co_firstlineno}"  # type: ignore[attr-defined]
     assert code_hash == hash_file(__file__)
-    assert (list(facts.libraries), facts.resources) == (["tests"], ("btcore.clock.Clock",))
+    assert (list(facts.libraries), facts.resources) == (
+        [__name__.partition(".")[0]],
+        ("btcore.clock.Clock",),
+    )
     # The first tick, the period, and the end of the delay.
     assert [step.woken_by for step in recording.steps if step.tick] == [0, 0, 3]
 

@@ -74,6 +74,16 @@ def test_another_tree_decides_differently(recording: RunRecording) -> None:
     assert changed.assumed_from is None
 
 
+def test_a_leaf_without_a_recorded_result_has_outcomes(recording: RunRecording) -> None:
+    edited = "patrol.xml", PATROL.replace("1.0", "0.6")
+    changed = run_changed(recording, document=edited, outcomes={"drive": "RRS"})
+    assert (changed.end, changed.status, changed.assumed_from) == ("the recording ended", RUNNING, 4)
+    failing = run_changed(recording, document=edited, outcomes={"drive": "F"})
+    assert failing.status is FAILURE
+    with pytest.raises(BtcoreError, match=r"no node 'drove' in the tree, .*did you mean 'drive'"):
+        run_changed(recording, outcomes={"drove": "S"})
+
+
 def test_a_result_in_another_tick_is_assumed(recording: RunRecording) -> None:
     changed = run_changed(recording, document=("patrol.xml", PATROL.replace("1.0", "0.4")))
     assert (changed.differs_from, changed.assumed_from) == (1, 1)

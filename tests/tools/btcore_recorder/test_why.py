@@ -92,7 +92,7 @@ def test_the_link_of_a_leaf_has_its_ports_and_messages() -> None:
     gripped, wrote = explainer.why("Grip::3").chain
     assert gripped.because == "it returned SUCCESS, with d = 2.1"
     assert (wrote.node, wrote.because) == ("Sense::2", "wrote d = 2.1 in this tick")
-    assert explainer.who_wrote("d").answer == "'Sense::2': wrote d = 2.1 in this tick."
+    assert explainer.who_wrote("d").answer == "'Sense::2' wrote d = 2.1 in this tick."
 
 
 # --- seeded faults

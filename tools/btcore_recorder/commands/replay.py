@@ -1,6 +1,6 @@
 """`btcore replay`: show a log or a recording, as text or in the viewer, or run a recording again."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any, Final, Protocol
@@ -17,6 +17,7 @@ from btcore.logs.recording import format_transition
 from btcore.status import FAILURE, RUNNING, SUCCESS, Status
 from btcore.suggestions import did_you_mean
 from btcore_recorder.commands.rerun import RerunOptions
+from btcore_recorder.moments import Moment
 
 _COLOURS: Final[dict[Status, str]] = {RUNNING: "yellow", SUCCESS: "green", FAILURE: "red"}
 
@@ -31,8 +32,10 @@ class LogViewer(Protocol):
     def outputs(self) -> Sequence[str]:
         """The given options that show or write something."""
 
-    def show(self, recording: Recording, window: range) -> None:
+    def show(self, recording: Recording, window: range, moments: Iterable[Moment]) -> None:
         """Show the transitions with an index in *window*; without *outputs* in a window on the screen.
+
+        A recording also has *moments*: the entries, and the inputs and outputs of leaves, after its ticks.
 
         Raises:
             BtcoreError: They cannot be shown.
@@ -63,6 +66,13 @@ class LogViewer(Protocol):
 @click.option(
     "--to", "to_s", type=float, metavar="SECONDS", help="Time of the last transition.  [default: the end]"
 )
+@click.option(
+    "--save-recording",
+    type=click.Path(dir_okay=False, path_type=Path),
+    metavar="FILE",
+    help="Write LOG as a recording (.btrec.txt or .mcap) instead: a recording in its other form, or what the "
+    "statuses of a log determine of its run.",
+)
 @pass_options(RerunOptions, "rerun")
 @click.pass_context
 def replay(
@@ -73,6 +83,7 @@ def replay(
     node_patterns: Sequence[str],
     from_s: float | None,
     to_s: float | None,
+    save_recording: Path | None,
     rerun: RerunOptions,
     **viewer_values: Any,
 ) -> int:
@@ -86,7 +97,8 @@ def replay(
     assert isinstance(ctx.command, ExtensibleCommand)
     viewer: LogViewer | None = ctx.command.create_extension(viewer_values)
     outputs = () if viewer is None else viewer.outputs
-    modes = [*([rerun.mode] if rerun.mode else []), *(["--text"] if text else []), *outputs[:1]]
+    own = {"--text": text, "--save-recording": save_recording is not None}
+    modes = [*filter(None, [rerun.mode]), *(name for name, is_given in own.items() if is_given), *outputs[:1]]
     if len(modes) > 1:
         raise click.UsageError(f"{modes[0]} and {modes[1]} exclude each other: choose one.")
     if node_patterns and not text:
@@ -98,14 +110,34 @@ def replay(
     recording = read_log(log)
     for warning in recording.warnings:
         terminal.print_warning(warning)
+    if save_recording is not None:
+        _save(recording, save_recording)
+        return ExitCode.SUCCESS
     window = _find_window(recording, from_s, to_s)
     if text:
         _print(recording, window, node_patterns)
     elif viewer is None:
         raise click.UsageError("there is no viewer: install the extra btcore[monitor], or use --text")
     else:
-        viewer.show(recording, window)
+        from btcore_recorder.replayed_log import ReplayedLog
+
+        moments = recording.moments() if isinstance(recording, ReplayedLog) else ()
+        viewer.show(recording, window, moments)
     return ExitCode.SUCCESS
+
+
+def _save(log: Recording, file: Path) -> None:
+    """Write a log as a recording to *file*."""
+    from btcore_recorder.files import RECONSTRUCTED, describe_reconstruction, save_recording
+    from btcore_recorder.import_log import import_log
+    from btcore_recorder.replay import Replay
+    from btcore_recorder.replayed_log import ReplayedLog
+
+    run = log.run if isinstance(log, ReplayedLog) else import_log(log)
+    save_recording(file, run, [node.path for node in Replay(run).tree.nodes])
+    click.echo(f"{file}: {sum(step.tick > 0 for step in run.steps):,} ticks of {log.path}")
+    if not isinstance(log, ReplayedLog):
+        terminal.print_warning(f"{file}: {describe_reconstruction(run.head.versions[RECONSTRUCTED])}")
 
 
 def _find_window(recording: Recording, from_s: float | None, to_s: float | None) -> range:

@@ -13,7 +13,7 @@ from btcore.escaping import escape_controls
 from btcore.exit_codes import ExitCode
 from btcore.json_text import load_json
 from btcore.options import Options, option
-from btcore.registry.mock_nodes import LETTERS
+from btcore.registry.mock_nodes import LETTERS, parse_outcomes
 from btcore.suggestions import join_names
 from btcore.xml.read.read import parse_file
 from btcore_recorder.excerpts import cut, shrink
@@ -71,6 +71,14 @@ class RerunOptions(Options):
             metavar="OLD=NEW",
         ),
     ] = ()
+    outcomes: Annotated[
+        tuple[str, ...],
+        option(
+            "With --tree, --result or --set: what a leaf does when nothing more is recorded for it, as in "
+            "btcore run. Otherwise the run ends there. Repeatable.",
+            metavar="NODE=RRS|F",
+        ),
+    ] = ()
     save_test: (
         Annotated[
             Path,
@@ -104,6 +112,8 @@ class RerunOptions(Options):
             raise SettingsError("--shrink needs --save-test.")
         if self.match and self.tree is None:
             raise SettingsError("--match needs --tree.")
+        if self.outcomes and not changes:
+            raise SettingsError("--outcomes needs --tree, --result or --set.")
         if self.json and not self.mode:
             raise SettingsError("--json needs --verify; for a log, use btcore stats LOG --json.")
 
@@ -162,7 +172,8 @@ class RerunOptions(Options):
         if self.verify:
             return verify(log)
         document = None if self.tree is None else (str(self.tree), parse_file(self.tree).text)
-        return run_changed(read_recording(log), list(self._changes()), document, self._matches)
+        outcomes = dict(_outcomes(text) for text in self.outcomes)
+        return run_changed(read_recording(log), list(self._changes()), document, self._matches, outcomes)
 
     def _save_test(self, log: Path, test: Path, from_s: float | None, to_s: float | None) -> ExitCode:
         """Write a test, and the recording that it runs, and print what the test does now."""
@@ -186,7 +197,7 @@ class RerunOptions(Options):
         paths = [node.path for node in Replay(recording).tree.nodes]
         files.write(file, encode_text(to_text(recording, paths)))
         files.write(test, source_of_test(recording, recorded, test, file, tree, self._matches).encode())
-        names = escape_controls(f"wrote {test} and {file.name}", one_line=True)
+        names = escape_controls(f"wrote {test} and {file}", one_line=True)
         tried = "the recorded tree" if tree is None else str(tree)
         outcome = f"fails: {problem}" if problem else "passes"
         click.echo(f"{names}\n{escape_controls(f'with {tried}, the test now {outcome}')}")
@@ -218,6 +229,15 @@ def _parts(text: str, option: str) -> tuple[str, str, int]:
     if not (name and tick.isdecimal()):
         raise click.UsageError(f"{option} {text}: expected NAME=VALUE@TICK, such as door=F@12")
     return name, value, int(tick)
+
+
+def _outcomes(text: str) -> tuple[str, str]:
+    node, outcomes = _halves(text, "--outcomes")
+    try:
+        parse_outcomes(outcomes)
+    except ValueError as error:
+        raise click.UsageError(f"--outcomes {text}: {error}") from None
+    return node, outcomes
 
 
 def _halves(text: str, option: str) -> tuple[str, str]:

@@ -7,13 +7,14 @@
 // and halt, the results of Sleep, Delay and Timeout, and what is written between two ticks. btcore computes the rest,
 // and compares a checksum of all changes of status. Each tick is written when it has ended.
 //
-// Tick and halt the tree in one thread. BT::RuntimeError is thrown at the beginning if a tree cannot be recorded: it is
-// not IDLE, its root has a pre-condition, a substitution rule has replaced a node, the XML has an <include>, or a leaf
-// derives from ThreadedAction or CoroActionNode, which call no callbacks: register it as btcore::Recorded<MyLeaf>.
+// Use one recorder for a tree, and tick and halt the tree in one thread. BT::RuntimeError is thrown at the beginning if
+// the tree cannot be recorded: it is not IDLE, its root has a pre-condition, a substitution rule has replaced a
+// built-in node, the XML has an <include>, or a leaf derives from ThreadedAction or CoroActionNode, which call no
+// callbacks: register such a leaf as btcore::Recorded<MyLeaf>.
 //
 // Not recorded, so that a replay may differ:
-// - what other threads write within a tick while no leaf is ticked, and what a leaf writes while it is halted to keys
-//   that are not its output ports;
+// - what other threads write within a tick while no leaf is ticked;
+// - what a leaf writes to keys that are not its output ports, while it is halted, or if it sees more than 100 entries;
 // - values that change without a new sequence number (getAnyLocked(), ImportBlackboardFromJSON());
 // - callbacks and breakpoints, also those of Groot 2, which replace the callbacks of the recorder: use neither;
 // - remappings of a blackboard that was passed to createTree(), and what nodes remember of ticks before the recording;
@@ -86,7 +87,7 @@ class Recorder {
     for (const auto& subtree : subtrees_) add_board(subtree->blackboard);
     for (const auto& [file, text] : documents)
       if (text.find("<include") != std::string::npos)
-        refuse(file + " has an <include>: pass the included file as a document, and remove the include");
+        refuse((file.empty() ? "the XML" : file) + " has an <include>: remove it, and pass the file as a document");
     file_.open(path, std::ios::binary | std::ios::trunc);
     if (!file_) refuse("cannot write " + path);
     write_head(tree, documents, outer_count);
@@ -110,7 +111,7 @@ class Recorder {
     const std::lock_guard lock(mutex_);
     exception_ = error.what();
     unwind(0, false);
-    for (Board& board : boards_) read_board(board, false, false);
+    read_boards(false);
   }
 
  private:
@@ -132,6 +133,7 @@ class Recorder {
     bool is_result_next = false;  // whether its next status is the result of its tick
     Status status = Status::IDLE;
     std::vector<Board*> boards;  // that its own code can write
+    std::vector<std::pair<Board*, std::string>> outputs;  // the entries of its output ports
     BT::TreeNode::StatusChangeSubscriber subscriber;
   };
   enum class State { OUTSIDE, TICKING, ENDING, HALTING, ENDED };
@@ -143,6 +145,7 @@ class Recorder {
     size_t line = 0;  // of HALT_CHILD: the number of its line
   };
   static constexpr int ROOT = 1;
+  static constexpr size_t MAX_ENTRIES = 100;
 
   [[noreturn]] static void refuse(const std::string& reason) { throw BT::RuntimeError("btcore::Recorder: ", reason); }
   static bool is_end(Status status) { return status == Status::SUCCESS || status == Status::FAILURE; }
@@ -164,7 +167,8 @@ class Recorder {
     if (node->status() != Status::IDLE) refuse(name + "is not IDLE: begin before the first tick, or after haltTree()");
     if (dynamic_cast<BT::ThreadedAction*>(node) || dynamic_cast<BT::CoroActionNode*>(node))
       refuse(name + "calls no callbacks: register its class as btcore::Recorded<Class>");
-    if (dynamic_cast<BT::TestNode*>(node)) refuse(name + "is replaced by a substitution rule");
+    if (dynamic_cast<BT::TestNode*>(node) && !nodes_[uid].is_external)
+      refuse(name + "is built in, and replaced by a substitution rule");
     if (uid == ROOT && !config(uid).pre_conditions.empty())
       refuse(name + "is the root, and has a pre-condition: put it on a child of the root");
     if (auto* control = dynamic_cast<BT::ControlNode*>(node))
@@ -185,6 +189,13 @@ class Recorder {
     for (auto board = is_own ? config(uid).blackboard : nullptr; board; board = board->parent())
       for (auto& known : boards_)
         if (known.board == board) node.boards.push_back(&known);
+    for (const auto& [port, value] : config(uid).output_ports) {
+      const auto key = BT::TreeNode::getRemappedKey(port, value);
+      const auto entry = key ? config(uid).blackboard->getEntry(std::string(*key)) : nullptr;
+      for (Board* board : node.boards)
+        for (const auto& [name, known] : board->known)
+          if (known.entry == entry) node.outputs.emplace_back(board, name);
+    }
     node.subscriber = node.node->subscribeToStatusChange(
         [this, uid](BT::TimePoint, const BT::TreeNode&, Status, Status status) { status_changed(uid, status); });
     const bool is_watched = uid == ROOT || nodes_[node.parent].is_external;
@@ -202,7 +213,12 @@ class Recorder {
   /// The pre-conditions of a node have decided that it is ticked. Not called if its status is SUCCESS or FAILURE.
   void tick_began(int uid) {
     const std::lock_guard lock(mutex_);
-    if (uid == ROOT) begin_tick();
+    if (uid == ROOT) {
+      begin_tick();
+    } else if (state_ == State::ENDING || state_ == State::OUTSIDE) {  // a TryCatch ticks a child when it is halted
+      end_open_step();
+      begin_halt(true);
+    }
     if (!is_working()) return;
     unwind(uid, false);
     if (is_doing(Doing::TICK, nodes_[uid].parent)) read_boards(nodes_[uid].parent, true);
@@ -223,7 +239,7 @@ class Recorder {
       open_ticks(uid);
     }
     read_boards(uid, true);
-    add("result", {text(uid), text(status)});
+    add("result", text(uid), text(status));
     nodes_[uid].is_result_next = status != nodes_[uid].status && status != Status::SKIPPED;
   }
   /// The root, or a child of an external node, has been ticked. Its status is stored next.
@@ -231,7 +247,7 @@ class Recorder {
     const std::lock_guard lock(mutex_);
     if (!is_working()) return;
     unwind(uid, true);
-    const std::string ticked = line("child_ticked", {text(uid)});
+    const std::string ticked = line("child_ticked", text(uid));
     if (!frames_.empty() && frames_.back().uid == uid) {
       if (is_doing(Doing::HALT_CHILD, uid)) lines_[frames_.back().line] = ticked;  // it has reset its children
       frames_.pop_back();
@@ -246,7 +262,7 @@ class Recorder {
     if (uid != ROOT) return;
     result_ = status;
     state_ = State::ENDING;
-    for (Board& board : boards_) read_board(board, false, false);
+    read_boards(false);
     const bool is_stored = status == Status::SKIPPED || nodes_[uid].status == status;
     if (is_stored && !is_end(status) && !nodes_[uid].is_decorator) end_step(result_, checksum_);
   }
@@ -258,12 +274,7 @@ class Recorder {
       return;
     }
     if (state_ == State::ENDING && !belongs_to_tick(uid, status)) end_step(result_, checksum_);
-    if (state_ == State::OUTSIDE) {
-      for (Board& board : boards_) read_board(board, true, true);
-      add("halt", {});
-      state_ = State::HALTING;
-      thread_ = std::this_thread::get_id();
-    }
+    if (state_ == State::OUTSIDE) begin_halt(status == Status::IDLE);  // else a script may have run already
     change(uid, status);
     const bool is_last = status == Status::IDLE || (status == Status::RUNNING && !nodes_[uid].is_decorator);
     if (state_ == State::ENDING && uid == ROOT && is_last) end_step(result_, checksum_);
@@ -273,7 +284,7 @@ class Recorder {
     if (uid == ROOT) return status == result_ || is_end(result_);
     return nodes_[uid].parent == ROOT && nodes_[ROOT].is_decorator && is_end(nodes_[uid].status);
   }
-  /// Return whether this thread ticks or halts the tree; a TryCatch also ticks a leaf when it is halted.
+  /// Return whether this thread ticks or halts the tree.
   bool is_working() const {
     return (state_ == State::TICKING || state_ == State::HALTING) && std::this_thread::get_id() == thread_;
   }
@@ -287,7 +298,7 @@ class Recorder {
         open_ticks(uid);
         frames_.push_back({Doing::TICK, uid});
       }
-      add("status_set", {text(uid), text(status)});
+      add("status_set", text(uid), text(status));
     }
     node.is_result_next = false;
     node.status = status;
@@ -301,9 +312,15 @@ class Recorder {
     if (state_ == State::ENDED) return;
     thread_ = std::this_thread::get_id();
     add_late_halts();
-    for (Board& board : boards_) read_board(board, true, true);
-    add("tick", {text(++ticks_), text(now())});
+    read_boards(true);
+    add("tick", text(++ticks_), text(now()));
     state_ = State::TICKING;
+  }
+  void begin_halt(bool has_run_nothing) {
+    read_boards(has_run_nothing);
+    lines_.push_back("halt []\n");
+    state_ = State::HALTING;
+    thread_ = std::this_thread::get_id();
   }
   void end_open_step() {
     if (state_ == State::ENDING) return end_step(result_, checksum_);
@@ -333,12 +350,12 @@ class Recorder {
   }
   void leave(const Frame frame) {
     frames_.pop_back();
-    if (frame.doing == Doing::HALT) add("halt_ended", {text(frame.uid), "null"});
+    if (frame.doing == Doing::HALT) add("halt_ended", text(frame.uid), "null");
     if (frame.doing != Doing::TICK) return;
     read_boards(frame.uid, true);
     const bool is_leaf = dynamic_cast<BT::LeafNode*>(nodes_[frame.uid].node) != nullptr;
     const std::string reason = exception_.empty() ? "an exception, whose text was not recorded" : exception_;
-    add("raised", {text(frame.uid), text({is_leaf ? "exception" : "NodeExecutionError", reason})});
+    add("raised", text(frame.uid), text({is_leaf ? "exception" : "NodeExecutionError", reason}));
   }
   /// Return the nodes below that of the last frame, down to `uid`.
   std::vector<int> path_to(int uid) const {
@@ -352,7 +369,7 @@ class Recorder {
     unwind(uid, false);
     for (const int below : path_to(uid)) {
       if (is_doing(Doing::TICK, nodes_[below].parent)) {
-        add("child_ticked", {text(below)});
+        add("child_ticked", text(below));
         frames_.push_back({Doing::TICK_CHILD, below});
       }
       if (below != uid && nodes_[below].is_external) frames_.push_back({Doing::TICK, below});
@@ -369,12 +386,12 @@ class Recorder {
     }
     const bool is_halted = is_doing(Doing::HALT, uid);
     const size_t begin = lines_.size();
-    if (nodes_[uid].is_external && (is_halted || nodes_[uid].status == Status::RUNNING)) add_outputs(uid);
+    if (nodes_[uid].is_external && (is_halted || nodes_[uid].status == Status::RUNNING)) read_outputs(uid, true);
     if (!is_halted && lines_.size() > begin)
-      lines_.insert(lines_.begin() + static_cast<std::ptrdiff_t>(begin), line("halt_began", {text(uid)}));
+      lines_.insert(lines_.begin() + static_cast<std::ptrdiff_t>(begin), line("halt_began", text(uid)));
     if (is_halted || lines_.size() > begin) {
-      add("status_set", {text(uid), text(Status::IDLE)});
-      add("halt_ended", {text(uid), "null"});
+      add("status_set", text(uid), text(Status::IDLE));
+      add("halt_ended", text(uid), "null");
     }
     if (is_halted) frames_.pop_back();
     if (is_doing(Doing::HALT_CHILD, uid)) {
@@ -385,7 +402,7 @@ class Recorder {
   }
   void open_halts(int uid) {
     const bool is_running = nodes_[uid].status == Status::RUNNING;
-    const std::string reset = line("status_set", {text(uid), text(Status::IDLE)});
+    const std::string reset = line("status_set", text(uid), text(Status::IDLE));
     if (!is_running && nodes_[nodes_[uid].parent].is_decorator) {
       // Each tick of a decorator ends with the reset of its child. Only within its tick, its own code has done it.
       if (is_doing(Doing::TICK, nodes_[uid].parent)) lines_.push_back(reset);
@@ -413,7 +430,7 @@ class Recorder {
   }
   void begin(Doing halt, int uid) {
     frames_.push_back({halt, uid, lines_.size()});
-    add(halt == Doing::HALT ? "halt_began" : "child_halted", {text(uid)});
+    add(halt == Doing::HALT ? "halt_began" : "child_halted", text(uid));
   }
   int timeout_above(int uid) const {
     do uid = nodes_[uid].parent;
@@ -443,24 +460,28 @@ class Recorder {
   // --- entries
 
   /// Notice the entries that were written since the last call, and add them if they `must_be_added`.
-  void read_board(Board& board, bool must_be_added, bool must_compare_keys) {
-    for (auto& [key, known] : board.known) read_entry(board, key, known, must_be_added);
+  void read_board(Board& board, bool must_be_added) {
+    bool is_same = true;
+    for (auto& [key, known] : board.known) {
+      is_same &= known.entry.use_count() > 1;  // else it was removed
+      read_entry(board, key, known, must_be_added);
+    }
     const std::vector<BT::StringView> keys = board.board->getKeys();
-    if (keys.size() == board.known.size() && !must_compare_keys) return;
+    if (is_same && keys.size() == board.known.size()) return;
     const std::set<std::string> present(keys.begin(), keys.end());
     for (auto at = board.known.begin(); at != board.known.end();) {
-      const bool is_same = present.count(at->first) != 0 && board.board->getEntry(at->first) == at->second.entry;
-      if (!is_same && must_be_added) add("removed", {text(board.scope), text(at->first)});
+      is_same = present.count(at->first) != 0 && board.board->getEntry(at->first) == at->second.entry;
+      if (!is_same && must_be_added) add("removed", text(board.scope), text(at->first));
       at = is_same ? std::next(at) : board.known.erase(at);
     }
-    for (const auto& key : present) {
-      const auto entry = board.board->getEntry(key);
-      if (entry == nullptr || board.known.count(key) != 0) continue;
-      read_entry(board, key, board.known[key] = {entry, 0}, must_be_added);
-    }
+    for (const auto& key : present) read_key(board, key, must_be_added);
   }
-  void read_boards(int uid, bool must_be_added) {
-    for (Board* board : nodes_[uid].boards) read_board(*board, must_be_added, false);
+  void read_key(Board& board, const std::string& key, bool must_be_added) {
+    const auto entry = board.board->getEntry(key);
+    if (entry == nullptr) return;
+    KnownEntry& known = board.known[key];
+    if (known.entry != entry) known = {entry, 0};
+    read_entry(board, key, known, must_be_added);
   }
   void read_entry(Board& board, const std::string& key, KnownEntry& known, bool must_be_added) {
     const std::lock_guard lock(known.entry->entry_mutex);
@@ -468,17 +489,20 @@ class Recorder {
     const uint64_t previous = std::exchange(known.sequence_id, known.entry->sequence_id);
     if (previous == known.sequence_id || !must_be_added || known.entry->value.empty()) return;
     const std::string declared = info.isStronglyTyped() ? text(type_name(info)) : "null";
-    add("written", {text(board.scope), text(key), text(encode(known.entry->value)), declared});
+    add("written", text(board.scope), text(key), text(encode(known.entry->value)), declared);
   }
-  /// Add what an external node has written to its output ports.
-  void add_outputs(int uid) {
-    for (const auto& [port, value] : config(uid).output_ports) {
-      const auto key = BT::TreeNode::getRemappedKey(port, value);
-      const auto entry = key ? config(uid).blackboard->getEntry(std::string(*key)) : nullptr;
-      for (Board* board : nodes_[uid].boards)
-        for (auto& [name, known] : board->known)
-          if (known.entry == entry) read_entry(*board, name, known, true);
-    }
+  void read_boards(bool must_be_added) {
+    for (Board& board : boards_) read_board(board, must_be_added);
+  }
+  /// Read what the node `uid` can write: all entries, or only its output ports if there are many.
+  void read_boards(int uid, bool must_be_added) {
+    size_t count = 0;
+    for (const Board* board : nodes_[uid].boards) count += board->known.size();
+    if (count > MAX_ENTRIES) return read_outputs(uid, must_be_added);
+    for (Board* board : nodes_[uid].boards) read_board(*board, must_be_added);
+  }
+  void read_outputs(int uid, bool must_be_added) {
+    for (const auto& [board, key] : nodes_[uid].outputs) read_key(*board, key, must_be_added);
   }
   /// Return the name of a type in btcore.
   static std::string type_name(const BT::TypeInfo& info) {
@@ -525,13 +549,18 @@ class Recorder {
   // --- lines
 
   static std::string text(const json& data) { return data.dump(-1, ' ', false, json::error_handler_t::replace); }
-  static std::string text(Status status) { return text(BT::toStr(status)); }
-  static std::string line(const std::string& word, const std::vector<std::string>& values) {
-    std::string joined;
-    for (const auto& value : values) joined += (joined.empty() ? "" : ", ") + value;
-    return word + " [" + joined + "]\n";
+  static std::string text(Status status) { return '"' + BT::toStr(status) + '"'; }
+  static std::string text(int number) { return std::to_string(number); }
+  static std::string text(int64_t number) { return std::to_string(number); }
+  static std::string text(uint64_t number) { return std::to_string(number); }
+  template <class... Values>
+  static std::string line(const char* word, const std::string& first, const Values&... others) {
+    return (std::string(word) + " [" + first + ... + (std::string(", ") + others)) + "]\n";
   }
-  void add(const std::string& word, const std::vector<std::string>& values) { lines_.push_back(line(word, values)); }
+  template <class... Values>
+  void add(const char* word, const Values&... values) {
+    lines_.push_back(line(word, values...));
+  }
   void end_step(Status status, int64_t checksum) {
     unwind(0, false);
     state_ = State::OUTSIDE;
@@ -569,28 +598,28 @@ class Recorder {
   }
   void write_head(const BT::Tree& tree, const Documents& documents, size_t outer_count) {
     const auto wall = std::chrono::system_clock::now().time_since_epoch();
-    add("btrec", {"1"});
-    add("tree", {text(subtrees_.front()->tree_ID), "4"});
-    add("clock", {text(now()), text(std::chrono::nanoseconds(wall).count())});
-    add("versions", {text({{"BehaviorTree.CPP", "4.10"}})});
+    add("btrec", "1");
+    add("tree", text(subtrees_.front()->tree_ID), "4");
+    add("clock", text(now()), text(std::chrono::nanoseconds(wall).count()));
+    add("versions", text({{"BehaviorTree.CPP", "4.10"}}));
     std::string xml;
     for (const auto& [file, content] : documents) {
       xml += content;
-      add("document", {text(file), "false"});
+      add("document", text(file), "false");
       std::string marked = "|" + content + "\n";
       for (size_t at = 0; (at = marked.find('\n', at) + 1) < marked.size();) marked.insert(at, "|");
       lines_.push_back(marked);
     }
     if (const auto enums = config(ROOT).enums)
-      for (const auto& [name, number] : *enums) add("enum", {text(name), text(number)});
+      for (const auto& [name, number] : *enums) add("enum", text(name), text(number));
     for (const auto& [id, manifest] : tree.manifests)
       if (is_external(id) && xml.find(id) != std::string::npos) add_class(manifest);
-    for (size_t uid = ROOT; uid < nodes_.size(); ++uid) add("node", {text(uid), text(nodes_[uid].node->fullPath())});
-    for (size_t i = 0; i < outer_count; ++i) add("outer", {"false", "{}"});
+    for (size_t uid = ROOT; uid < nodes_.size(); ++uid) add("node", text(uid), text(nodes_[uid].node->fullPath()));
+    for (size_t i = 0; i < outer_count; ++i) add("outer", "false", "{}");
     std::vector<std::string> scopes;
     int index = 0;
     for (Board& board : boards_) {
-      read_board(board, false, true);
+      read_board(board, false);
       json indices = json::object();
       for (const auto& [key, known] : board.known) {
         indices[key] = index++;
@@ -599,12 +628,12 @@ class Recorder {
         const BT::Any& value = known.entry->value;
         const bool is_other = !value.empty() && info.isStronglyTyped() && value.type() != info.type();
         const std::string held = is_other ? text(type_name({value.type(), info.converter()})) : "null";
-        add("entry", {text(encode(value)), text(type_name(info)), "false", held, text(known.sequence_id)});
+        add("entry", text(encode(value)), text(type_name(info)), "false", held, text(known.sequence_id));
       }
       scopes.push_back(text(indices));
     }
-    for (const auto& scope : scopes) add("scope", {scope});
-    add("ticks", {"0"});
+    for (const auto& scope : scopes) add("scope", scope);
+    add("ticks", "0");
     write("head", "");
   }
   void add_class(const BT::TreeNodeManifest& manifest) {
@@ -612,15 +641,15 @@ class Recorder {
     std::string type = BT::toStr(manifest.type);
     const std::string kind = type == "Control" ? "control" : type == "Decorator" ? "decorator" : "leaf";
     std::transform(type.begin(), type.end(), type.begin(), [](unsigned char c) { return std::toupper(c); });
-    const bool must_complete = std::any_of(nodes_.begin() + ROOT, nodes_.end(), [&manifest](auto& node) {
-      return node.node->registrationName() == manifest.registration_ID && dynamic_cast<BT::SyncActionNode*>(node.node);
+    const bool must_complete = std::none_of(nodes_.begin() + ROOT, nodes_.end(), [&manifest](auto& node) {
+      return node.node->registrationName() == manifest.registration_ID && !dynamic_cast<BT::SyncActionNode*>(node.node);
     });
     json ports = json::array();
     for (const auto& [name, port] : manifest.ports) {
       const json initial = port.defaultValue().empty() ? json() : json(port.defaultValueString());
       ports.push_back({name, directions[static_cast<int>(port.direction())], type_name(port), initial});
     }
-    add("class", {text(manifest.registration_ID), text(kind), text(type), text(must_complete), text(ports)});
+    add("class", text(manifest.registration_ID), text(kind), text(type), must_complete ? "true" : "false", text(ports));
   }
 
   const std::vector<BT::Tree::Subtree::Ptr> subtrees_;  // keeps the nodes and blackboards

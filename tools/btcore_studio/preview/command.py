@@ -19,7 +19,8 @@ from btcore.signals import EndingSignals
 from btcore_studio.preview.live import PreviewExtension
 from btcore_studio.preview.server import PreviewServer
 from btcore_studio.preview.session import PreviewSession
-from btcore_studio.preview.tree_reading import TreeFile
+from btcore_studio.preview.timeline import open_timeline
+from btcore_studio.preview.tree_reading import RecordedTree, TreeFile
 
 
 @click.command(
@@ -52,17 +53,25 @@ def preview(
     The page follows the saved file, shows its errors, and connects with the running tree. Its address
     contains a secret token, without which the page cannot be opened.
 
-    TREE is an XML file, or the name of a tree that is bundled with btcore.
+    TREE is an XML file, or the name of a tree that is bundled with btcore. It may also be a recording
+    (.btrec.txt or .mcap) of a run: the page then has a timeline, and shows the run at any moment.
     """
     path = find_source(source)
     if path == STDIN:
         raise click.UsageError("btcore preview needs a file: a tree on stdin cannot be saved again.")
     assert isinstance(ctx.command, ExtensibleCommand)
     live: PreviewExtension | None = ctx.command.create_extension(extension_values)
-    file_watcher = FileWatcher(path, options.confined)
-    nodes_for = load_libraries(options.plugins, options.models, options.confined).nodes_for
-    file = TreeFile(path, nodes_for, options.tree, options.format, options.confined)
-    session = PreviewSession(file, None if live is None else live.connect)
+    file_watcher = None
+    timeline = open_timeline(path)
+    if timeline is not None:
+        if live is not None and live.address:
+            raise click.UsageError(f"{path} is a recording, so there is no running tree to watch.")
+        session = PreviewSession(RecordedTree(path, timeline.plans), None, timeline)
+    else:
+        file_watcher = FileWatcher(path, options.confined)
+        nodes_for = load_libraries(options.plugins, options.models, options.confined).nodes_for
+        file = TreeFile(path, nodes_for, options.tree, options.format, options.confined)
+        session = PreviewSession(file, None if live is None else live.connect)
     try:
         server = PreviewServer(session, http_port)
     except OSError as error:
@@ -80,7 +89,7 @@ def preview(
             if opens and not as_json:
                 _open_page(server.url, Path(folder))
             while not stop.wait(POLL_INTERVAL_S):
-                if file_watcher.take_save():
+                if file_watcher is not None and file_watcher.take_save():
                     session.reload()
         finally:
             session.close()

@@ -211,6 +211,13 @@ class _Handler(BaseHTTPRequestHandler):
             text = tree if isinstance(tree, str) else None
             self._send(session.drawing(text, folded, bool(body.get("styled"))), "application/json")
             return
+        if name == "moment":
+            position = body.get("position")
+            moment = session.moment(position) if isinstance(position, int) else None
+            if moment is None:
+                raise RequestError(HTTPStatus.BAD_REQUEST, "expected a position in a recording")
+            self._send_json(moment)
+            return
         if name == "text":
             session.show_text(None if body.get("text") is None else str(body["text"]))
         elif name == "watch":

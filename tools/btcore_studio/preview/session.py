@@ -9,7 +9,8 @@ from btcore.errors import BtcoreError
 from btcore.extras import install_command
 from btcore_studio.preview.live import LiveConnection, LiveState
 from btcore_studio.preview.node_keys import KeyedNode, node_keys
-from btcore_studio.preview.tree_reading import TreeFile, draw
+from btcore_studio.preview.timeline import RecordedRun, Timeline
+from btcore_studio.preview.tree_reading import RecordedTree, TreeFile, draw
 
 Connect = Callable[[str], LiveConnection]
 """Returns a connection to the running tree at an address. Raises BtcoreError."""
@@ -30,11 +31,18 @@ class PreviewSession:
     Args:
         file: The file.
         connect: Connects with running trees, or None if no installed package can do it.
+        timeline: The recording whose tree is shown, or None.
     """
 
-    def __init__(self, file: TreeFile, connect: Connect | None = None) -> None:
+    def __init__(
+        self,
+        file: TreeFile | RecordedTree,
+        connect: Connect | None = None,
+        timeline: Timeline | None = None,
+    ) -> None:
         self.file = file
         self._connect = connect
+        self._recorded_run = None if timeline is None else RecordedRun(timeline)
         self._news = threading.Condition()
         self._reading_lock = threading.Lock()
         self._text: str | None = None
@@ -170,6 +178,10 @@ class PreviewSession:
                 self._live_version += 1
                 self._news.notify_all()
 
+    def moment(self, position: int) -> dict[str, Any] | None:
+        """Return the recorded run after a number of steps as JSON data, or None if there is no recording."""
+        return None if self._recorded_run is None else self._recorded_run.moment(position)
+
     # --- news for pages
 
     def events(self) -> Iterator[_Event | None]:
@@ -205,6 +217,7 @@ class PreviewSession:
             "drawable": is_current,
             "live": self._connect is not None,
             "unsaved": self._text is not None,
+            "recorded": None if self._recorded_run is None else self._recorded_run.summary(),
             **self._reading.summary(),
         }
 

@@ -103,6 +103,25 @@ class TreeFile:
 
 
 @dataclass(frozen=True, slots=True)
+class RecordedTree:
+    """The tree of a recording, which is shown like a file without errors.
+
+    Attributes:
+        path: The file of the recording.
+        plans: The plans of the tree.
+        tree: None, because the main tree is shown.
+    """
+
+    path: Path
+    plans: Plans
+    tree: None = None
+
+    def read(self, text: str | None = None) -> "TreeReading":
+        """Return the recorded tree, whatever the unsaved *text* of an editor."""
+        return TreeReading([], self.plans, self.plans.definitions.sources.main_document.text)
+
+
+@dataclass(frozen=True, slots=True)
 class TreeReading:
     """The *diagnostics* and the *text* of a file, and its *plans*: None if the file cannot be drawn."""
 

@@ -266,7 +266,8 @@ int main(int, char** arguments) {
     std::cerr << error.what() << std::endl;
     return 2;
   }
-  std::ofstream transitions(std::string(arguments[2]) + ".transitions");
+  const std::string path = arguments[2];
+  std::ofstream transitions(path.substr(0, path.rfind(".btrec.txt")) + ".transitions");
   std::mutex mutex;
   bool has_threads = false;
   const auto thread = std::this_thread::get_id();
@@ -281,7 +282,7 @@ int main(int, char** arguments) {
   });
   std::string entries;
   try {
-    btcore::Recorder recorder(tree, xml, arguments[2]);
+    btcore::Recorder recorder(tree, xml, path);
     for (int i = 0; i < 12; ++i) {
       act(tree, recorder, below(12));
       if (wait == 2 || xml.find("msec") != std::string::npos) std::this_thread::sleep_for(microseconds(below(4) * 700));

@@ -76,6 +76,8 @@ const state = {
   drawing: null,
   live: null,
   liveKeys: [],
+  moment: null,
+  position: 0,
   keys: new Map(),
   groups: new Map(),
   selected: "",
@@ -97,6 +99,7 @@ function showDocument(data) {
   byId("file").title = data.file;
   byId("unsaved").hidden = !data.unsaved;
   byId("live").hidden = !data.live;
+  if (first && data.recorded) showTimeline(data.recorded);
   if (first && data.tree) state.tree = data.tree;
   showTrees();
   // The page has requested the first drawing already.
@@ -153,7 +156,8 @@ function showNotice() {
   const live = state.live;
   if (live?.problem) notices.push(live.problem);
   if (live?.connection && live.connection !== "connected") notices.push(live.detail);
-  if (live?.connection && state.liveKeys.length && state.drawing?.nodes) {
+  notices.push(...(state.document?.recorded?.warnings ?? []).map((text) => `This recording: ${text}.`));
+  if (live?.connection && !state.document?.recorded && state.liveKeys.length && state.drawing?.nodes) {
     const missing = state.liveKeys.filter((key) => !state.keys.has(key)).length;
     if (missing) {
       const nodes = missing === 1 ? "1 node of the running tree is" : `${missing} nodes of the running tree are`;
@@ -396,7 +400,13 @@ function showNode() {
   const place = `${state.drawing.files[node.file].name.split(/[\\/]/).pop()}:${node.line}`;
   const kind = make("div", `${node.kind} · ${node.calls ? `${node.id} ${node.calls}` : node.id} · ${place}`, "kind");
   const ports = make("dl");
-  for (const [name, text] of node.ports) ports.append(make("dt", name), make("dd", text));
+  const leaf = state.moment?.leaves[node.key];
+  for (const [name, text] of node.ports) ports.append(make("dt", name), showPort(text, leaf?.inputs[name], leaf?.outputs[name]));
+  const named = new Set(node.ports.map(([name]) => name));
+  for (const name of Object.keys({ ...leaf?.inputs, ...leaf?.outputs })) {
+    if (!named.has(name)) ports.append(make("dt", name), showPort("", leaf.inputs[name], leaf.outputs[name]));
+  }
+  if (leaf?.error) ports.append(make("dt", "raised"), make("dd", leaf.error, "raised"));
   const actions = make("div", "", "actions");
   if (!node.leaf) {
     const fold = make("button", node.hidden ? `Show ${node.hidden} nodes` : "Fold");
@@ -409,7 +419,8 @@ function showNode() {
     actions.append(stop);
   }
   const about = state.drawing.about[node.id];
-  const parts = [title, kind, ...(node.ports.length ? [ports] : []), actions];
+  const parts = [title, kind, ...(ports.childElementCount ? [ports] : []), actions];
+  if (state.moment?.tick && node.leaf && !leaf) parts.splice(2, 0, make("div", "It was not ticked in this tick.", "kind"));
   if (about) {
     // Docstrings have code between backquotes.
     const text = make("p", "", "about");
@@ -417,6 +428,14 @@ function showNode() {
     parts.push(text);
   }
   panel.replaceChildren(...parts);
+}
+
+// Return the text of a port with the values that a recorded tick has read and written.
+function showPort(text, input, output) {
+  const cell = make("dd", text);
+  if (input !== undefined && input !== text) cell.append(" ", make("span", input, "value"));
+  if (output !== undefined && output !== input) cell.append(" ", make("span", output, "value out"));
+  return cell;
 }
 
 // --- the source
@@ -645,7 +664,70 @@ async function toggleBreakpoint(key) {
   showNode();
 }
 
+// --- the recording
+
+let moving = false;
+
+function showTimeline({ keys, count, start, width, colours }) {
+  state.liveKeys = keys;
+  state.liveIndex = new Map(keys.map((key, index) => [key, index]));
+  byId("timeline").hidden = false;
+  byId("summary").parentElement.hidden = true;
+  byId("position").max = count;
+  // The results of the root over time, a rectangle for each run of equal results.
+  const strip = byId("colours");
+  strip.setAttribute("viewBox", `0 0 ${Math.max(1, count)} 1`);
+  for (const { 0: run, index } of colours.matchAll(/(.)\1*/g)) {
+    strip.append(draw("rect", { class: `s${run[0]}`, x: index * width, width: run.length * width, height: 1 }));
+  }
+  goTo(start);
+}
+
+// Show the moment after a number of steps. While the pointer is dragged, the newest position counts.
+async function goTo(position) {
+  const { count } = state.document.recorded;
+  state.position = Math.max(0, Math.min(count, position));
+  byId("position").value = state.position;
+  if (moving) return;
+  moving = true;
+  try {
+    for (let shown = -1; shown !== state.position;) {
+      const wanted = state.position;
+      const data = await post("moment", { position: wanted });
+      if (data.error) throw new Error(data.error);
+      showMoment(data, wanted);
+      // A part that is shown for the first time is run in several replies.
+      if (data.position === wanted || data.problem) shown = wanted;
+    }
+  } catch {
+    state.offline = true;
+    showNotice();
+  } finally {
+    moving = false;
+  }
+}
+
+function showMoment(data, wanted) {
+  state.moment = data;
+  const name = data.tick ? `Tick ${data.tick}` : data.position ? "Halt" : "Start";
+  const time = `${data.time.toFixed(data.time < 100 ? 2 : 1)} s`;
+  const label = byId("moment");
+  label.replaceChildren(make("b", name), ` · ${time}`);
+  if (data.position !== wanted && !data.problem) label.append(make("small", `  running to step ${wanted} …`));
+  else if (data.tick) label.append(make("span", STATUS_NAMES[data.root], `status s${data.root}`));
+  byId("position").setAttribute("aria-valuetext", `${name}, ${time}, ${STATUS_NAMES[data.root]}`);
+  byId("back").disabled = !state.position;
+  byId("forth").disabled = state.position === state.document.recorded.count;
+  const problem = data.problem && `The recording cannot be run again from here on: ${data.problem}`;
+  showLive({ ...data, problem, address: "", connection: "connected", detail: "", wanted: [], breakpoints: [], stopped: "" });
+  showNode();
+}
+
 // --- controls
+
+byId("back").onclick = () => goTo(state.position - 1);
+byId("forth").onclick = () => goTo(state.position + 1);
+byId("position").oninput = (event) => goTo(Number(event.target.value));
 
 byId("tree").onchange = (event) => { state.tree = event.target.value; state.selected = ""; load(); };
 byId("fold").onclick = foldSubtrees;
@@ -735,6 +817,13 @@ window.addEventListener("keydown", (event) => {
     ArrowLeft: () => node && beside(-1),
     ArrowRight: () => node && beside(1),
   }[event.key];
+  const isRecorded = Boolean(state.document?.recorded);
+  const steps = { ArrowLeft: -1, ArrowRight: 1 }[event.key];
+  if (isRecorded && steps && !event.shiftKey) {
+    goTo(state.position + steps);
+    event.preventDefault();
+    return;
+  }
   const act = {
     "/": () => byId("search").focus(),
     "+": () => zoomTo(state.zoom * 1.25),

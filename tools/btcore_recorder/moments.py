@@ -1,0 +1,344 @@
+"""The moments of a recording: the tree after each step, and what its leaves read and wrote in that step."""
+
+import json
+import math
+import os
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from enum import Enum
+from itertools import islice
+from typing import Any, Final, NamedTuple
+
+from btcore.blackboard.blackboard import Blackboard
+from btcore.blackboard.ports import SCRIPT_ROLES
+from btcore.engine.journal import MessageLogged
+from btcore.engine.node import TreeNode
+from btcore.status import IDLE, RUNNING, Status
+from btcore.xml.plan.key_uses import READING, WRITING, find_name_uses
+from btcore.xml.plan.plan import Plans
+from btcore_recorder.files import RECONSTRUCTED, describe_reconstruction
+from btcore_recorder.inputs import Input, RunRecording, is_external
+from btcore_recorder.recorded_tree import ExternalCode, Inputs
+from btcore_recorder.replay import STATE_INTERVAL, Replay
+from btcore_recorder.values import NotReplayable
+
+MAX_VALUE: Final = 200
+"""Maximum number of characters of a value."""
+MAX_ENTRIES: Final = 1_000
+MAX_LEAVES: Final = 200
+"""Maximum number of leaves that are described in a moment."""
+_MAX_ITEMS: Final = 30
+_MAX_DEPTH: Final = 8
+_MAX_OBSERVATIONS: Final = 10_000
+"""Maximum number of ticks of leaves in a step that are observed: a tick may repeat a leaf very often."""
+
+Values = Mapping[str, str]
+"""Values as texts, by the name of the port or the key."""
+
+
+class LeafTick(NamedTuple):
+    """The last tick of a leaf in a step.
+
+    Attributes:
+        uid: The number of the leaf.
+        path: The path of the leaf.
+        status: The result; IDLE if the leaf raised an exception.
+        inputs: The values of its inputs, and of the entries that its script reads.
+        outputs: The values of its outputs afterwards, of an external leaf only those that it wrote, and of
+            the entries that its script writes; also the messages that it logged, as "logged".
+        error: The text of the exception that the leaf raised, or "".
+    """
+
+    uid: int
+    path: str
+    status: Status
+    inputs: Values
+    outputs: Values
+    error: str = ""
+
+
+class Moment(NamedTuple):
+    """The tree after a number of steps.
+
+    Attributes:
+        position: The number of steps.
+        tick: The number of the tick; 0 for a halt, and before the first step.
+        time: The time at which the tick began (ns since the recording began).
+        root: The result of the tick.
+        statuses: The status of each node, in the order of the tree.
+        results: The last result of each node that is idle, or IDLE.
+        entries: The entries of the blackboards as (path of the subtree, key, value as text).
+        leaves: The leaves that were ticked in the step, in order.
+        problem: Where the replay differs from the recording, so that it cannot continue, or "".
+    """
+
+    position: int
+    tick: int
+    time: int
+    root: Status
+    statuses: tuple[Status, ...]
+    results: tuple[Status, ...]
+    entries: tuple[tuple[str, str, str], ...]
+    leaves: tuple[LeafTick, ...]
+    problem: str
+
+
+class _ObservedCode(ExternalCode):
+    """Observes the ticks of leaves, while *is_observing*."""
+
+    def __init__(self, inputs: Inputs, types: Mapping[str, Any]) -> None:
+        super().__init__(inputs, types)
+        self.is_observing = False
+        self.leaves: dict[int, LeafTick] = {}
+        self._messages: list[str] = []
+        self._count = 0
+
+    def begin_step(self) -> None:
+        super().begin_step()
+        self.leaves.clear()
+        self._count = 0
+
+    def tick(self, node: TreeNode) -> Status:
+        if node.children or not self._may_observe():
+            return super().tick(node)
+        before = _input_values(node)
+        self._messages.clear()
+        numbers = {name: _entry_number(node, output.key) for name, output in node.config.outputs.items()}
+        try:
+            status = super().tick(node)
+        except Exception as error:
+            self._add(node, IDLE, before, self._logged(), str(error)[:MAX_VALUE])
+            raise
+        written = {
+            name: text
+            for name, text in _output_values(node).items()
+            if _entry_number(node, node.config.outputs[name].key) != numbers[name]
+        }
+        self._add(node, status, before, {**written, **self._logged()})
+        return status
+
+    def apply(self, event: Input | None, now: str) -> None:
+        if isinstance(event, MessageLogged) and len(self._messages) < _MAX_ITEMS:
+            self._messages.append(event.text)
+        super().apply(event, now)
+
+    def _logged(self) -> Values:
+        return {"logged": "; ".join(self._messages)[:MAX_VALUE]} if self._messages else {}
+
+    def post_tick(self, node: TreeNode, status: Status) -> Status:
+        if not node.children and not is_external(type(node)) and self._may_observe():
+            read, written = _script_values(node)
+            self._add(node, status, {**_input_values(node), **read}, {**_output_values(node), **written})
+        return super().post_tick(node, status)
+
+    def _may_observe(self) -> bool:
+        self._count += 1
+        return self.is_observing and self._count <= _MAX_OBSERVATIONS
+
+    def _add(self, node: TreeNode, status: Status, inputs: Values, outputs: Values, error: str = "") -> None:
+        uid = node.config.uid
+        self.leaves.pop(uid, None)  # the order is that of the last ticks
+        self.leaves[uid] = LeafTick(uid, node.path, status, inputs, outputs, error)
+
+
+class Moments:
+    """The moments of a recording, in any order.
+
+    It satisfies the protocol of the entry point group `btcore.recordings`, which the preview declares.
+
+    Args:
+        recording: The recording, or the path of its file.
+
+    Attributes:
+        replay: The replay that computes them.
+
+    Raises:
+        LogError: The file cannot be read, or the recording is invalid.
+        TreeError: The recorded tree cannot be loaded.
+
+    Examples:
+        >>> import btcore
+        >>> from btcore_recorder import record
+        >>> from btcore_recorder.moments import Moments
+        >>> b = btcore.Builder()
+        >>> tree = b.build(b.Sequence(b.Script(code="tries := 1"), b.ScriptCondition(code="tries == 2")))
+        >>> with record(tree, "run.btrec.txt"):
+        ...     _ = tree.tick_exactly_once()
+        >>> moment = Moments("run.btrec.txt").at(1)
+        >>> moment.tick, moment.root.name, moment.entries
+        (1, 'FAILURE', (('', 'tries', '1'),))
+    """
+
+    def __init__(self, recording: RunRecording | str | os.PathLike[str]) -> None:
+        self.replay = Replay(recording, _ObservedCode)
+        code = self.replay.external
+        assert isinstance(code, _ObservedCode)
+        self._code = code
+        for node in self.replay.tree.nodes:
+            if not node.children and not is_external(type(node)):
+                node.set_post_tick_function(code.post_tick)
+        self._reached = 0
+        self._start_time = self.replay.recording.head.time
+
+    @property
+    def count(self) -> int:
+        """The number of steps: the last moment."""
+        return len(self.replay.steps)
+
+    @property
+    def plans(self) -> Plans:
+        """The plans of the recorded tree."""
+        assert self._code.plans is not None
+        return self._code.plans
+
+    @property
+    def roots(self) -> Sequence[Status]:
+        """The recorded result of each step; IDLE for a halt."""
+        return [step.status for step in self.replay.steps]
+
+    @property
+    def warnings(self) -> Sequence[str]:
+        """What the recording lacks, as sentences."""
+        recording = self.replay.recording
+        log = recording.head.versions.get(RECONSTRUCTED)
+        reconstruction = "" if log is None else describe_reconstruction(log)
+        return [*filter(None, (recording.damage, reconstruction))]
+
+    def at(self, position: int, limit: float = math.inf) -> Moment:
+        """Return the moment after *position* steps.
+
+        Args:
+            position: The number of steps; a number that is out of range is limited.
+            limit: The time (s) after which the moment that was reached is returned instead. It counts only
+                while the replay reaches this part of the recording for the first time.
+        """
+        replay = self.replay
+        position = max(0, min(position, self.count))
+        deadline = time.monotonic() + limit
+        while self._reached < position - 1 and replay.seek(min(position - 1, self._reached + STATE_INTERVAL)):
+            self._reached = replay.position
+            if time.monotonic() > deadline:
+                break
+        else:
+            replay.seek(max(0, position - 1))
+        self._code.is_observing = True
+        if position:
+            replay.step()
+        else:
+            self._code.leaves.clear()
+        self._code.is_observing = False
+        self._reached = max(self._reached, replay.position)
+        return self._moment()
+
+    def _moment(self) -> Moment:
+        replay = self.replay
+        tree, position = replay.tree, replay.position
+        tick = replay.steps[position - 1].tick if position else 0
+        before = (replay.steps[index] for index in reversed(range(position)))
+        began = next((step.time for step in before if step.tick), self._start_time)
+        return Moment(
+            position,
+            tick,
+            began - self._start_time,
+            tree.status,
+            tuple(node._status for node in tree.nodes),
+            tuple(_result(node) for node in tree.nodes),
+            tuple(
+                (part.path, key, value_text(entry.value))
+                for part in tree.subtrees
+                for key, entry in islice(sorted(part.blackboard.local_entries().items()), MAX_ENTRIES)
+            )[:MAX_ENTRIES],
+            tuple(self._code.leaves.values())[:MAX_LEAVES],
+            "" if replay.difference is None else str(replay.difference),
+        )
+
+
+def _result(node: TreeNode) -> Status:
+    before = node._status_before_reset
+    return before if node._status is IDLE and before is not RUNNING else IDLE
+
+
+def _input_values(node: TreeNode) -> Values:
+    return {
+        name: _entry_text(port.blackboard, port.key) if port.key is not None else port.text[:MAX_VALUE]
+        for name, port in node.config.inputs.items()
+    }
+
+
+def _output_values(node: TreeNode) -> Values:
+    return {
+        name: _entry_text(port.blackboard, port.key) if port.key is not None else "–"
+        for name, port in node.config.outputs.items()
+    }
+
+
+def _script_values(node: TreeNode) -> tuple[Values, Values]:
+    """Return the values of the entries that the scripts in the ports of *node* read, and write."""
+    scripts = [
+        port for port in node.config.inputs.values() if port.port.role in SCRIPT_ROLES and port.key is None
+    ]
+    uses = [use for port in scripts for use in find_name_uses(port.text, node.config.enums)]
+    written = {use.name for use in uses if use.access in WRITING}
+    read = {use.name for use in uses if use.access in READING} - written
+    board = node.blackboard
+    values = [{name: _entry_text(board, name) for name in sorted(names)} for names in (read, written)]
+    return values[0], values[1]
+
+
+def _entry_text(board: Blackboard, key: str) -> str:
+    entry = board.find(key)
+    return "–" if entry is None else value_text(entry.value)
+
+
+def _entry_number(node: TreeNode, key: str | None) -> int:
+    entry = None if key is None else node.blackboard.find(key)
+    return 0 if entry is None else entry.sequence_id
+
+
+def value_text(value: object) -> str:
+    """Return *value* as a text of at most MAX_VALUE characters; "–" if there is none.
+
+    Examples:
+        >>> from btcore_recorder.moments import value_text
+        >>> value_text({"door": [1.5, True, "open"]})
+        '{"door": [1.5, true, "open"]}'
+    """
+    text = "–" if value is None else _text(value, 0)
+    return text if len(text) <= MAX_VALUE else text[: MAX_VALUE - 1] + "…"
+
+
+def _text(value: object, depth: int) -> str:
+    if isinstance(value, NotReplayable):
+        return f"{value.text[:MAX_VALUE]} (not replayable)"
+    if isinstance(value, Enum):
+        return value.name
+    if value is None or isinstance(value, bool):
+        return json.dumps(value)
+    if isinstance(value, str):
+        return json.dumps(value[:MAX_VALUE], ensure_ascii=False)
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if depth == _MAX_DEPTH:
+        return "…"
+    if isinstance(value, Mapping):
+        pairs = (
+            f"{_text(key, depth + 1)}: {_text(item, depth + 1)}"
+            for key, item in islice(value.items(), _MAX_ITEMS)
+        )
+        return f"{{{', '.join(pairs)}{_rest(len(value))}}}"
+    if is_dataclass(value) and not isinstance(value, type):
+        members = (f"{field.name}={_text(getattr(value, field.name), depth + 1)}" for field in fields(value))
+        return f"{type(value).__name__}({', '.join(islice(members, _MAX_ITEMS))})"
+    if isinstance(value, bytes):
+        return f"{len(value):,} bytes"
+    try:
+        items = list(islice(iter(value), _MAX_ITEMS))  # type: ignore[call-overload]
+        count = len(value)  # type: ignore[arg-type]
+    except TypeError:
+        return str(value)[:MAX_VALUE] if isinstance(value, int) else type(value).__name__
+    return f"[{', '.join(_text(item, depth + 1) for item in items)}{_rest(count)}]"
+
+
+def _rest(count: int) -> str:
+    return f", … {count} items" if count > _MAX_ITEMS else ""

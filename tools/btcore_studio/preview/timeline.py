@@ -1,0 +1,158 @@
+"""A recording in the preview, and the protocol by which another package runs it again.
+
+A package offers a function under the entry point group `btcore.recordings`, named after the extension of the
+files: it is called with the path of a file, and returns a `Timeline`. The entry point needs no import of this
+module.
+"""
+
+import threading
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+from btcore import entry_points
+from btcore.clock import NS_PER_S
+from btcore.errors import BtcoreError
+from btcore.status import FAILURE, Status
+from btcore.xml.plan.plan import Plans
+from btcore_drawing.diagram import diagram_of_document
+from btcore_studio.preview.node_keys import diagram_keys, diagram_nodes
+
+_GROUP: Final = "btcore.recordings"
+_MAX_WAIT: Final = 0.4
+"""Maximum time (s) for a reply while a part of a recording is run for the first time."""
+_MAX_COLOURS: Final = 600
+"""Maximum number of colours in the track of a recording."""
+
+LeafTick = tuple[int, str, Status, Mapping[str, str], Mapping[str, str], str]
+"""A tick of a leaf: its number in the tree, its path, its result (IDLE if it raised), the values of its
+inputs and of its outputs by port, and the text of its exception or ""."""
+
+
+class Moment(Protocol):
+    """The tree after a number of steps."""
+
+    @property
+    def position(self) -> int:
+        """The number of steps."""
+
+    @property
+    def tick(self) -> int:
+        """The number of the tick; 0 for a halt, and before the first step."""
+
+    @property
+    def time(self) -> int:
+        """The time at which the tick began (ns since the recording began)."""
+
+    @property
+    def root(self) -> Status:
+        """The result of the tick."""
+
+    @property
+    def statuses(self) -> Sequence[Status]:
+        """The status of each node, in the order of the tree."""
+
+    @property
+    def results(self) -> Sequence[Status]:
+        """The last result of each node that is idle, or IDLE."""
+
+    @property
+    def entries(self) -> Sequence[tuple[str, str, str]]:
+        """The entries of the blackboards as (path of the subtree, key, value as text)."""
+
+    @property
+    def leaves(self) -> Sequence[LeafTick]:
+        """The leaves that were ticked in the step."""
+
+    @property
+    def problem(self) -> str:
+        """Why the run cannot be run again beyond this moment, or ""."""
+
+
+class Timeline(Protocol):
+    """A recording that is run again, used by one thread at a time."""
+
+    @property
+    def plans(self) -> Plans:
+        """The plans of the recorded tree."""
+
+    @property
+    def count(self) -> int:
+        """The number of steps, which are ticks of the root and halts of the tree."""
+
+    @property
+    def roots(self) -> Sequence[Status]:
+        """The result of each step; IDLE for a halt."""
+
+    @property
+    def warnings(self) -> Sequence[str]:
+        """What the recording lacks, as sentences."""
+
+    def at(self, position: int, limit: float) -> Moment:
+        """Return the moment after *position* steps, or the moment that was reached after *limit* s."""
+        ...
+
+
+def open_timeline(path: Path) -> Timeline | None:
+    """Return the recording in a file, or None if the file is none by its extension.
+
+    Raises:
+        BtcoreError: The recording cannot be read, or a package is not installed.
+    """
+    for extension in ("".join(path.suffixes[-2:]), path.suffix):
+        found, unavailable = entry_points.load(_GROUP, extension.removeprefix("."))
+        for point in unavailable:
+            raise BtcoreError(f"{path}: recordings cannot be shown: {point.remedy}")
+        if found:
+            timeline: Timeline = found[0].value(path)
+            return timeline
+    return None
+
+
+class RecordedRun:
+    """A recording as JSON data for pages. Every method may be called from any thread."""
+
+    def __init__(self, timeline: Timeline) -> None:
+        self._timeline = timeline
+        self._lock = threading.Lock()
+        self._keys = list(diagram_keys(diagram_nodes(diagram_of_document(timeline.plans))).values())
+
+    def summary(self) -> dict[str, Any]:
+        """Return what does not depend on the moment: the keys of the nodes, and the results over time."""
+        roots = self._timeline.roots
+        width = max(1, -(-len(roots) // _MAX_COLOURS))
+        parts = (roots[start : start + width] for start in range(0, len(roots), width))
+        colours = [FAILURE if FAILURE in part else max(part) for part in parts]
+        ticks = [position for position, status in enumerate(roots, 1) if status]
+        return {
+            "keys": self._keys,
+            "count": len(roots),
+            "start": ticks[-1] if ticks else 0,
+            "width": width,
+            "colours": "".join(str(int(status)) for status in colours),
+            "warnings": self._timeline.warnings,
+        }
+
+    def moment(self, position: int) -> dict[str, Any]:
+        """Return the moment after *position* steps, or an earlier moment if that takes too long."""
+        with self._lock:
+            moment = self._timeline.at(position, _MAX_WAIT)
+        return {
+            "position": moment.position,
+            "tick": moment.tick,
+            "time": moment.time / NS_PER_S,
+            "root": int(moment.root),
+            "statuses": "".join(str(int(status)) for status in moment.statuses),
+            "results": "".join(str(int(status)) for status in moment.results),
+            "entries": moment.entries,
+            "leaves": {
+                self._keys[uid - 1]: {
+                    "status": int(status),
+                    "inputs": dict(inputs),
+                    "outputs": dict(outputs),
+                    "error": error,
+                }
+                for uid, _, status, inputs, outputs, error in moment.leaves
+            },
+            "problem": moment.problem,
+        }
