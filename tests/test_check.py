@@ -50,8 +50,9 @@ def test_test_files_that_other_files_name_exist() -> None:
     files += [*(ROOT / "tests/acceptance").glob("*.py"), *ROOT.glob("*/*.md"), *ROOT.glob("*/*/*.md")]
     texts = [file.read_text(encoding="utf-8") for file in files]
     named = {name for text in texts for name in re.findall(r"\btests/[\w/]+\.py\b", text)}
-    # Readers of the recipes create these files.
-    named -= {name for text in texts for name in re.findall(r"^\+\+\+ (tests/\S+)", text, re.MULTILINE)}
+    # Readers of the recipes and of the pages create these files.
+    created = r"^\+\+\+ (tests/\S+)|--save-test (tests/\S+)"
+    named -= {name for text in texts for names in re.findall(created, text, re.MULTILINE) for name in names}
     conftest = (ROOT / "tests/conftest.py").read_text(encoding="utf-8")
     named |= {f"tests/{name}" for name in re.findall(r'"(\w+/[\w/]+\.py)"', conftest)}
     assert len(named) > 30

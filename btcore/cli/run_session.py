@@ -21,7 +21,6 @@ from btcore.runs.run import Run
 from btcore.runs.settings import GivenSettings
 from btcore.runs.tick_loop import Until
 from btcore.tree.tree import Tree
-from btcore.xml.plan.plan import Plans
 
 if TYPE_CHECKING:
     from btcore.cli.reloads import Reloads
@@ -94,34 +93,53 @@ class RunOptions(TreeOptions):
 class RunSession:
     """The run of a tree from the command line.
 
+    It reads the tree, and makes its run; the providers are opened by `run_to_end`.
+
     Args:
-        run: The run.
-        tree_reader: Reads the plans of the tree from its file.
-        plans: The plans of the first tree.
-        until: The result that ends the run.
-        file_watcher: Detects saves of the tree's file, and of files that it includes; None without `--watch`.
+        ctx: The context of the command, with its providers and plugins.
+        source: The tree, as the user named it.
+        options: The options of the command itself.
+        settings: The settings of the run and of providers.
+        installed: Returns the installed nodes, for a process that loads them once for many runs. They are
+            not changed. With plugins, further nodes are loaded only if the tree uses them.
 
     Attributes:
+        plans: The plans of the first tree.
+        run: The run.
         summary: The results of the run, for the terminal and `--json`.
     """
 
     def __init__(
         self,
-        run: CommandRun,
-        tree_reader: TreeReader,
-        plans: Plans,
-        until: Until,
-        file_watcher: "FileWatcher | None",
+        ctx: click.Context,
+        source: str,
+        options: RunOptions,
+        settings: GivenSettings,
+        installed: Callable[[], NodeLibraries] | None = None,
     ) -> None:
-        self.run = run
-        self.plans = plans
-        self.summary = RunSummary(tree_reader.name, run)
-        self._tree_reader = tree_reader
-        self._until: Until = until
-        self._file_watcher = file_watcher
+        changes = TreeChanges(options.outcomes, options.substitute, options.set)
+        path = find_source(source)
+        if options.watch and path == STDIN:
+            raise click.UsageError("--watch needs a file: a tree on stdin cannot be saved again.")
+        # The watcher looks at the files before they are read: a save in between is not missed.
+        self._file_watcher = _watch_files(path, options.confined) if options.watch else None
+        libraries = _load_libraries(ctx, options, installed)
+        self._tree_reader = TreeReader(path, options, libraries, changes.with_rules)
+        self.plans = plans = self._tree_reader.read_plans()
+        changes.check(plans)
+
+        def prepare(run: Run) -> None:
+            run.tree.start_tick_counts()  # before the first tick: the report contains the counts
+            terminal.print_diagnostics(plans.diagnostics.warnings)
+            changes.apply_to(run.tree, plans)
+
+        resources, tick_limit = changes.resources, options.tick_limit
+        self.run = CommandRun(ctx, plans, settings, prepare, resources=resources, tick_limit=tick_limit)
+        self.summary = RunSummary(self._tree_reader.name, self.run)
+        self._options = options
         self._reloads: Reloads | None = None
-        if file_watcher is not None:
-            run.report["reloads"] = 0  # the first entry of the report
+        if options.watch:
+            self.run.report["reloads"] = 0  # the first entry of the report
 
     def run_to_end(self, on_tree: Callable[[Tree], object] = lambda tree: None) -> None:
         """Run to the end.
@@ -130,6 +148,7 @@ class RunSession:
             on_tree: Called with the tree before its first tick.
         """
         run, console, settings = self.run, terminal.stderr_console(), self.run.run_settings
+        until = self._options.until
         with log_to_console(console), run:
             on_tree(run.tree)
             with closing(Progress(console, run.tree, self.summary.name, settings.duration)) as progress:
@@ -140,7 +159,7 @@ class RunSession:
                     self._reloads = Reloads(run, self._tree_reader, self._file_watcher, progress)
                     reload, on_end = self._reloads.reload, self._reloads.show_end
                 with suppress(NodeExecutionError):  # it is printed after the summary
-                    run.tick_to_end(self._until, on_tick=progress.on_tick, reload=reload, on_end=on_end)
+                    run.tick_to_end(until, on_tick=progress.on_tick, reload=reload, on_end=on_end)
             if count := run.missed_ticks:
                 missed = f"{terminal.counted(count, 'tick')} {'was' if count == 1 else 'were'} missed"
                 terminal.print_warning(
@@ -148,58 +167,22 @@ class RunSession:
                     "a lower --rate"
                 )
 
-    def print_results(self, as_json: bool) -> int:
-        """Print the summary and, with *as_json*, the JSON object; return the exit code."""
+    def print_results(self) -> int:
+        """Print the summary and, with `--json`, the JSON object; return the exit code."""
         run = self.run
         self.summary.print_summary()
         printed_error = None if self._reloads is None else self._reloads.printed_error
         if run.error is not None and run.error is not printed_error:
             print_leaf_error(run.error, run.tree)
-        if as_json:
+        if self._options.as_json:
             terminal.print_json(self.summary.as_data())
         return run.exit_code
 
 
-def create_session(
-    ctx: click.Context,
-    source: str,
-    options: RunOptions,
-    settings: GivenSettings,
-    installed: Callable[[], NodeLibraries] | None = None,
-) -> RunSession:
-    """Return the session of a tree, before its providers are opened.
+def _watch_files(path: Path, confined: bool) -> "FileWatcher":
+    from btcore.loading.hot_reload import FileWatcher  # most runs do not need it
 
-    Args:
-        ctx: The context of the command, with its providers and plugins.
-        source: The tree, as the user named it.
-        options: The options of the command itself.
-        settings: The settings of the run and of providers.
-        installed: Returns the installed nodes, for a process that loads them once for many runs. They are
-            not changed. With plugins, further nodes are loaded only if the tree uses them.
-    """
-    changes = TreeChanges(options.outcomes, options.substitute, options.set)
-    path = find_source(source)
-    if options.watch and path == STDIN:
-        raise click.UsageError("--watch needs a file: a tree on stdin cannot be saved again.")
-    # The watcher looks at the files before they are read: a save in between is not missed.
-    file_watcher = None
-    if options.watch:
-        from btcore.loading.hot_reload import FileWatcher
-
-        file_watcher = FileWatcher(path, options.confined)
-    libraries = _load_libraries(ctx, options, installed)
-    tree_reader = TreeReader(path, options, libraries, changes.with_rules)
-    plans = tree_reader.read_plans()
-    changes.check(plans)
-
-    def prepare(run: Run) -> None:
-        run.tree.start_tick_counts()  # before the first tick: the report contains the counts
-        terminal.print_diagnostics(plans.diagnostics.warnings)
-        changes.apply_to(run.tree, plans)
-
-    resources, tick_limit = changes.resources, options.tick_limit
-    command_run = CommandRun(ctx, plans, settings, prepare, resources=resources, tick_limit=tick_limit)
-    return RunSession(command_run, tree_reader, plans, options.until, file_watcher)
+    return FileWatcher(path, confined)
 
 
 def _load_libraries(

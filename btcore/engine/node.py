@@ -87,9 +87,8 @@ class TreeNode:
     """Whether a tick must not return RUNNING."""
 
     config: NodeConfig = _NO_CONFIG
+    # What every tick reads comes first, so that it is close together in memory (compiled).
     _status: Status = IDLE
-    _status_before_reset: Status = IDLE
-    """The last result, for drawings of a tree whose parents have reset it."""
     _tick_extras: TickExtras | None = None
     """None = the node has no conditions, callbacks, counters or journal."""
     _overrides_execute_tick: bool = False
@@ -99,6 +98,8 @@ class TreeNode:
     """The child of a decorator, which `execute_tick` resets when it has completed; None for other nodes."""
     _context: TreeContext
     _blackboard: Blackboard
+    _status_before_reset: Status = IDLE
+    """The last result, for drawings of a tree whose parents have reset it."""
 
     def prepare(self) -> None:
         """Prepare the node for ticks, for example by compiling the script in a port.
@@ -419,7 +420,7 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
         if result is stored and stored is not IDLE:
             status = stored
         else:
-            # The most frequent result is tested here, which saves a call.
+            # The most frequent result is tested here: calls would take 7 % of a tick of `wide` (pure).
             status = SUCCESS if result is SUCCESS else _as_status(node, result)
             # SKIPPED is returned to the parent but not stored, as in BehaviorTree.CPP.
             if status is not stored and status is not SKIPPED:
@@ -468,10 +469,7 @@ def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
         and node._status is not SUCCESS
         and node._status is not FAILURE
     ):
-        if node._context.journal is None:
-            forced = pre_tick(node)
-        else:
-            forced = _call_callback(node, True, partial(pre_tick, node))
+        forced = _call_callback(node, True, partial(pre_tick, node))
         if forced is SUCCESS or forced is FAILURE:
             status = forced
     if status is UNDECIDED:
@@ -483,10 +481,7 @@ def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
         conditions.run_postconditions(status)
     post_tick = extras.post_tick
     if post_tick is not None:
-        if node._context.journal is None:
-            forced = post_tick(node, status)
-        else:
-            forced = _call_callback(node, False, partial(post_tick, node, status))
+        forced = _call_callback(node, False, partial(post_tick, node, status))
         if forced is SUCCESS or forced is FAILURE:
             status = forced
     if counts is not None:
@@ -649,9 +644,10 @@ def _halt_external(node: TreeNode, journal: "Journal") -> None:
 
 
 def _call_callback(node: TreeNode, is_pre_tick: bool, callback: Callable[[], Status]) -> Status:
-    """Call a callback of *node*, and record the status that it forces."""
+    """Call a callback of *node*. If the tree is recorded, record the status that it forces."""
     journal = node._context.journal
-    assert journal is not None
+    if journal is None:
+        return callback()
     start = journal.record_count
     journal.leave()
     try:

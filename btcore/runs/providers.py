@@ -267,7 +267,7 @@ def _resolve(function: Callable[..., Any]) -> dict[str, Any]:
 
 
 def _create_placeholders(module: ModuleType) -> dict[str, Any]:
-    """Return a placeholder for each name in an import of *module*, by the name."""
+    """Return placeholders for the classes that *module* imports, by their names there."""
     source = ast.parse(Path(str(module.__file__)).read_bytes())
     return {
         alias.asname or alias.name: type(

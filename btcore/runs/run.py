@@ -65,17 +65,7 @@ Runnable = str | PathLike[str] | Plans | TreelessProgram
 """What a run ticks: the tree in an XML file or of plans, or a program without a tree."""
 
 
-def _plan_source(
-    source: object,
-    nodes: Registry | None,
-    tree: str | None,
-    format: int | None,
-    packages: PackageResolver | None,
-    confined: bool,
-) -> Plans | TreelessProgram:
-    if isinstance(source, (str, PathLike)):
-        with paused_garbage_collection():
-            source = plan_inputs(parse_file, (source,), nodes, tree, format, packages, confined)
+def _check_source(source: object) -> Plans | TreelessProgram:
     if isinstance(source, Plans):
         source.diagnostics.raise_errors()
     elif not isinstance(source, TreelessProgram):
@@ -164,8 +154,14 @@ class Run:
             sources = source
         if not sources:
             raise ValueError("there is no run of an empty list: pass a tree or a TreelessProgram")
-        reading = (nodes, tree, format, packages, confined)
-        self._sources = [_plan_source(each, *reading) for each in sources]
+
+        def plan(source: object) -> object:
+            if isinstance(source, (str, PathLike)):
+                with paused_garbage_collection():
+                    return plan_inputs(parse_file, (source,), nodes, tree, format, packages, confined)
+            return source
+
+        self._sources = [_check_source(plan(each)) for each in sources]
         self._blackboard = blackboard
         self._tick_limit = tick_limit
         plans = [planned for planned in self._sources if isinstance(planned, Plans)]

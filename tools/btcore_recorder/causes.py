@@ -28,7 +28,8 @@ from btcore_recorder.what_if import Change, HoldEntry, SetResult, keys_of
 MAX_CAUSES: Final = 300
 """Maximum number of causes that are considered for an answer."""
 _MAX_VALUE: Final = 60
-_VALUES_TRIED: Final = 8
+_VALUES_TRIED: Final = 12
+_MAX_STEPS_BACK: Final = 50
 
 
 @dataclass
@@ -36,7 +37,7 @@ class Cause:
     """A part of an explanation; *causes* are its own causes, the most important first.
 
     Attributes:
-        because: What the node did, or why, as the end of a sentence that begins with the node.
+        because: What the node did, or why, for a sentence that begins with the node.
         details: With what values a leaf did it, and what it logged.
         changes: Other values of the input that the cause is; empty if it is none.
         is_passed_on: Whether the node only passes on the result of a child.
@@ -142,19 +143,22 @@ class CauseFinder:
         elif is_external(type(node)):
             cause = self._explain_external(position, visit)
         elif visit.result is None and not children:
-            cause = self._new(position, visit.uid, "it raised an exception")
+            cause = self._new(position, visit.uid, self._describe_error(position))
         else:
             own = [read for read in visit.reads if read.by not in node.config.conditions]
             cause = self._new(position, visit.uid, self._describe(node, visit, own))
             cause.is_passed_on = bool(children) and not own
             self._add_children(cause, children, visit.result)
             self._add_earlier_child(cause, visit)
+            self._add_halted_children(cause, visit)
             self._add_reads(cause, own, is_input=True)
             return cause
         self._add_children(cause, children, visit.result)
         return cause
 
-    def _add_children(self, cause: Cause, children: Sequence[Visit], result: Status | None) -> None:
+    def _add_children(
+        self, cause: Cause, children: Sequence[Visit], result: Status | None, is_context: bool = False
+    ) -> None:
         """Add the results of children, those first that are equal to *result*, the last ones first."""
         last_first = children[::-1]
         ordered = sorted(last_first, key=lambda each: (each.result is not result, each.result is SKIPPED))
@@ -163,7 +167,7 @@ class CauseFinder:
             if not self._is_full and (child.uid, child.result) not in seen:
                 seen.add((child.uid, child.result))
                 cause.causes.append(self.explain_result(cause.position, child))
-                cause.causes[-1].is_context = child.result is not ordered[0].result or result is None
+                cause.causes[-1].is_context = is_context or child.result is not ordered[0].result
 
     def _add_earlier_child(self, cause: Cause, visit: Visit) -> None:
         """Add the result, in an earlier tick, of the child before the first one that was ticked."""
@@ -177,6 +181,27 @@ class CauseFinder:
         end = self.trace(at).visits_of(siblings[first - 1].config.uid)[-1]
         cause.causes.append(self.explain_result(at, end))
         cause.causes[-1].is_context = end.result is not visit.result
+
+    def _add_halted_children(self, cause: Cause, visit: Visit) -> None:
+        """Add the last results of children that the node halted and did not tick, as a Timeout does."""
+        ticked = {child.uid for child in visit.children}
+        for halt in self.trace(cause.position).halts:
+            parent = self._parents.get(halt.uid)
+            if halt.by is not visit or halt.uid in ticked or parent is None or parent.config.uid != visit.uid:
+                continue
+            cause.details += f"; it halted '{self.path(halt.uid)}', which was RUNNING"
+            for at in range(cause.position - 1, max(-1, cause.position - _MAX_STEPS_BACK), -1):
+                visits = self.trace(at).visits_of(halt.uid)
+                if visits:
+                    cause.causes.append(self.explain_result(at, visits[-1]))
+                    break
+
+    def _describe_error(self, position: int) -> str:
+        """Return the exception that ended a tick, for a sentence."""
+        error = self.trace(position).error
+        if error is None:
+            return "raised an exception"
+        return f"raised {type(error.cause).__name__}: {_one_line(str(error.cause))}"
 
     def _describe(self, node: TreeNode, visit: Visit, reads: Sequence[Read]) -> str:
         """Return why a built-in node had its result."""
@@ -202,7 +227,7 @@ class CauseFinder:
     def _explain_condition(self, position: int, visit: Visit) -> Cause:
         """Explain a result that a pre-condition determined."""
         if visit.result is None:
-            return self._new(position, visit.uid, "a script of its conditions raised an exception")
+            return self._new(position, visit.uid, f"in its conditions, {self._describe_error(position)}")
         conditions = self._nodes[visit.uid - 1].config.conditions
         names: tuple[str, ...] = {FAILURE: ("_failureIf",), SUCCESS: ("_successIf",)}.get(
             visit.result, ("_while",) if visit.before is RUNNING else ("_skipIf", "_while")
@@ -226,9 +251,9 @@ class CauseFinder:
             (each.error for each in step.inputs if isinstance(each, Raised) and each.uid == visit.uid), None
         )
         if visit.result is None and error is not None:
-            because = f"it raised {error.type}: {_one_line(error.text)}"
+            because = f"raised {error.type}: {_one_line(error.text)}"
         else:
-            because = f"it returned {name_of(visit.result)}"
+            because = f"returned {name_of(visit.result)}"
         values = ", ".join(filter(None, (_describe_literals(node), _describe_reads(visit.reads))))
         others = {SUCCESS: (FAILURE,), RUNNING: (SUCCESS, FAILURE)}.get(visit.result or IDLE, (SUCCESS,))
         changes = [SetResult(step.tick, key, status) for status in others] if step.tick else []
@@ -323,14 +348,18 @@ class CauseFinder:
     def _add_reads(self, cause: Cause, reads: Sequence[Read], is_input: bool) -> None:
         for read in reads:
             if not self._is_full:
-                cause.causes.append(self.explain_value(cause.position, read, is_input))
+                others = [other.value for other in reads if other.script and other.script == read.script]
+                cause.causes.append(self.explain_value(cause.position, read, is_input, others))
 
-    def explain_value(self, position: int, read: Read, is_input: bool) -> Cause:
+    def explain_value(
+        self, position: int, read: Read, is_input: bool, others: Sequence[object] = ()
+    ) -> Cause:
         """Explain the value of an entry.
 
         Args:
             position: The step in which it is read.
             is_input: Whether the engine read it, so that another value can be tried.
+            others: The values that the same script has read.
         """
         if read.entry is None or not read.sequence_id:
             return self._new(position, 0, f"had not written {read.key}, nor had any node")
@@ -345,30 +374,53 @@ class CauseFinder:
         if at is None or write is None:
             because = f"had written {read.key} = {short_text(read.value)} when the recording began"
             cause = self._new(position, 0, because)
+            cause.details = self._describe_other_entries(position, -1, read.entry)
             if is_input and tick:
-                cause.changes = self._other_values(tick, read, None)
+                cause.changes = self._other_values(tick, read, None, others)
             return cause
         cause = self._new(at, write.uid, self._describe_write(position, at, read, write))
+        if at != position:
+            cause.details = self._describe_other_entries(position, at, read.entry)
         visit = next((each for each in reversed(self.trace(at).visits) if each.uid == write.uid), None)
         is_outside = not write.uid or is_external(type(self._nodes[write.uid - 1]))
         if is_outside and is_input and tick:
-            cause.changes = self._other_values(tick, read, self._value_before(at, read.entry, write))
+            cause.changes = self._other_values(tick, read, self._value_before(at, read.entry, write), others)
         if visit is not None and not self._is_full:
             self._add_reads(cause, visit.reads, is_input and not is_outside)
             if visit.parent is not None and not is_outside:  # why it was ticked
                 index = next(i for i, each in enumerate(visit.parent.children) if each is visit)
-                self._add_children(cause, visit.parent.children[:index], None)
+                self._add_children(cause, visit.parent.children[:index], None, is_context=True)
         return cause
 
     def _describe_write(self, position: int, at: int, read: Read, write: Write) -> str:
-        what = f"{read.key} = {short_text(read.value)}"
+        key = write.entry.key
+        what = f"{key} = {short_text(read.value)}"
+        if key != read.key.removeprefix("@"):
+            what += f", which is {read.key} here"
         script = self._writing_script(write.uid, {read.key, write.entry.key}) if write.uid else ""
         if at == position:
             return f"wrote {what}{script} {'in' if write.uid else 'before'} this tick"
         ticks = self.tick(position) - self.tick(at)
         seconds = self.time(position) - self.time(at)
-        before = f"{ticks:,} {'tick' if ticks == 1 else 'ticks'} before ({seconds:g} s)"
+        before = f"{ticks:,} {'tick' if ticks == 1 else 'ticks'} ({seconds:g} s) before it was read"
         return f"wrote {what}{script}, {before}"
+
+    def _describe_other_entries(self, position: int, at: int, entry: EntryName) -> str:
+        """Return which entries of the same key were written later in other trees, for a sentence."""
+        others = [name for name in self.trace(position).entries if name.key == entry.key and name != entry]
+        later = []
+        for name in others[:3]:
+            written = self._replay.find_write(*name, position + 1)
+            if written is not None and written > at:
+                later.append(f"'{self.path_of(name)}' in tick {self.tick(written)}")
+        return f"; another entry was written later: {join_names(later, 'and')}" if later else ""
+
+    def path_of(self, entry: EntryName) -> str:
+        """Return the key of an entry, in a subtree after the path of the subtree."""
+        board = self._replay.external.boards[entry.scope]
+        subtrees = self._replay.tree.subtrees
+        path = next((each.path for each in subtrees if each.blackboard is board), "")
+        return f"{path}/{entry.key}" if path else entry.key
 
     def _writing_script(self, uid: int, keys: set[str]) -> str:
         """Return the script of a node that writes one of *keys*, for a sentence; "" if none does."""
@@ -389,8 +441,8 @@ class CauseFinder:
         held = self._replay.external.boards[entry.scope].local_entries().get(entry.key)
         return None if held is None else held.value
 
-    def _other_values(self, tick: int, read: Read, before: object) -> list[Change]:
-        """Return changes that give an entry another value."""
+    def _other_values(self, tick: int, read: Read, before: object, others: Sequence[object]) -> list[Change]:
+        """Return changes that give an entry another value: the value *before*, and values near a limit."""
         assert read.entry is not None
         value = read.value
         if isinstance(value, NotReplayable):
@@ -402,26 +454,27 @@ class CauseFinder:
         elif isinstance(value, bool):
             found.append(not value)
         elif isinstance(value, (int, float)):
-            numbers = [each for each in literals if isinstance(each, (int, float))]
-            for number in [*numbers, 0]:
-                found += [number - 1, number + 1, number]
-            found += [-value, value + 1]
+            numbers = [0, *(each for each in (*literals, *others) if isinstance(each, (int, float)))]
+            numbers.append(sum(map(abs, numbers)))
+            near = [number + step for number in numbers for step in (0, 1, -1)]
+            fitting: list[int | float] = [int(each) for each in near if each % 1 == 0]
             if isinstance(value, float):
-                found = [float(each) for each in found if isinstance(each, (int, float))]
-            else:
-                found = [int(each) for each in found if isinstance(each, (int, float)) and each == int(each)]
+                fitting = list(map(float, near))
+            present = float(value)
+            nearest = sorted(fitting, key=lambda each: abs(each - present))
+            found += nearest
         elif isinstance(value, str):
             found += [*literals, "", "0", "1"]
         elif value is None:
             found += [*literals, 0, 1, True]
         else:
             found += [[], 0]
-        others: list[object] = []
+        tried: list[object] = []
         for each in found:
             fits = type(each) is type(value) or value is None or isinstance(value, (str, Enum))
-            if fits and each != value and each not in others:
-                others.append(each)
-        return [HoldEntry(tick, *read.entry, other) for other in others[:_VALUES_TRIED]]
+            if fits and each != value and each not in tried:
+                tried.append(each)
+        return [HoldEntry(tick, *read.entry, each) for each in tried[:_VALUES_TRIED]]
 
 
 def _describe_literals(node: TreeNode) -> str:

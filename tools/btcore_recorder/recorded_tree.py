@@ -301,7 +301,8 @@ class ExternalCode:
             if name.startswith("std::vector<"):
                 known = VectorType(self.type(name[len("std::vector<") : -1]))
             else:
-                known = UserType(self._decoder.stand_in(name), name)
+                # The converters of the user's class are not there; its leaves do not read their ports here.
+                known = UserType(self._decoder.stand_in(name), name, NotReplayable)
             self._types[name] = known
         return known
 

@@ -1,6 +1,6 @@
 """What happens in one tick: which nodes are ticked and halted, by whom, what they read and write."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from typing import NamedTuple
@@ -10,6 +10,7 @@ from btcore.blackboard.ports import SCRIPT_ROLES
 from btcore.engine.node import TreeNode
 from btcore.engine.observers import Observer
 from btcore.engine.tick_extras import TickExtras, WatchedConditions
+from btcore.errors import NodeExecutionError
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status, Transition
 from btcore.tree.tree import Tree
 from btcore.xml.plan.key_uses import READING, find_name_uses, port_uses
@@ -97,6 +98,7 @@ class TickTrace(Observer):
         ended: The same, in the order of their end.
         halts: The nodes that were halted, in order.
         writes: The writes of entries, in order.
+        error: The exception that ended the tick, or None.
     """
 
     def __init__(self, tree: Tree) -> None:
@@ -104,6 +106,7 @@ class TickTrace(Observer):
         self.ended: list[Visit] = []
         self.halts: list[Halt] = []
         self.writes: list[Write] = []
+        self.error: NodeExecutionError | None = None
         self._tree = tree
         self._unfinished: list[Visit] = []
         self._boards = scopes_of(tree)
@@ -142,6 +145,11 @@ class TickTrace(Observer):
         """Return the last halt of a node after its last tick, or None."""
         return next((halt for halt in reversed(self.halts) if halt.uid == uid), None)
 
+    @property
+    def entries(self) -> Sequence[EntryName]:
+        """The entries at the end of the tick that have been written."""
+        return [name for name, count in self._known.items() if count]
+
     def last_write(self, entry: EntryName, sequence_id: int) -> Write | None:
         """Return the write that made the number of writes of an entry *sequence_id*."""
         return next(
@@ -154,6 +162,10 @@ class TickTrace(Observer):
         """Note a halt."""
         if change.previous is RUNNING and change.status is IDLE:
             self.halts.append(Halt(change.uid, self._unfinished[-1] if self._unfinished else None))
+
+    def raised(self, error: NodeExecutionError, stamp: int) -> None:
+        """Note an exception."""
+        self.error = error
 
     def _start(self, node: TreeNode) -> None:
         self._note_writes()
@@ -226,7 +238,7 @@ class TickTrace(Observer):
         return Read(key, by, script, find_name(self._boards, entry), entry.value, entry.sequence_id)
 
 
-def find_name(boards: list[Blackboard], entry: Entry) -> EntryName | None:
+def find_name(boards: Sequence[Blackboard], entry: Entry) -> EntryName | None:
     """Return the scope that holds *entry*, and its key there."""
     for scope, board in enumerate(boards):
         for key, held in board.local_entries().items():

@@ -7,19 +7,22 @@ again with other results and values (`btcore_recorder.what_if`).
 """
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from itertools import combinations, product, zip_longest
-from pathlib import PurePath
+from pathlib import Path, PurePath
 from typing import Final, Literal, NamedTuple
 
+from btcore.blackboard.blackboard import Entry
 from btcore.clock import NS_PER_S
-from btcore.errors import BtcoreError
+from btcore.errors import BtcoreError, TreeError
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
 from btcore.suggestions import did_you_mean, join_names
+from btcore.xml.read.read import parse_file
 from btcore_recorder.causes import Cause, CauseFinder, name_of, short_text
 from btcore_recorder.inputs import RunRecording
 from btcore_recorder.replay import Replay
-from btcore_recorder.tick_trace import EntryName, Read, TickTrace, Visit
+from btcore_recorder.tick_trace import Read, TickTrace, Visit, find_name
 from btcore_recorder.what_if import (
     Change,
     ChangedReplay,
@@ -37,7 +40,7 @@ MAX_DISTANCE: Final = 5_000
 """Maximum number of steps that a trial runs. An input of an earlier step is not changed."""
 OUTSIDE: Final = "code outside of the tree"
 _RUNS: Final = ("first run", "second run")
-_MOST_OF_A_SET: Final = ((1, 60, 8), (2, 14, 3), (3, 8, 2))
+_MOST_OF_A_SET: Final = ((1, 60, 12), (2, 14, 3), (3, 8, 2))
 """For sets of 1, 2 and 3 inputs: the most inputs, and the most values of each, that are combined."""
 
 
@@ -107,6 +110,14 @@ class _Question(NamedTuple):
         return bool(visits) and visits[-1].result is self.result
 
 
+class _SmallestSet(NamedTuple):
+    """Inputs that change an outcome, with their changes, and the other outcome."""
+
+    causes: Sequence[Cause]
+    changes: Sequence[Change]
+    outcome: str
+
+
 class Explainer:
     """Explains moments of a recorded run.
 
@@ -134,6 +145,11 @@ class Explainer:
         self._causes = CauseFinder(self._replay)
         self._runs: dict[tuple[int, int], RecordedRun] = {}
         self._trials = 0
+
+    def changed_files(self) -> list[str]:
+        """Return the recorded files of the tree whose text differs from that of the present file."""
+        documents = self._replay.recording.head.documents
+        return [file for file, text, _ in documents if _read(file) not in (None, text)]
 
     # --- the questions
 
@@ -175,7 +191,8 @@ class Explainer:
         """Explain the value of an entry: who wrote it, and why it had this value.
 
         Args:
-            key: The key, in the main tree or in the first subtree that has such an entry.
+            key: The key in the main tree, or after the path of a subtree, such as `charge/level`. Without a
+                path, the first subtree that has such an entry is meant if the main tree has none.
             tick: The number of the tick; by default the last one.
             time: Instead of *tick*, a time (s since the recording began).
 
@@ -187,19 +204,26 @@ class Explainer:
         """
         position = self._find_step(tick, time, prefers_failure=False)
         self._causes.seek(position + 1)
-        boards = self._replay.external.boards
-        name = next(
-            (EntryName(i, key) for i, board in enumerate(boards) if key in board.local_entries()), None
-        )
-        if name is None:
-            keys = sorted({key for board in boards for key in board.local_entries()})
+        found = next(self._find_entries(key), None)
+        if found is None:
+            keys = [key for board in self._replay.external.boards for key in board.visible_keys()]
             raise BtcoreError(f"there is no entry '{key}'{did_you_mean(key, keys)}")
-        entry = boards[name.scope].local_entries()[name.key]
-        read = Read(key, "", "", name, entry.value, entry.sequence_id)
+        entry = found
+        name = find_name(self._replay.external.boards, entry)
+        read = Read(key.rpartition("/")[2], "", "", name, entry.value, entry.sequence_id)
         cause = self._causes.explain_value(position, read, is_input=False)
         value = short_text(entry.value)
         question = f"who wrote {{{key}}} = {value}, as it was after tick {self._causes.tick(position)}?"
         return Answer(question, f"{self._describe_cause(cause)}.", self._chain(cause, ()))
+
+    def _find_entries(self, key: str) -> Iterator[Entry]:
+        """Yield the entries that *key* may mean, the most probable first."""
+        path, _, inner = key.rpartition("/")
+        for subtree in self._replay.tree.subtrees:
+            for name in [key] if not path else [key, inner] if subtree.path == path else []:
+                entry = subtree.blackboard.find(name)
+                if entry is not None:
+                    yield entry
 
     def differs_from(self, other: "Explainer") -> Answer:
         """Explain the first decision that differs in another run, what it read, and who wrote that.
@@ -257,10 +281,8 @@ class Explainer:
                 continue
             texts.append(f"'{side._causes.path(visit.uid)}' returned {name_of(visit.result)} in the {word}")
             links = side._chain(side._causes.explain_result(position, visit), ())[: MAX_LINKS // 2]
-            chain += [link._replace(because=f"{word}: {link.because}") for link in links]
-        answer = (
-            f"The runs are the same until tick {self._causes.tick(position)}: there {' and '.join(texts)}."
-        )
+            chain += [link._replace(because=f"{link.because} [{word}]") for link in links]
+        answer = f"The runs differ from tick {self._causes.tick(position)} on: {' and '.join(texts)}."
         return Answer(question, answer, chain)
 
     # --- moments
@@ -296,8 +318,8 @@ class Explainer:
 
     # --- trials
 
-    def _find_smallest_set(self, question: _Question, cause: Cause) -> list[tuple[Cause, Change]]:
-        """Return a smallest set of changed inputs that changes the outcome; empty if none was found."""
+    def _find_smallest_set(self, question: _Question, cause: Cause) -> _SmallestSet | None:
+        """Return a smallest set of changed inputs that changes the outcome, or None."""
         inputs: list[Cause] = []
         for each in cause.walk():
             if each is cause or not each.changes:  # a leaf's own result is what is asked for
@@ -306,19 +328,22 @@ class Explainer:
             if is_near and not any(other.changes == each.changes for other in inputs):
                 inputs.append(each)
         for size, most, values in _MOST_OF_A_SET:
+            another: _SmallestSet | None = None  # the run ends before the tick in question
             for group in combinations(inputs[:most], size):
                 for changes in product(*[each.changes[:values] for each in group]):
                     if self._trials >= MAX_TRIALS:
-                        return []
-                    outcome = self._try(question, changes)
-                    if outcome:
-                        for each, change in zip(group, changes, strict=True):
-                            each.tried = f"{_describe_change(change)}: {outcome}"
-                        return list(zip(group, changes, strict=True))
-        return []
+                        return another
+                    outcome, is_reached = self._try(question, changes)
+                    if outcome and is_reached:
+                        return _SmallestSet(group, changes, outcome)
+                    if outcome and another is None:
+                        another = _SmallestSet(group, changes, outcome)
+            if another is not None:
+                return another
+        return None
 
-    def _try(self, question: _Question, changes: Sequence[Change]) -> str:
-        """Return the other outcome of the run with changed inputs, or "" if it is the same."""
+    def _try(self, question: _Question, changes: Sequence[Change]) -> tuple[str, bool]:
+        """Return the other outcome of the run with changed inputs, or "", and whether it reaches the tick."""
         self._trials += 1
         ticks = {change.tick for change in changes}
         start = min(index for index, step in enumerate(self._steps) if step.tick in ticks)
@@ -329,9 +354,12 @@ class Explainer:
                 changed = ChangedReplay(run, changes, missing=missing)
                 outcome = self._outcome(question, changed, question.position - start)
             except BtcoreError:  # the entry has another type
-                return ""
+                return "", True
+            is_reached = changed.position > question.position - start
             if missing is None and changed.end == "no result is recorded":
-                return f"the run would have gone on to '{changed.ended_at}', for which nothing is recorded"
+                ended_at = changed.ended_at
+                text = f"the run would have gone on to '{ended_at}', for which nothing is recorded"
+                return text, is_reached
             if outcome and changed.invented and missing is not None:
                 names = join_names([f"'{name}'" for name in dict.fromkeys(changed.invented)], most=3)
                 outcome = (
@@ -339,8 +367,8 @@ class Explainer:
                     f"{missing.name} from there, {outcome}"
                 )
             if outcome or not changed.invented:
-                return outcome
-        return ""
+                return outcome, is_reached
+        return "", True
 
     def _run_from(self, start: int, end: int) -> RecordedRun:
         if (start, end) not in self._runs:
@@ -371,7 +399,7 @@ class Explainer:
 
     # --- the answer
 
-    def _answer(self, question: _Question, cause: Cause, found: Sequence[tuple[Cause, Change]]) -> Answer:
+    def _answer(self, question: _Question, cause: Cause, found: _SmallestSet | None) -> Answer:
         path, tick = self._causes.path(question.uid), self._causes.tick(question.position)
         moment = f"in tick {tick} ({self._causes.time(question.position):g} s)"
         match question:
@@ -385,26 +413,24 @@ class Explainer:
                 asked = f"why did '{path}' raise {moment}?"
             case _Question(result=result):
                 asked = f"why did '{path}' return {name_of(result)} {moment}?"
-        if found:
-            changes = " and ".join(_describe_change(change) for _, change in found)
-            outcome = found[0][0].tried.partition(": ")[2]
-            causes = " and ".join(self._describe_cause(each) for each, _ in found)
-            answer = f"{causes}. If {changes}, {outcome}; this was tried by running the recording again."
+        if found is not None:
+            changes = " and ".join(map(_describe_change, found.changes))
+            causes = " and ".join(map(self._describe_cause, found.causes))
+            answer = f"{causes}. If {changes}, {found.outcome}; this was tried in a replay."
+            for each, change in zip(found.causes, found.changes, strict=True):
+                each.tried = f"{_describe_change(change)}: {found.outcome}"
         elif question.kind == "result" and cause.changes:
             answer = f"'{path}' decides this in its own code, which a replay does not run."
         elif any(each.changes for each in cause.walk()):
-            answer = (
-                "No change of up to three leaf results and entries that was tried changes this: it follows "
-                "from the tree."
-            )
+            answer = "No other results of these leaves, and no other values of these entries, change this."
         else:
-            answer = "It follows from the tree: no leaf result, and no entry from outside, has led to it."
-        chosen = [each for each, _ in found]
-        return Answer(asked, answer, self._chain(cause, chosen), [change for _, change in found])
+            answer = "The tree alone decided this: no leaf result, and no entry from outside, has led to it."
+        chosen, all_changes = ((), ()) if found is None else (found.causes, found.changes)
+        return Answer(asked, answer, self._chain(cause, chosen), all_changes)
 
     def _describe_cause(self, cause: Cause) -> str:
         who = f"'{self._causes.path(cause.uid)}'" if cause.uid else OUTSIDE[0].upper() + OUTSIDE[1:]
-        return f"{who} {cause.because.removeprefix('it ')}"
+        return f"{who} {cause.because}"
 
     def _chain(self, cause: Cause, chosen: Sequence[Cause]) -> list[Link]:
         """Return the links: the paths from *cause* to the chosen causes, and what else led to the result."""
@@ -445,6 +471,15 @@ def _describe_change(change: Change) -> str:
         case HoldEntry(tick, _, key, value):
             return f"{key} had been {short_text(value)} in tick {tick}"
     return str(change)
+
+
+def _read(file: str) -> str | None:
+    """Return the text of a tree's file below the working directory, or None."""
+    path = Path(file)
+    with suppress(OSError, ValueError, TreeError):
+        if path.resolve().is_relative_to(Path.cwd()) and path.is_file():
+            return parse_file(path).text
+    return None
 
 
 def _path_to(cause: Cause, target: Cause) -> list[Cause]:

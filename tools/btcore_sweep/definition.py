@@ -68,18 +68,18 @@ class SweepDefinition:
     version: str
 
     @cached_property
-    def settings(self) -> list[dict[str, str]]:
-        """All settings. A setting is a combination of parameter values, by the KEY of the parameter."""
-        return list(parameters.settings(self.varied))
+    def combinations(self) -> list[dict[str, str]]:
+        """All combinations of parameter values, by the KEY of the parameter."""
+        return list(parameters.combinations(self.varied))
 
     def __len__(self) -> int:
-        return len(self.seeds) * len(self.settings)
+        return len(self.seeds) * len(self.combinations)
 
     def episode(self, number: int) -> Episode:
-        """Return the episode *number*. Episodes are numbered seed by seed, all settings for each seed."""
-        seed_index, setting_index = divmod(number, len(self.settings))
-        seed, values = self.seeds[seed_index], self.settings[setting_index]
-        varied = parameters.setting_arguments(values, self.choices)
+        """Return the episode *number*. Episodes are numbered seed by seed, all combinations for each seed."""
+        seed_index, combination_index = divmod(number, len(self.combinations))
+        seed, values = self.seeds[seed_index], self.combinations[combination_index]
+        varied = parameters.combination_arguments(values, self.choices)
         command = (self.tree, *self.arguments, *varied, "--fast", "--seed", str(seed))
         return Episode(number, seed, values, command)
 
@@ -181,10 +181,11 @@ def create_definition(
 
 def _check(sweep: SweepDefinition) -> None:
     """Parse the options with every parameter value once, and check the tree as in the first episode."""
-    first = sweep.settings[0]
+    first = sweep.combinations[0]
     others = [{**first, key: value} for key, values in sweep.varied.items() for value in values[1:]]
     for values in [first, *others]:
-        words = [sweep.tree, *sweep.arguments, *parameters.setting_arguments(values, sweep.choices), "--fast"]
+        varied = parameters.combination_arguments(values, sweep.choices)
+        words = [sweep.tree, *sweep.arguments, *varied, "--fast"]
         try:
             if values is first:
                 with parse_run(words) as session:
@@ -194,9 +195,9 @@ def _check(sweep: SweepDefinition) -> None:
         except click.ClickException as error:
             if not values:
                 raise
-            raise click.UsageError(f"{error.format_message()} ({format_setting(values)})") from error
+            raise click.UsageError(f"{error.format_message()} ({format_combination(values)})") from error
 
 
-def format_setting(values: Mapping[str, str]) -> str:
+def format_combination(values: Mapping[str, str]) -> str:
     """Return parameter values as a phrase for a message: `--param battery=20 and fault=laser:5-9`."""
     return "--param " + join_names([f"{key}={value}" for key, value in values.items()], most=20)

@@ -16,7 +16,7 @@ from btcore.exit_codes import ExitCode
 from btcore.script.program import Program
 from btcore.signals import EndingSignals
 from btcore_sweep import table
-from btcore_sweep.definition import Episode, SweepDefinition, format_setting
+from btcore_sweep.definition import Episode, SweepDefinition, format_combination
 from btcore_sweep.sweep_folder import Record, SweepFolder
 
 if TYPE_CHECKING:
@@ -112,8 +112,8 @@ def _raise_user_error(record: Record, episode: Episode, sweep: SweepDefinition) 
     An error after the start of a run, such as an event that was not possible, may be due to the seed.
     """
     had_error = record["code"] == ExitCode.USER_ERROR and not record.get("began")
-    if had_error and episode.number < len(sweep.settings):
-        values = f"\n({format_setting(episode.values)})" if episode.values else ""
+    if had_error and episode.number < len(sweep.combinations):
+        values = f"\n({format_combination(episode.values)})" if episode.values else ""
         raise click.UsageError(f"{record['fault']}{values}")
 
 

@@ -32,7 +32,7 @@ _TRUE: Final = {"true", "yes", "on", "1"}
 _FALSE: Final = {"false", "no", "off", "0", ""}
 
 Values = Mapping[str, str]
-"""A setting: the value of each parameter, as text, by KEY."""
+"""A combination: the value of each parameter, as text, by KEY."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,17 +120,17 @@ def parse_parameters(texts: Sequence[str], choices: ParameterOptions) -> dict[st
     return parameters
 
 
-def settings(parameters: Mapping[str, Sequence[str]]) -> Iterator[dict[str, str]]:
-    """Yield all settings (combinations of parameter values); the last parameter changes fastest."""
+def combinations(parameters: Mapping[str, Sequence[str]]) -> Iterator[dict[str, str]]:
+    """Yield all combinations of parameter values; the last parameter changes fastest."""
     for values in product(*parameters.values()):
         yield dict(zip(parameters, values, strict=True))
 
 
-def setting_arguments(values: Values, choices: ParameterOptions) -> list[str]:
-    """Return the arguments of `btcore run` for a setting.
+def combination_arguments(values: Values, choices: ParameterOptions) -> list[str]:
+    """Return the arguments of `btcore run` for a combination.
 
     Args:
-        values: The setting: the value of each parameter, by KEY.
+        values: The combination: the value of each parameter, by KEY.
         choices: The options that parameters can set.
 
     Raises:

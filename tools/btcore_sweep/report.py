@@ -83,7 +83,7 @@ def render_report(data: ReportData) -> str:
         _lead(data),
         _tiles(data),
         *(_rates(key, values) for key, values in statistics.by.items()),
-        _settings(statistics),
+        _combinations(statistics),
         _times(statistics),
         _nodes(statistics),
         _spreads(statistics),
@@ -165,16 +165,16 @@ def _rate(rate: SuccessRate) -> list[str]:
     ]
 
 
-def _settings(statistics: SweepStatistics) -> str:
-    if not statistics.settings:
+def _combinations(statistics: SweepStatistics) -> str:
+    if not statistics.combinations:
         return ""
-    keys = list(statistics.settings[0][0])
+    keys = list(statistics.combinations[0][0])
     rows = [
         [*(_code(value or "(omitted)") for value in values.values()), *_rate(rate)]
-        for values, rate in statistics.settings
+        for values, rate in statistics.combinations
     ]
     right = {len(keys), len(keys) + 1, len(keys) + 3}
-    return "<h2>By setting</h2>" + _table([*keys, *_RATE], rows, numbers=right)
+    return "<h2>By combination</h2>" + _table([*keys, *_RATE], rows, numbers=right)
 
 
 def _times(statistics: SweepStatistics) -> str:

@@ -14,8 +14,8 @@ from btcore_sweep.table import LEADING_COLUMNS, RESULT_COLUMNS, TRAILING_COLUMNS
 CONFIDENCE: Final = 0.95
 LEVEL: Final = f"{100 * CONFIDENCE:g} %"
 """The confidence as a percentage."""
-MAX_SETTINGS: Final = 60
-"""With more settings than this, the report contains no table of settings."""
+MAX_COMBINATIONS: Final = 60
+"""With more combinations of parameter values than this, the report contains no table of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,8 +68,8 @@ class SweepStatistics:
     Attributes:
         rate: The success rate of all episodes.
         by: The success rate for each value of each parameter.
-        settings: The success rate for each setting, if there are several parameters. A setting is a
-            combination of parameter values.
+        combinations: The success rate for each combination of parameter values, if there are several
+            parameters.
         statuses: The number of episodes with each status.
         times: The simulated duration (s) of each episode, and whether it was a success.
         failing: The nodes that failed.
@@ -79,7 +79,7 @@ class SweepStatistics:
 
     rate: SuccessRate
     by: dict[str, dict[str, SuccessRate]]
-    settings: list[tuple[dict[str, str], SuccessRate]]
+    combinations: list[tuple[dict[str, str], SuccessRate]]
     statuses: dict[str, int]
     times: list[tuple[float, bool]]
     failing: list[FailingNode]
@@ -94,14 +94,15 @@ def compute_statistics(rows: Sequence[Row], definition: SweepDefinition) -> Swee
         rows: The rows of the finished episodes, with the column `success`.
         definition: The sweep.
     """
-    several = 1 < len(definition.settings) <= MAX_SETTINGS and len(definition.varied) > 1
-    # Episodes are numbered seed by seed, so that the remainder is the index of the setting.
-    settings = _grouped(rows, lambda row: row["episode"] % len(definition.settings)) if several else {}
+    combinations = definition.combinations
+    several = 1 < len(combinations) <= MAX_COMBINATIONS and len(definition.varied) > 1
+    # Episodes are numbered seed by seed, so that the remainder is the index of the combination.
+    groups = _grouped(rows, lambda row: row["episode"] % len(combinations)) if several else {}
     times = [(float(row["time_s"]), bool(row["success"])) for row in rows if row["time_s"] is not None]
     return SweepStatistics(
         rate(rows),
         {key: _by_value(rows, definition, key) for key in definition.varied},
-        [(definition.settings[number], rate(group)) for number, group in sorted(settings.items())],
+        [(combinations[number], rate(group)) for number, group in sorted(groups.items())],
         dict(Counter(str(row["status"]) for row in rows).most_common()),
         times,
         _failing(rows),
@@ -142,7 +143,8 @@ def wilson(good: int, count: int, confidence: float = CONFIDENCE) -> tuple[float
 
 
 def _by_value(rows: Sequence[Row], definition: SweepDefinition, key: str) -> dict[str, SuccessRate]:
-    groups = _grouped(rows, lambda row: definition.settings[row["episode"] % len(definition.settings)][key])
+    combinations = definition.combinations
+    groups = _grouped(rows, lambda row: combinations[row["episode"] % len(combinations)][key])
     return {value: rate(groups[value]) for value in definition.varied[key] if value in groups}
 
 

@@ -7,7 +7,7 @@ import click
 
 from btcore.cli.node_libraries import NodeLibraries
 from btcore.cli.provider_command import ProviderCommand, given_settings
-from btcore.cli.run_session import RunOptions, RunSession, create_session
+from btcore.cli.run_session import RunOptions, RunSession
 from btcore.cli.tree_source import complete_tree
 from btcore.field_options import add_options, pass_options
 from btcore.options import from_values
@@ -37,9 +37,9 @@ def run(ctx: click.Context, /, source: str, options: RunOptions, settings: Given
       130  interrupted by Ctrl-C
       143  terminated by SIGTERM
     """
-    session = create_session(ctx, source, options, settings)
+    session = RunSession(ctx, source, options, settings)
     session.run_to_end()
-    return session.print_results(options.as_json)
+    return session.print_results()
 
 
 @contextmanager
@@ -49,9 +49,9 @@ def parse_run(
     """Return a context with the session of `btcore run` with *arguments*, before its providers are opened.
 
     Args:
-        installed: As in `btcore.cli.run_session.create_session`.
+        installed: As in `RunSession`.
     """
     with run.make_context("run", list(arguments)) as ctx:
         options = from_values(RunOptions, ctx.params)
         assert options is not None, "no option is required"
-        yield create_session(ctx, ctx.params["source"], options, given_settings(ctx), installed)
+        yield RunSession(ctx, ctx.params["source"], options, given_settings(ctx), installed)

@@ -174,12 +174,12 @@ class TreePlan:
         has_unknown_nodes: Whether unknown nodes, which have no plans, are among them.
     """
 
-    def __init__(self, definition: TreeDefinition, size: int, depth: int) -> None:
+    def __init__(self, definition: TreeDefinition) -> None:
         self.definition = definition
         self.root: NodePlan | None = None
         self.calls: list[SubtreeCall] = []
-        self.depth = depth
-        self.size = size
+        self.depth = 0
+        self.size = 0
         self.has_unknown_nodes = False
 
     @property

@@ -199,7 +199,7 @@ class PlanningContext:
 
 
 class _Outline:
-    """A node as the first pass leaves it.
+    """A node that the first pass has found.
 
     Attributes:
         element: The element of the node.
@@ -223,7 +223,7 @@ class TreePlanner:
     """
 
     def __init__(self, definition: TreeDefinition, context: PlanningContext) -> None:
-        # What the first pass leaves to the second: the <BehaviorTree> and its nodes, in pre-order.
+        # The result of the first pass: the <BehaviorTree> and its nodes, in pre-order.
         self._outlines: list[_Outline] = []
         self._definition = definition
         self._context = context
@@ -397,12 +397,21 @@ class TreePlanner:
 
     def plan(self) -> TreePlan:
         """Return the plan of the tree, without unknown nodes and calls of unknown trees, which are errors."""
-        outlines = self._outlines
-        depth = max([outline.depth for outline in outlines], default=0)
-        tree = TreePlan(self._definition, max(len(outlines) - 1, 0), depth)
+        tree = TreePlan(self._definition)
+        subtree_tags, caches = self._dialect.subtree_tags, self._context.binding_caches
         plans: list[NodePlan | None] = [None]  # the <BehaviorTree> has no plan
-        for outline in outlines[1:]:
-            node = self._plan_node(outline.element, tree)
+        for outline in self._outlines[1:]:
+            element = outline.element
+            tag = element.tag
+            node: NodePlan | None = None
+            if tag in subtree_tags:
+                node = self._plan_call(tag, element, tree)
+            else:
+                id = (element.get("ID") or "") if tag in EXPLICIT_TAGS else tag
+                cache = caches.get(id) or self._context.add_binding_cache(id)
+                if cache is not None:  # else the first pass has reported the unknown node
+                    node = NodePlan(element, id, cache.manifest)
+                    self._plan_attributes(node, cache)
             plans.append(node)
             parent = plans[outline.parent]
             if node is None:
@@ -411,19 +420,9 @@ class TreePlanner:
                 parent.children.append(node)
             elif outline.depth == 1:
                 tree.root = node
+            tree.size += 1
+            tree.depth = max(tree.depth, outline.depth)
         return tree
-
-    def _plan_node(self, element: Element, tree: TreePlan) -> NodePlan | None:
-        tag = element.tag
-        if tag in self._dialect.subtree_tags:
-            return self._plan_call(tag, element, tree)
-        id = (element.get("ID") or "") if tag in EXPLICIT_TAGS else tag
-        cache = self._context.binding_caches.get(id) or self._context.add_binding_cache(id)
-        if cache is None:  # reported by the first pass
-            return None
-        node = NodePlan(element, id, cache.manifest)
-        self._plan_attributes(node, cache)
-        return node
 
     def _plan_attributes(self, node: NodePlan, cache: _BindingCache) -> None:
         bindings: list[Binding] = []

@@ -10,7 +10,7 @@ from random import Random
 import pytest
 
 import btcore
-from btcore import BtcoreError, NodeExecutionError, Tree
+from btcore import SUCCESS, BtcoreError, In, NodeExecutionError, Registry, Tree
 from btcore.logs import LogError
 from btcore.testing import TestNodeConfig
 from btcore_recorder import Explainer, Replay, record
@@ -265,6 +265,30 @@ def test_a_value_that_is_not_replayable_keeps_the_type_of_its_entry(tmp_path: Pa
     assert replay.verify() is None
     assert len(replay.recording.segments) == 1
     assert replay.tree.blackboard["range"] == NotReplayable("range(0, 2)")
+
+
+class Place:
+    """A user's type with a text form of its own."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+
+@btcore.condition
+def at(place: In[Place]) -> bool:
+    """Return whether the place has a name."""
+    return bool(place.name)
+
+
+def test_a_literal_of_a_users_type_needs_no_converter(tmp_path: Path) -> None:
+    nodes = Registry.standard()
+    nodes.add_type(Place, from_text=Place)
+    nodes.add(at)
+    xml = '<root BTCPP_format="4"><BehaviorTree ID="Main"><At place="kitchen"/></BehaviorTree></root>'
+    tree = btcore.loads(xml, nodes=nodes)
+    with record(tree, tmp_path / "run.btrec.txt"):
+        assert tree.tick_once() is SUCCESS
+    assert Replay(tmp_path / "run.btrec.txt").verify() is None
 
 
 def test_entries_can_be_excluded(text_file: Path, tmp_path: Path) -> None:

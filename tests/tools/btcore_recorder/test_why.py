@@ -87,10 +87,10 @@ def test_the_link_of_a_leaf_has_its_ports_and_messages() -> None:
     run.tree.tick_exactly_once()
     explainer = Explainer(run.end())
     knocked = explainer.why("Knock::4").chain[0]
-    assert knocked.because == 'it returned FAILURE; it logged "nobody is at home"'
+    assert knocked.because == 'returned FAILURE; it logged "nobody is at home"'
     assert re.fullmatch(r".*test_why.py:\d+ \(test_why.py:\d+\)", knocked.place)
     gripped, wrote = explainer.why("Grip::3").chain
-    assert gripped.because == "it returned SUCCESS, with d = 2.1"
+    assert gripped.because == "returned SUCCESS, with d = 2.1"
     assert (wrote.node, wrote.because) == ("Sense::2", "wrote d = 2.1 in this tick")
     assert explainer.who_wrote("d").answer == "'Sense::2' wrote d = 2.1 in this tick."
 

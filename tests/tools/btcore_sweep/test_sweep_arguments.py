@@ -73,8 +73,8 @@ def test_parameter_values_are_a_list_with_ranges(text: str, meant: tuple[str, ..
 
 def test_several_parameters_make_a_grid_and_become_arguments_of_run() -> None:
     varied = parameters.parse_parameters(["bb.x=1..2", "fault=,laser:5-9", "wild=no,yes"], CHOICES)
-    last_json = [parameters.setting_arguments(values, CHOICES) for values in parameters.settings(varied)]
-    assert last_json == [
+    combinations = parameters.combinations(varied)
+    assert [parameters.combination_arguments(values, CHOICES) for values in combinations] == [
         ["--set", "x=1"],
         ["--set", "x=1", "--wild"],
         ["--set", "x=1", "--fault", "laser:5-9"],
@@ -111,7 +111,7 @@ def test_parameter_given_twice_is_reported() -> None:
 
 def test_flag_accepts_only_true_and_false() -> None:
     with pytest.raises(click.UsageError, match="is a flag; use true or false"):
-        parameters.setting_arguments({"wild": "perhaps"}, CHOICES)
+        parameters.combination_arguments({"wild": "perhaps"}, CHOICES)
 
 
 @pytest.mark.parametrize(

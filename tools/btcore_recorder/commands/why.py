@@ -7,6 +7,7 @@ import click
 from btcore.cli import terminal
 from btcore.escaping import escape_controls
 from btcore.exit_codes import ExitCode
+from btcore.suggestions import join_names
 
 _MOMENT = re.compile(r"(\d{1,15})|(\d{1,12}(?:\.\d{1,9})?)s")
 
@@ -37,6 +38,11 @@ def why(file: str, node: str, moment: str | None, other: str | None, as_json: bo
 
     tick, time = _parse_moment(moment)
     explainer = Explainer(file)
+    changed = explainer.changed_files()
+    if changed:
+        terminal.print_notes(
+            [f"{join_names(changed)} changed since: the lines are those of the recorded text"]
+        )
     if other is not None:
         if node or moment is not None:
             raise click.UsageError("--compare finds node and moment itself: leave out NODE and --at.")

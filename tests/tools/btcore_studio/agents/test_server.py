@@ -153,7 +153,7 @@ def test_an_agent_learns_why_a_tree_failed(tmp_path: Path) -> None:
             explained = await agent("explain_failure", log=result["log"])
             return "\n".join([explained["chain"][-1]["because"], *explained.get("messages", [])])
 
-        assert (await why("<Grip/>")).startswith("it raised OSError: no gripper\n")
+        assert (await why("<Grip/>")).startswith("raised OSError: no gripper\n")
         if importlib.util.find_spec("pybullet"):
             reason = await why('<Move goal="50;50"/>')
             assert "can't go to (50.00, 50.00): GOAL_OUTSIDE_MAP" in reason
