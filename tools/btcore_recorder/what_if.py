@@ -5,6 +5,7 @@ activations, each from a start to its end or its halt, which are taken in their 
 begins in another tick than the recorded one is an assumption: the robot might have behaved differently.
 """
 
+import os
 from collections import Counter, defaultdict, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -22,7 +23,7 @@ from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status, Tran
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
 from btcore.xml.models.model_file import collect_ports
-from btcore.xml.read.read import parse_text, read
+from btcore.xml.read.read import parse_file, parse_text, read
 from btcore_recorder.failures import Failure, FailureObserver
 from btcore_recorder.inputs import (
     ExternalHaltEnded,
@@ -48,6 +49,7 @@ from btcore_recorder.recorded_tree import (
 from btcore_recorder.replay import Replay
 from btcore_recorder.tree_state import restore_entries, restore_nodes
 
+File = str | os.PathLike[str]
 EndReason = Literal["the tree ended", "the recording ended", "no result is recorded", "a node raised"]
 """Why a changed run ended."""
 
@@ -614,6 +616,11 @@ def run_changed(
         changed.unmatched,
         changed.unused,
     )
+
+
+def read_document(file: File | None) -> tuple[str, str] | None:
+    """Return the name and the text of a file for `ChangedReplay`; None for none."""
+    return None if file is None else (os.fspath(file), parse_file(file).text)
 
 
 def _exchange(head: Head, document: tuple[str, str]) -> tuple[tuple[str, str, bool], ...]:
