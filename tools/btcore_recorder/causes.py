@@ -104,13 +104,12 @@ class CauseFinder:
 
     def tick(self, position: int) -> int:
         """Return the number of a tick; for a halt that of the tick before it."""
-        return next((step.tick for step in self._steps[position::-1] if step.tick), 0)
+        tick = self._replay.recording.tick_at(position)
+        return 0 if tick is None else tick.tick
 
     def time(self, position: int) -> float:
         """Return the time of a tick (s since the recording began); for a halt that of the tick before it."""
-        head = self._replay.recording.head
-        time = next((step.time for step in self._steps[position::-1] if step.tick), head.time)
-        return (time - head.time) / NS_PER_S
+        return self._replay.recording.time_at(position) / NS_PER_S
 
     def path(self, uid: int) -> str:
         """Return the path of a node; "" for 0."""

@@ -179,7 +179,6 @@ class Moments:
             if not node.children and not is_external(type(node)):
                 node.set_post_tick_function(code.post_tick)
         self._reached = 0
-        self._start_time = self.replay.recording.head.time
 
     @property
     def count(self) -> int:
@@ -235,12 +234,10 @@ class Moments:
         replay = self.replay
         tree, position = replay.tree, replay.position
         tick = replay.steps[position - 1].tick if position else 0
-        before = (replay.steps[index] for index in reversed(range(position)))
-        began = next((step.time for step in before if step.tick), self._start_time)
         return Moment(
             position,
             tick,
-            began - self._start_time,
+            replay.recording.time_at(position - 1),
             tree.status,
             tuple(node._status for node in tree.nodes),
             tuple(_result(node) for node in tree.nodes),

@@ -303,8 +303,8 @@ class Replay:
         if begin in self._segments and self._segments[begin].gap:
             state = self._segments[begin].state
         head = self.recording.head
-        time = next((step.time for step in self.steps[begin::-1] if step.time >= 0), head.time)
-        head = head._replace(state=state, time=time, wall_time=head.wall_time + time - head.time)
+        time = self.recording.time_at(begin)
+        head = head._replace(state=state, time=head.time + time, wall_time=head.wall_time + time)
         segments = {each.position: each for each in self.recording.segments if begin < each.position < end}
         steps = []
         checksum = _Checksum()

@@ -110,8 +110,7 @@ def verify(path: Path) -> Verification:
     recording, difference = replay.recording, replay.difference
     time, cause = 0.0, None
     if difference is not None:
-        began = max((step.time for step in replay.steps[: difference.step]), default=0)
-        time = (began - recording.head.time) / NS_PER_S
+        time = recording.time_at(difference.step - 1) / NS_PER_S
         cause = _find_cause(replay, difference)
     return Verification(ticks, transitions, recording.damage, difference, time, cause)
 

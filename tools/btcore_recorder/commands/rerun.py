@@ -16,12 +16,10 @@ from btcore.options import Options, changed_option_names, option
 from btcore.registry.mock_nodes import LETTERS, parse_outcomes
 from btcore.suggestions import join_names
 from btcore_recorder.excerpts import cut, shrink
-from btcore_recorder.files import EXTENSIONS, TEXT, read_recording
+from btcore_recorder.files import EXTENSIONS, TEXT, read_recording, save_recording
 from btcore_recorder.inputs import RunRecording
-from btcore_recorder.lines import encode_text
 from btcore_recorder.replay import Replay
 from btcore_recorder.saved_tests import describe_failure, source_of_test
-from btcore_recorder.text_form import to_text
 from btcore_recorder.verification import Verification, verify
 from btcore_recorder.what_if import Change, ChangedRun, SetEntry, SetResult, read_document, run_changed
 
@@ -198,7 +196,7 @@ class RerunOptions(Options):
         if recorded.failure is not None:
             problem = describe_failure(recording, run)
         paths = [node.path for node in Replay(recording).tree.nodes]
-        files.write(file, encode_text(to_text(recording, paths)))
+        save_recording(file, recording, paths)
         files.write(test, source_of_test(recording, recorded, test, file, tree, self._matches).encode())
         names = escape_controls(f"wrote {test} and {file}", one_line=True)
         tried = "the recorded tree" if tree is None else str(tree)
