@@ -23,7 +23,7 @@ from btcore_recorder.moments import value_text
 from btcore_recorder.replay import Replay
 from btcore_recorder.tick_trace import EntryName, Halt, Read, TickTrace, Visit, Write, scripts_of
 from btcore_recorder.values import NotReplayable
-from btcore_recorder.what_if import Change, HoldEntry, SetResult, keys_of
+from btcore_recorder.what_if import Change, HoldEntry, SetResult, unique_paths
 
 MAX_CAUSES: Final = 300
 """Maximum number of causes that are considered for an answer."""
@@ -72,7 +72,7 @@ class CauseFinder:
         self._replay = replay
         self._nodes = replay.tree.nodes
         self._steps = replay.steps
-        self.keys = keys_of(replay.tree)
+        self.paths = unique_paths(replay.tree)
         self._parents = {child.config.uid: node for node in self._nodes for child in node.children}
         self._traces: dict[int, TickTrace] = {}
         self._count = 0
@@ -113,10 +113,10 @@ class CauseFinder:
 
     def path(self, uid: int) -> str:
         """Return the path of a node; "" for 0."""
-        return self.keys[uid - 1] if uid else ""
+        return self.paths[uid - 1] if uid else ""
 
     def _names(self, visits: Iterable[Visit]) -> str:
-        names = dict.fromkeys(f"'{self.keys[visit.uid - 1]}'" for visit in visits)
+        names = dict.fromkeys(f"'{self.paths[visit.uid - 1]}'" for visit in visits)
         return join_names(list(names), most=4)
 
     # --- explanations

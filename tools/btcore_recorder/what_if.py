@@ -168,37 +168,37 @@ class _Activation:
     halt: list[Input] = field(default_factory=list)
 
 
-def keys_of(tree: Tree) -> list[str]:
-    """Return a key for each node: its path, with a number if an earlier node has the same path."""
+def unique_paths(tree: Tree) -> list[str]:
+    """Return the path of each node, with a number if an earlier node has the same path."""
     seen: Counter[str] = Counter()
-    keys = []
+    paths = []
     for node in tree.nodes:
         seen[node.path] += 1
-        keys.append(node.path if seen[node.path] == 1 else f"{node.path}#{seen[node.path]}")
-    return keys
+        paths.append(node.path if seen[node.path] == 1 else f"{node.path}#{seen[node.path]}")
+    return paths
 
 
 class _PathTransition(NamedTuple):
     tick: int
-    key: str
+    path: str
     status: Status
 
     def text(self, has_tick: bool) -> str:
         """Return the transition for a sentence, with or without its tick."""
         moment = f" in tick {self.tick}" if has_tick else ""
-        return f"'{self.key}' becomes {self.status.name}{moment}"
+        return f"'{self.path}' becomes {self.status.name}{moment}"
 
 
 class PathTransitions(Observer):
-    """Collects transitions with the keys of the nodes."""
+    """Collects transitions with the paths of the nodes."""
 
     def __init__(self, tree: Tree) -> None:
         self.found: list[_PathTransition] = []
-        self._keys = keys_of(tree)
+        self._paths = unique_paths(tree)
 
     def transition(self, change: Transition) -> None:
         """Add a transition."""
-        self.found.append(_PathTransition(change.tick, self._keys[change.uid - 1], change.status))
+        self.found.append(_PathTransition(change.tick, self._paths[change.uid - 1], change.status))
 
 
 class _Tracer(ExternalCode):
@@ -247,9 +247,9 @@ class _Activations(ExternalCode):
 
     Args:
         types: The descriptions of the recorded types.
-        activations: What each node did, by its key in the changed tree.
-        results: The changed results, by tick and key.
-        outcomes: Outcomes of nodes for which no activation is left, by key, as in `parse_outcomes`.
+        activations: What each node did, by its path in the changed tree.
+        results: The changed results, by tick and path.
+        outcomes: Outcomes of nodes for which no activation is left, by path, as in `parse_outcomes`.
         missing: The result of other nodes for which no activation is left; None = the run ends there.
     """
 
@@ -266,16 +266,16 @@ class _Activations(ExternalCode):
         self.used: set[tuple[int, str]] = set()  # the nodes that were ticked, by tick
         self.invented: list[str] = []  # the nodes that had *missing* as their result
         self._missing = missing
-        self._outcomes = {key: cycle(parse_outcomes(text)) for key, text in outcomes.items()}
+        self._outcomes = {path: cycle(parse_outcomes(text)) for path, text in outcomes.items()}
         self._mocked: dict[str, Iterator[Outcome]] = {}
         self.present_tick = 0
         self.assumed_from: int | None = None
-        self.keys: Sequence[str] = ()
+        self.paths: Sequence[str] = ()
         self.uids: Mapping[int, int] = {}  # of the recorded tree → of the changed tree
         self.scopes: Mapping[int, int] = {}
         self.forced: dict[tuple[int, bool], Status] = {}
         self.pauses: set[tuple[int, int]] = set()
-        self._left = {key: deque(known) for key, known in activations.items()}
+        self._left = {path: deque(known) for path, known in activations.items()}
         self._results = results
         self._present: dict[str, tuple[_Activation, int]] = {}
 
@@ -285,67 +285,67 @@ class _Activations(ExternalCode):
             self.assumed_from = self.present_tick
 
     def tick(self, node: TreeNode) -> Status:
-        key = self.keys[node.config.uid - 1]
-        if node.status is not RUNNING or key not in self._present:
-            left = self._left.get(key)
+        path = self.paths[node.config.uid - 1]
+        if node.status is not RUNNING or path not in self._present:
+            left = self._left.get(path)
             if not left:
                 self.node = node
-                changed = self._changed_result(key)
+                changed = self._changed_result(path)
                 if changed is not None:
                     self.assume()
                     return changed
-                if key in self._outcomes:
-                    return self._tick_mock(node, key)
+                if path in self._outcomes:
+                    return self._tick_mock(node, path)
                 if self._missing is None:
                     raise _NoResultError
                 self.assume()
                 if node.status is RUNNING:  # it was halted here, or the recording ended
                     return RUNNING
-                self.invented.append(key)
+                self.invented.append(path)
                 is_invalid = self._missing is RUNNING and node._must_complete
                 return SUCCESS if is_invalid else self._missing
             activation = left.popleft()
-            self._present[key] = activation, 0
+            self._present[path] = activation, 0
             if activation.tick != self.present_tick:
                 self.assume()
-        activation, index = self._present[key]
+        activation, index = self._present[path]
         last: Input | None = None
         if index == len(activation.ticks):  # the node was halted here, or the recording ended
             self.assume()
         else:
-            self._present[key] = activation, index + 1
+            self._present[path] = activation, index + 1
             *events, last = activation.ticks[index]
             for event in events:
                 self.apply(event, "")
-        changed = self._changed_result(key)
+        changed = self._changed_result(path)
         if changed is not None:
             return changed
         if isinstance(last, Raised):
             self.raise_error(last.error)
         return last.status if isinstance(last, Result) else RUNNING
 
-    def _tick_mock(self, node: TreeNode, key: str) -> Status:
+    def _tick_mock(self, node: TreeNode, path: str) -> Status:
         """Do the next outcome of a node for which no activation is left."""
         self.assume()
         if node.status is not RUNNING:
-            self._mocked[key] = iter(next(self._outcomes[key]))
-        outcome = next(self._mocked[key], Outcome("R"))
+            self._mocked[path] = iter(next(self._outcomes[path]))
+        outcome = next(self._mocked[path], Outcome("R"))
         for port, text in outcome.outputs:
             node.set_output(port, text)
         if outcome.letter == "X":
             raise MockLeafError("the outcome is X")
         return LETTERS[outcome.letter]
 
-    def _changed_result(self, key: str) -> Status | None:
+    def _changed_result(self, path: str) -> Status | None:
         """Return the result of `SetResult` for the present tick of a node, or None."""
-        self.used.add((self.present_tick, key))
-        return self._results.get((self.present_tick, key))
+        self.used.add((self.present_tick, path))
+        return self._results.get((self.present_tick, path))
 
     def halt(self, node: TreeNode) -> None:
-        key = self.keys[node.config.uid - 1]
-        present = self._present.pop(key, None)
+        path = self.paths[node.config.uid - 1]
+        present = self._present.pop(path, None)
         activation = None if present is None else present[0]
-        left = self._left.get(key)
+        left = self._left.get(path)
         if activation is None and node.status is RUNNING and left and not left[0].ticks:
             activation = left.popleft()
         for event in () if activation is None else activation.halt:
@@ -389,7 +389,7 @@ class _Activations(ExternalCode):
 
 
 class RecordedRun:
-    """A recorded run: what its external nodes did, by key, and its transitions.
+    """A recorded run: what its external nodes did, by path, and its transitions.
 
     Args:
         recording: The recording.
@@ -411,9 +411,9 @@ class RecordedRun:
         replay.tree.flush_observers()
         self.recording = recording
         self.tree = replay.tree
-        self.keys = keys_of(replay.tree)
+        self.paths = unique_paths(replay.tree)
         self.transitions = collected.found
-        self.activations = {self.keys[uid - 1]: known for uid, known in tracer.activations.items()}
+        self.activations = {self.paths[uid - 1]: known for uid, known in tracer.activations.items()}
 
 
 class ChangedReplay:
@@ -460,26 +460,28 @@ class ChangedReplay:
             head = head._replace(classes=(*head.classes, *_new_leaves(head, run.tree)))
         matches = matches or {}
         for old in matches:
-            _check_node(old, run.keys, "the recorded tree")
+            _check_node(old, run.paths, "the recorded tree")
         changes = list(changes)
         results = {
             (change.tick, change.node): change.status for change in changes if isinstance(change, SetResult)
         }
-        activations = {matches.get(key, key): known for key, known in run.activations.items()}
+        activations = {matches.get(path, path): known for path, known in run.activations.items()}
         external = _Activations(head.types, activations, results, outcomes or {}, missing)
         self.tree = tree = load_recorded(head, external, StepClock())
-        external.keys = keys_of(tree)
-        leaves = [key for key, node in zip(external.keys, tree.nodes, strict=True) if is_external(type(node))]
+        external.paths = unique_paths(tree)
+        leaves = [
+            path for path, node in zip(external.paths, tree.nodes, strict=True) if is_external(type(node))
+        ]
         for change in changes:
             if isinstance(change, SetResult):
                 _check_node(change.node, leaves, "the tree, whose results are recorded")
-        for key in outcomes or ():
-            _check_node(key, leaves, "the tree, whose results are recorded")
+        for path in outcomes or ():
+            _check_node(path, leaves, "the tree, whose results are recorded")
         for new in matches.values():
-            _check_node(new, external.keys, "the tree")
-        uids = {key: uid for uid, key in enumerate(external.keys, start=1)}
-        recorded_uids = {uid: matches.get(key, key) for uid, key in enumerate(run.keys, start=1)}
-        external.uids = {uid: uids[key] for uid, key in recorded_uids.items() if key in uids}
+            _check_node(new, external.paths, "the tree")
+        uids = {path: uid for uid, path in enumerate(external.paths, start=1)}
+        recorded_uids = {uid: matches.get(path, path) for uid, path in enumerate(run.paths, start=1)}
+        external.uids = {uid: uids[path] for uid, path in recorded_uids.items() if path in uids}
         external.scopes = _match_scopes(run.tree, tree, len(head.outer))
         if document is None or _nodes(tree) == _nodes(run.tree):
             entries = restore_entries(head.state, external.boards, external.entry)
@@ -489,7 +491,7 @@ class ChangedReplay:
                 "the recording begins within a run: it has no start for a tree with other nodes; use a "
                 "recording that begins earlier"
             )
-        self.unmatched = [key for key in activations if key not in external.keys]
+        self.unmatched = [path for path in activations if path not in external.paths]
         self.position = 0
         self.status = IDLE
         self.end: EndReason = "the recording ended"
@@ -590,7 +592,7 @@ def run_changed(
         pass
     changed.tree.flush_observers()
     matches = matches or {}
-    transitions = [each._replace(key=matches.get(each.key, each.key)) for each in run.transitions]
+    transitions = [each._replace(path=matches.get(each.path, each.path)) for each in run.transitions]
     is_whole = changed.end == "the recording ended"
     pairs = zip_longest(transitions, collected.found)
     differing = (pair for pair in pairs if pair[0] != pair[1] and (is_whole or pair[1] is not None))
@@ -652,13 +654,13 @@ def _new_leaves(head: Head, recorded: Tree) -> Iterator[RecordedClass]:
 
 
 def _nodes(tree: Tree) -> list[tuple[str, str]]:
-    """Return the keys and the IDs of the nodes."""
-    return [(key, node.config.id) for key, node in zip(keys_of(tree), tree.nodes, strict=True)]
+    """Return the paths and the IDs of the nodes."""
+    return [(path, node.config.id) for path, node in zip(unique_paths(tree), tree.nodes, strict=True)]
 
 
-def _check_node(key: str, keys: Sequence[str], where: str) -> None:
-    if key not in keys:
-        raise BtcoreError(f"there is no node '{key}' in {where}{did_you_mean(key, keys)}")
+def _check_node(path: str, paths: Sequence[str], where: str) -> None:
+    if path not in paths:
+        raise BtcoreError(f"there is no node '{path}' in {where}{did_you_mean(path, paths)}")
 
 
 def _match_scopes(recorded: Tree, changed: Tree, outer: int) -> dict[int, int]:

@@ -288,9 +288,9 @@ class Explainer:
     # --- moments
 
     def _find_node(self, node: str) -> int:
-        if node in self._causes.keys:
-            return self._causes.keys.index(node) + 1
-        raise BtcoreError(f"the recorded tree has no node '{node}'{did_you_mean(node, self._causes.keys)}")
+        if node in self._causes.paths:
+            return self._causes.paths.index(node) + 1
+        raise BtcoreError(f"the recorded tree has no node '{node}'{did_you_mean(node, self._causes.paths)}")
 
     def _find_step(self, tick: int | None, time: float | None, prefers_failure: bool) -> int:
         """Return the index of a step."""
