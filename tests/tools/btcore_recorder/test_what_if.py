@@ -27,7 +27,7 @@ PATROL = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
 
 @settings(max_examples=int(RUNS) // 2 if RUNS else settings().max_examples)
 @given(DOCUMENTS, ACTIONS, st.integers(0, 2**32))
-@example(HELD, ["tick", "halt"], 1)  # the halt raises
+@example(HELD, ["tick", "halt"], 4)  # the halt raises
 def test_without_a_change_the_run_is_the_same(xml: str, actions: list[str], seed: int) -> None:
     run = Run(random_tree(xml, seed, SimClock()))
     for action in actions:
