@@ -16,7 +16,7 @@ from btcore.engine.node import TreeNode
 from btcore.status import IDLE, RUNNING, Status
 from btcore.xml.plan.key_uses import READING, WRITING, find_name_uses
 from btcore.xml.plan.plan import Plans
-from btcore_recorder.files import RECONSTRUCTED, describe_reconstruction
+from btcore_recorder.files import describe_reconstruction
 from btcore_recorder.inputs import Input, RunRecording, is_external
 from btcore_recorder.recorded_tree import ExternalCode, Inputs
 from btcore_recorder.replay import STATE_INTERVAL, Replay
@@ -200,9 +200,7 @@ class Moments:
     def warnings(self) -> Sequence[str]:
         """What the recording lacks, as sentences."""
         recording = self.replay.recording
-        log = recording.head.versions.get(RECONSTRUCTED)
-        reconstruction = "" if log is None else describe_reconstruction(log)
-        return [*filter(None, (recording.damage, reconstruction))]
+        return [*filter(None, (recording.damage, describe_reconstruction(recording.head)))]
 
     def at(self, position: int, limit: float = math.inf) -> Moment:
         """Return the moment after *position* steps.
