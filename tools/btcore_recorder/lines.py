@@ -331,9 +331,11 @@ class _Reader:
             match self._next():
                 case "type", [str(name), dict(description)]:
                     types[name] = description
-                case "tick", [int(number), int(at), *cause] if before is None and number > 0:
+                case "tick", [int(number), int(at), *cause] if (
+                    before is None and number > 0 and len(cause) < 2
+                ):
                     before, inputs, tick, time = inputs, [], number, at
-                    woken_by = _cause(cause)
+                    woken_by = _check(cause[0], int) if cause else None
                 case "transitions", [list(pairs)] if before is not None and transitions is None:
                     transitions = _converter(tuple[tuple[int, Status], ...])(pairs)
                 case "segment", [str(gap)] if before is None and not inputs:
@@ -398,15 +400,6 @@ def _facts(values: dict[str, Any]) -> Facts:
     fields = get_type_hints(Facts)
     known = {name: value for name, value in values.items() if name in fields}
     return Facts(**{name: _converter(fields[name])(value) for name, value in known.items()})
-
-
-def _cause(values: list[Any]) -> int | None:
-    match values:
-        case []:
-            return None
-        case [int(cause)]:
-            return cause
-    raise DamageError("the values of 'tick' are invalid")
 
 
 def _class(values: list[Any]) -> RecordedClass:
