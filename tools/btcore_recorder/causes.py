@@ -19,10 +19,9 @@ from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.suggestions import join_names
 from btcore.xml.plan.key_uses import WRITING, find_name_uses, iter_subexpressions, parse_statements
 from btcore_recorder.inputs import Raised, Result, is_external
-from btcore_recorder.moments import value_text
 from btcore_recorder.replay import Replay
 from btcore_recorder.tick_trace import EntryName, Halt, Read, TickTrace, Visit, Write, scripts_of
-from btcore_recorder.values import NotReplayable
+from btcore_recorder.values import NotReplayable, value_text
 from btcore_recorder.what_if import Change, HoldEntry, SetResult, unique_paths
 
 MAX_CAUSES: Final = 300
@@ -501,8 +500,7 @@ def _literals(script: str) -> Iterator[object]:
 
 def short_text(value: object) -> str:
     """Return *value* as a text of at most 60 characters."""
-    text = value_text(value)
-    return text if len(text) <= _MAX_VALUE else text[: _MAX_VALUE - 1] + "…"
+    return value_text(value, _MAX_VALUE)
 
 
 def name_of(status: Status | None) -> str:
