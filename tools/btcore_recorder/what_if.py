@@ -462,9 +462,7 @@ class ChangedReplay:
         for old in matches:
             _check_node(old, run.paths, "the recorded tree")
         changes = list(changes)
-        results = {
-            (change.tick, change.node): change.status for change in changes if isinstance(change, SetResult)
-        }
+        results = {(each.tick, each.node): each.status for each in changes if isinstance(each, SetResult)}
         activations = {matches.get(path, path): known for path, known in run.activations.items()}
         external = _Activations(head.types, activations, results, outcomes or {}, missing)
         self.tree = tree = load_recorded(head, external, StepClock())
@@ -472,10 +470,7 @@ class ChangedReplay:
         leaves = [
             path for path, node in zip(external.paths, tree.nodes, strict=True) if is_external(type(node))
         ]
-        for change in changes:
-            if isinstance(change, SetResult):
-                _check_node(change.node, leaves, "the tree, whose results are recorded")
-        for path in outcomes or ():
+        for path in (*(node for _, node in results), *(outcomes or ())):
             _check_node(path, leaves, "the tree, whose results are recorded")
         for new in matches.values():
             _check_node(new, external.paths, "the tree")
@@ -499,7 +494,7 @@ class ChangedReplay:
         self.other_result: tuple[int, Status, Status] | None = None
         self._recording = recording
         self._external = external
-        self._results = [each for each in changes if isinstance(each, SetResult)]
+        self._results = results
         self._entries = [each for each in changes if isinstance(each, SetEntry)]
         self._held = [each for each in changes if isinstance(each, HoldEntry)]
         tree.context.clock = self._clock = RecordedTimes(Inputs())
@@ -518,7 +513,7 @@ class ChangedReplay:
         entries = [each for each in set_entries if each.tick not in ticks]
         return [f"{each.key}={each.value}@{each.tick}" for each in entries] + [
             f"{node}={status.name}@{tick}"
-            for tick, node, status in self._results
+            for (tick, node), status in self._results.items()
             if (tick, node) not in self._external.used
         ]
 
