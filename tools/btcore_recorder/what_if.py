@@ -289,21 +289,7 @@ class _Activations(ExternalCode):
         if node.status is not RUNNING or path not in self._present:
             left = self._left.get(path)
             if not left:
-                self.node = node
-                changed = self._changed_result(path)
-                if changed is not None:
-                    self.assume()
-                    return changed
-                if path in self._outcomes:
-                    return self._tick_mock(node, path)
-                if self._missing is None:
-                    raise _NoResultError
-                self.assume()
-                if node.status is RUNNING:  # it was halted here, or the recording ended
-                    return RUNNING
-                self.invented.append(path)
-                is_invalid = self._missing is RUNNING and node._must_complete
-                return SUCCESS if is_invalid else self._missing
+                return self._tick_unrecorded(node, path)
             activation = left.popleft()
             self._present[path] = activation, 0
             if activation.tick != self.present_tick:
@@ -324,10 +310,25 @@ class _Activations(ExternalCode):
             self.raise_error(last.error)
         return last.status if isinstance(last, Result) else RUNNING
 
+    def _tick_unrecorded(self, node: TreeNode, path: str) -> Status:
+        """Tick a node for which no activation is left."""
+        self.node = node
+        changed = self._changed_result(path)
+        if changed is not None or path in self._outcomes:
+            self.assume()
+            return self._tick_mock(node, path) if changed is None else changed
+        if self._missing is None:
+            raise _NoResultError
+        self.assume()
+        if node.status is RUNNING:  # it was halted here, or the recording ended
+            return RUNNING
+        self.invented.append(path)
+        is_invalid = self._missing is RUNNING and node._must_complete
+        return SUCCESS if is_invalid else self._missing
+
     def _tick_mock(self, node: TreeNode, path: str) -> Status:
         """Do the next outcome of a node for which no activation is left."""
-        self.assume()
-        if node.status is not RUNNING:
+        if node.status is not RUNNING or path not in self._mocked:
             self._mocked[path] = iter(next(self._outcomes[path]))
         outcome = next(self._mocked[path], Outcome("R"))
         for port, text in outcome.outputs:
