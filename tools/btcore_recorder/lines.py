@@ -328,9 +328,9 @@ class _Reader:
             match self._next():
                 case "type", [str(name), dict(description)]:
                     types[name] = description
-                case "tick", [int(number), int(at), *cause] if before is None and number > 0:
+                case "tick", [int(number), int(at), *rest] if before is None and number > 0:
                     before, inputs, tick, time = inputs, [], number, at
-                    woken_by = _cause(cause)
+                    woken_by = _woken_by(rest)
                 case "transitions", [list(pairs)] if before is not None and transitions is None:
                     transitions = tuple(map(_transition, pairs))
                 case "segment", [str(gap)] if before is None and not inputs:
@@ -422,12 +422,12 @@ def _codes(values: dict[str, Any]) -> dict[str, LeafCode]:
     return codes
 
 
-def _cause(values: list[Any]) -> int | None:
+def _woken_by(values: list[Any]) -> int | None:
     match values:
         case []:
             return None
-        case [int(cause)]:
-            return cause
+        case [int(uid)]:
+            return uid
     raise DamageError("the values of 'tick' are invalid")
 
 
