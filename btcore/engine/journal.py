@@ -21,11 +21,11 @@ T = TypeVar("T")
 
 
 class TickBegan(NamedTuple):
-    """The root is ticked: the number of the tick, its time (ns), and what woke it, `TreeContext.cause`."""
+    """The root is ticked: the number of the tick, its time (ns), and what woke it, `TreeContext.woken_by`."""
 
     tick: int
     time: int
-    cause: int
+    woken_by: int
 
 
 class HaltBegan(NamedTuple):
@@ -207,9 +207,9 @@ class Journal(WriteRecorder):
 
     # --- steps: ticks of the root, and halts of the whole tree
 
-    def begin_tick(self, tick: int, time: int, cause: int) -> None:
+    def begin_tick(self, tick: int, time: int, woken_by: int) -> None:
         """Go inside for a tick of the root; see `TickBegan`."""
-        self._begin(TickBegan(tick, time, cause), time)
+        self._begin(TickBegan(tick, time, woken_by), time)
 
     def begin_halt(self) -> None:
         """Go inside for a halt of the whole tree, unless it is a part of a tick."""

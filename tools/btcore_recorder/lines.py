@@ -331,11 +331,9 @@ class _Reader:
             match self._next():
                 case "type", [str(name), dict(description)]:
                     types[name] = description
-                case "tick", [int(number), int(at), *cause] if (
-                    before is None and number > 0 and len(cause) < 2
-                ):
+                case "tick", [int(number), int(at), *rest] if before is None and number > 0 and len(rest) < 2:
                     before, inputs, tick, time = inputs, [], number, at
-                    woken_by = _check(cause[0], int) if cause else None
+                    woken_by = _check(rest[0], int) if rest else None
                 case "transitions", [list(pairs)] if before is not None and transitions is None:
                     transitions = _converter(tuple[tuple[int, Status], ...])(pairs)
                 case "segment", [str(gap)] if before is None and not inputs:
