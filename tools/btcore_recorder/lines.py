@@ -265,8 +265,8 @@ class _Reader:
                     tree = id, format
                 case "clock", [int(time), int(wall_time)]:
                     clock = time, wall_time
-                case "versions", [dict(named)] if all(isinstance(text, str) for text in named.values()):
-                    versions = named
+                case "versions", [named]:
+                    versions = _converter(Mapping[str, str])(named)
                 case "facts", [dict(values)]:
                     facts = _facts(values)
                 case "document", [str(file), str(text), bool(is_shared)]:
@@ -281,10 +281,8 @@ class _Reader:
                     replaced[uid] = _class(values)
                 case "node", [int(), str()]:
                     pass  # for people who read the file
-                case "outer", [bool(autoremap), dict(remaps)] if all(
-                    isinstance(key, str) for key in remaps.values()
-                ):
-                    outer.append((autoremap, remaps))
+                case "outer", values:
+                    outer.append(_converter(tuple[bool, Mapping[str, str]])(values))
                 case "head", []:
                     break
                 case None:
