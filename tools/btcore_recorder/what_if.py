@@ -223,7 +223,9 @@ class _Tracer(ExternalCode):
 
     def halt(self, node: TreeNode) -> None:
         known = self.activations[node.config.uid]
-        if not known and node.status is RUNNING:  # since before the recording
+        head = self._inputs.next
+        is_recorded = isinstance(head, ExternalHaltBegan) and head.uid == node.config.uid
+        if not known and (is_recorded or node.status is RUNNING):  # since before the recording
             known.append(_Activation(self.present_tick))
         self._taken.append(known[-1].halt if known else [])
         try:
@@ -347,8 +349,9 @@ class _Activations(ExternalCode):
         present = self._present.pop(path, None)
         activation = None if present is None else present[0]
         left = self._left.get(path)
-        if activation is None and node.status is RUNNING and left and not left[0].ticks:
-            activation = left.popleft()
+        if activation is None and left and not left[0].ticks:
+            is_due = node.status is RUNNING or left[0].tick == self.present_tick
+            activation = left.popleft() if is_due else None
         for event in () if activation is None else activation.halt:
             if isinstance(event, ExternalHaltEnded):
                 if event.error is not None:

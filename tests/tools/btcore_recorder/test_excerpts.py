@@ -4,7 +4,7 @@ import os
 from random import Random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from btcore import SimClock
@@ -15,7 +15,7 @@ from btcore_recorder.files import save_recording
 from btcore_recorder.inputs import RunRecording
 from btcore_recorder.what_if import run_changed
 from tests.tools.btcore_recorder.test_replay import DOCUMENTS, Run, act, random_tree
-from tests.tools.btcore_recorder.test_what_if import ACTIONS
+from tests.tools.btcore_recorder.test_what_if import ACTIONS, HELD
 
 RUNS = os.environ.get("BTCORE_RUNS")
 
@@ -60,6 +60,7 @@ def size(recording: RunRecording) -> int:
 
 @settings(max_examples=int(RUNS) // 4 if RUNS else settings().max_examples)
 @given(DOCUMENTS, ACTIONS, st.integers(0, 2**32))
+@example(HELD, ["tick", "halt"], 4)  # the halt raises, also without the tick before it
 def test_shrunk_run_fails_at_the_same_node(xml: str, actions: list[str], seed: int) -> None:
     run = Run(random_tree(xml, seed, SimClock()))
     observer = FailureObserver(run.tree)
