@@ -613,8 +613,7 @@ def _tick_external(node: TreeNode, journal: "Journal") -> Status:
         journal.enter()
         journal.add_error(node.config.uid, error)
         raise
-    journal.enter()
-    journal.add_result(node.config, status)
+    journal.enter_with_result(node.config, status)
     return status
 
 
