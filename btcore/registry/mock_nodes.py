@@ -380,7 +380,7 @@ def create_mock_class(
         {
             "provided_ports": staticmethod(lambda: listed),
             "metadata": staticmethod(lambda: fields),
-            "__doc__": description or f"A mock node: the code of <{id}> is elsewhere.",
+            "__doc__": description,
             "__module__": origin,
         },
     )
