@@ -187,7 +187,7 @@ class Registry:
         """
         names = _names_of_caller()
         for id, implementation in nodes.items():
-            before = {format: nodes[id] for format, nodes in self._nodes.items() if id in nodes}
+            before = {format: known[id] for format, known in self._nodes.items() if id in known}
             self.remove(id)
             try:
                 self._add(implementation, id, names, library_of(implementation))
