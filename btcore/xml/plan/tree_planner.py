@@ -326,7 +326,7 @@ class TreePlanner:
                 rule = f"{'it' if least > 1 else 'a control node'} needs at least {least}"
                 roles, needed = "", least
                 if manifest is not None:
-                    from btcore.registry.mock_nodes import is_mock  # only errors need it
+                    from btcore.registry.nodes_without_code import is_mock  # only errors need it
 
                     roles = manifest.spec.child_roles if least > 1 else ""
                     # More children may be needed at the first tick than to load the tree.

@@ -9,7 +9,7 @@ from typing import Any
 from btcore.blackboard.ports import Direction, Port, PortRole
 from btcore.engine.node_spec import NodeSpec
 from btcore.registry.manifest import Manifest
-from btcore.registry.mock_nodes import create_mock_class, is_mock
+from btcore.registry.nodes_without_code import create_mock_class, is_mock
 from btcore.registry.registration_checks import default_value_error
 from btcore.registry.registry import Registry
 from btcore.status import NodeType
