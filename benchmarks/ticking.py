@@ -30,12 +30,15 @@ peers = import_module("measure.py_trees_peers") if find_spec("py_trees") else No
 CYCLES = {"bump-and-go": 14}
 """The number of ticks after which the behavior of a tree repeats; in other trees all ticks are the same."""
 AS_FAST_AS_CPP = {
-    "bump-and-go": at_least(1.5, compiled=24, pure=4),
-    "deep": at_least(1.5, compiled=34, pure=4),
-    "wide": at_least(1.5, compiled=34, pure=4),
+    "bump-and-go": at_least(aim=1.5, compiled=24, pure=4),
+    "deep": at_least(aim=1.5, compiled=34, pure=4),
+    "wide": at_least(aim=1.5, compiled=34, pure=4),
     "reactive": at_least(pure=4),
 }
-"""The targets by tree. For the compiled build, this is the speed of BehaviorTree.CPP relative to py_trees."""
+"""The targets by tree. For the compiled build, this is the speed of BehaviorTree.CPP relative to py_trees.
+
+BehaviorTree.CPP was not measured with *reactive*, so that the compiled build has no target there.
+"""
 OVER_THE_LOOP = at_most(compiled=5)
 
 

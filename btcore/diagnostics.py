@@ -1,4 +1,4 @@
-"""Diagnostics: errors and warnings about a document, with their places, hints and fixes."""
+"""Diagnostics: errors and warnings about a document; `xml/read/document.py` collects them while loading."""
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence

@@ -269,28 +269,19 @@ def main(arguments: list[str]) -> int:
     if not chosen:
         print('no file differs from the main branch; FILES="…" selects files')
         return 0
-    python = [file for file in chosen if file.endswith(".py")]
-    sources = [file for file in chosen if is_source(file)]
-    tests = all_tests_of(chosen)
-    failed = []
     # mypy runs while the tests do.
     mypy = (
         subprocess.Popen([sys.executable, "-m", "mypy"], cwd=ROOT, stdout=subprocess.PIPE, text=True)
-        if sources
+        if any(map(is_source, chosen))
         else None
     )
-    if python:
-        print(f"· style of {counted(len(python), 'Python file')}")
-        for command in (["check", "--quiet"], ["format", "--check"]):
-            if run([sys.executable, "-m", "ruff", *command, *python]) != 0:
-                failed.append(f"style (`ruff {command[0]}`)")
-    else:
-        print("· style: skipped, no Python file")
+    failed = check_style([file for file in chosen if file.endswith(".py")])
+    tests = all_tests_of(chosen)
     left_out = tests[AT_MOST:] if limit else []
     not_started = 0
     if tests:
-        for python, chosen_tests in by_python(tests[: len(tests) - len(left_out)]):
-            code, skipped = run_tests(python, chosen_tests, limit, tests[0])
+        for interpreter, chosen_tests in by_interpreter(tests[: len(tests) - len(left_out)]):
+            code, skipped = run_tests(interpreter, chosen_tests, limit, tests[0])
             not_started += skipped
             if code != 0 and "tests" not in failed:
                 failed.append("tests")
@@ -311,7 +302,21 @@ def main(arguments: list[str]) -> int:
     return 1 if failed else 0
 
 
-def by_python(tests: list[str]) -> list[tuple[str, list[str]]]:
+def check_style(files: list[str]) -> list[str]:
+    """Check the style of Python *files*, and return which checks failed."""
+    if not files:
+        print("· style: skipped, no Python file")
+        return []
+    print(f"· style of {counted(len(files), 'Python file')}")
+    commands = (["check", "--quiet"], ["format", "--check"])
+    return [
+        f"style (`ruff {command[0]}`)"
+        for command in commands
+        if run([sys.executable, "-m", "ruff", *command, *files]) != 0
+    ]
+
+
+def by_interpreter(tests: list[str]) -> list[tuple[str, list[str]]]:
     """Return which Python runs which of *tests*, without empty lists."""
     ros2 = str(ROS2_PYTHON) if ROS2_PYTHON.exists() else sys.executable
     found: dict[str, list[str]] = {}
@@ -320,11 +325,11 @@ def by_python(tests: list[str]) -> list[tuple[str, list[str]]]:
     return list(found.items())
 
 
-def run_tests(python: str, tests: list[str], limit: float, closest: str) -> tuple[int, int]:
+def run_tests(interpreter: str, tests: list[str], limit: float, closest: str) -> tuple[int, int]:
     """Run *tests*, and print them before.
 
     Args:
-        python: The Python that runs pytest.
+        interpreter: The Python that runs pytest.
         tests: The tests.
         limit: The time (s) after the first test after which no test is started; 0 = no limit.
         closest: The test to which the limit does not apply.
@@ -332,7 +337,7 @@ def run_tests(python: str, tests: list[str], limit: float, closest: str) -> tupl
     Returns:
         pytest's exit code, and the number of tests that were not started.
     """
-    place = "" if python == sys.executable else "in .venv-ros: "
+    place = "" if interpreter == sys.executable else "in .venv-ros: "
     print(f"· tests: {place}pytest", *tests)
     # One test at a time is sent to a process, in the order of the files.
     several = ["-n", str(os.cpu_count() or 1), "--maxschedchunk=1"]
@@ -346,7 +351,7 @@ def run_tests(python: str, tests: list[str], limit: float, closest: str) -> tupl
                 "BTCORE_TEST_WITHOUT_LIMIT": str(ROOT / closest.partition("::")[0]),
                 "BTCORE_TEST_NOT_STARTED": str(count),
             }
-        code = run([python, "-m", "pytest", "-q", *processes, *tests], environment)
+        code = run([interpreter, "-m", "pytest", "-q", *processes, *tests], environment)
         return code, int(count.read_text()) if count.exists() else 0
 
 

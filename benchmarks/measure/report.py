@@ -47,7 +47,7 @@ class Target:
         return ratio >= limit if self.sense == "≥" else ratio <= limit
 
 
-def at_least(aim: float = 1.0, **by_build: float) -> Target:
+def at_least(*, aim: float = 1.0, **by_build: float) -> Target:
     """Return a target with the smallest acceptable ratio for each build, see `Target`."""
     return Target("≥", by_build, aim)
 

@@ -19,7 +19,7 @@ from btcore.values.numbers import read_json
 from btcore.xml.plan.plan import Plans, reachable_trees
 
 if TYPE_CHECKING:
-    from btcore.registry.mock_nodes import Outcomes
+    from btcore.registry.mock_leaves import Outcomes
 
 _NAMED_OUTCOMES: Final = re.compile(r"(.+?)=([^=]*|[RSFKX|]*\(.*)", re.DOTALL)
 """Names may contain `=`, and so may the outputs of outcomes."""
@@ -95,7 +95,8 @@ def _load_rules(files: Iterable[Path]) -> dict[str, SubstitutionRule]:
 
 def _parse_outcomes(texts: Sequence[str]) -> "Outcomes":
     """Return the outcomes in texts of the form NAME=OUTCOMES."""
-    from btcore.registry.mock_nodes import Outcomes, parse_outcomes  # most runs do not need it
+    from btcore.registry.mock_leaves import Outcomes  # most runs do not need it
+    from btcore.registry.outcomes import parse_outcomes  # most runs do not need it
 
     leaves: dict[str, str] = {}
     for text in texts:
@@ -116,7 +117,7 @@ def _parse_outcomes(texts: Sequence[str]) -> "Outcomes":
 
 
 def _ports_of_mock_leaves(plans: Plans) -> dict[str, Mapping[str, Port]]:
-    from btcore.registry.mock_nodes import MockAction
+    from btcore.registry.mock_leaves import MockAction
 
     leaves: dict[str, Mapping[str, Port]] = {}
     assert plans.main_tree is not None

@@ -16,7 +16,7 @@ from btcore.lint.possible_results import ResultAnalysis, all_children_known, beh
 from btcore.nodes.parallel import threshold
 from btcore.nodes.sequences_and_fallbacks import ReactiveNode
 from btcore.nodes.try_catch import TryCatch
-from btcore.registry.mock_nodes import is_mock
+from btcore.registry.nodes_without_code import is_mock
 from btcore.status import FAILURE, SUCCESS, PossibleResults, Status
 from btcore.suggestions import child_count_text
 from btcore.xml.plan.tree_plan import NodePlan

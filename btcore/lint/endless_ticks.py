@@ -8,7 +8,7 @@ from btcore.diagnostic_codes import ENDLESS_TICK
 from btcore.lint.node_reporter import NodeReporter
 from btcore.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
 from btcore.nodes.repeat import RepeatedNode
-from btcore.registry.mock_nodes import is_mock
+from btcore.registry.nodes_without_code import is_mock
 from btcore.status import FAILURE, SUCCESS, NodeType
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan

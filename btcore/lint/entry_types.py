@@ -23,7 +23,7 @@ from btcore.lint.scripts import is_constant
 from btcore.lint.unwritten_keys import is_declaration
 from btcore.names import POSTCONDITION_ATTRIBUTES
 from btcore.registry.manifest import Manifest
-from btcore.registry.mock_nodes import is_mock
+from btcore.registry.nodes_without_code import is_mock
 from btcore.script.expressions import Assignment, Literal, Name
 from btcore.status import SUCCESS
 from btcore.values import INT64, STRING

@@ -4,7 +4,7 @@ from typing import Final
 
 from btcore.engine.node import TreeNode
 from btcore.engine.node_spec import declared_fields
-from btcore.registry.mock_nodes import is_mock
+from btcore.registry.nodes_without_code import is_mock
 from btcore.status import FAILURE, SKIPPED, SUCCESS, UNKNOWN_RESULTS, PossibleResults
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan

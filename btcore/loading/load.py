@@ -15,7 +15,7 @@ from btcore.loading.instantiate import instantiate
 from btcore.registry.registry import Registry
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans, plan_document
-from btcore.xml.read.document import Diagnostics, Document
+from btcore.xml.read.document import CollectedDiagnostics, Document
 from btcore.xml.read.read import PackageResolver, parse_file, parse_text
 
 
@@ -213,7 +213,7 @@ def plan_inputs(
             documents.append(parse(path_or_text, confined=confined))
         except TreeError as error:
             errors += error.diagnostics
-    Diagnostics(tuple(errors)).raise_errors()
+    CollectedDiagnostics(tuple(errors)).raise_errors()
     main, *shared = documents
     return plan_document(main, _registry(nodes), tree, format, shared_documents=shared, packages=packages)
 

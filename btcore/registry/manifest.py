@@ -91,7 +91,8 @@ class Manifest:
         """The description of the node: the docstring of its class or function."""
         if self.function is not None:
             return inspect.cleandoc(self.function.__doc__ or "")
-        return inspect.cleandoc(self.cls.__doc__ or builds.written_docstring(self.cls))
+        text = self.cls.__doc__  # None in a compiled class, "" in a mock node without a description
+        return inspect.cleandoc(builds.written_docstring(self.cls) if text is None else text)
 
     @property
     def resource_parameters(self) -> list[Parameter]:

@@ -89,7 +89,6 @@ class Registry:
         """The documents of `add_trees`."""
         self.overridden_nodes: list[tuple[Manifest, Manifest]] = []
         """Pairs of manifests: a node of an installed library, and the user's node that replaced it."""
-        self._installing = False  # whether `add_plugins` registers nodes, which later nodes may override
 
     @classmethod
     def standard(cls) -> "Registry":
@@ -188,7 +187,7 @@ class Registry:
         """
         names = _names_of_caller()
         for id, implementation in nodes.items():
-            before = {format: nodes[id] for format, nodes in self._nodes.items() if id in nodes}
+            before = {format: known[id] for format, known in self._nodes.items() if id in known}
             self.remove(id)
             try:
                 self._add(implementation, id, names, library_of(implementation))
@@ -335,7 +334,7 @@ class Registry:
             if known is None:
                 continue
             is_same = known.has_same_origin(manifest)
-            if known.is_overridable and not self._installing:
+            if known.is_overridable and not self.types.installing:
                 if is_same:
                     return
                 self.remove(manifest.id)
@@ -349,7 +348,7 @@ class Registry:
                     f"'{manifest.id}' is registered twice: by {known.origin} and by {manifest.origin}; "
                     f"replace the first with replace(…), or give one of them another ID"
                 )
-        manifest.is_overridable = self._installing
+        manifest.is_overridable = self.types.installing
         for used_format in formats:
             self._nodes[used_format][manifest.id] = manifest
         if library not in self._libraries:
@@ -377,7 +376,8 @@ class Registry:
         """
         unavailable = []
         for point in entry_points.find(NODES_GROUP, own):
-            self._installing = self.types.installing = True
+            # Not an argument of `add_plugin`: the library's register(nodes) calls `add` and `add_type`.
+            self.types.installing = True
             try:
                 self.add_plugin(point.value, point.distribution)
             except RegistrationError as error:
@@ -386,7 +386,7 @@ class Registry:
                     raise
                 unavailable.append(ignored)
             finally:
-                self._installing = self.types.installing = False
+                self.types.installing = False
         return unavailable
 
     def add_plugin(self, library: "str | Path | ModuleType | Plugin", name: str | None = None) -> None:

@@ -8,7 +8,7 @@ names do not.
 
 from typing import TYPE_CHECKING
 
-from btcore.registry.mock_nodes import MockAction, MockCondition, MockLeafError, Outcomes
+from btcore.registry.mock_leaves import MockAction, MockCondition, MockLeafError, Outcomes
 from btcore.testing.assertions import (
     assert_ended,
     assert_halted,

@@ -12,7 +12,7 @@ from typing import Any, Final, get_type_hints
 
 from btcore.blackboard.ports import Output
 from btcore.engine.signature import In
-from btcore.registry.mock_nodes import GivenOutputs, MockAction, MockCondition, check_outputs
+from btcore.registry.mock_leaves import GivenOutputs, MockAction, MockCondition, check_outputs
 from btcore.registry.registry import Registry
 from btcore.status import NodeType
 from btcore.values import (

@@ -25,7 +25,7 @@ from btcore.blackboard.format3 import Format3Blackboard
 from btcore.clock import SimClock
 from btcore.loading.load import loads
 from btcore.registry.manifest import Manifest
-from btcore.registry.mock_nodes import Outcomes
+from btcore.registry.mock_leaves import Outcomes
 from btcore.registry.registry import Registry
 from btcore.suggestions import did_you_mean
 from btcore.testing.mock_leaves import with_mock_leaves

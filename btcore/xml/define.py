@@ -22,7 +22,7 @@ from btcore.fixes import NameTree, Rename, SetFormat
 from btcore.names import model_port_name_error
 from btcore.suggestions import join_names, nearest_name, suggestion
 from btcore.xml.read.dialect import DIALECTS, PORT_TAGS, Dialect
-from btcore.xml.read.document import DiagnosticCollector, Diagnostics, Document
+from btcore.xml.read.document import CollectedDiagnostics, DiagnosticCollector, Document
 from btcore.xml.read.element import EXAMPLE, Element
 from btcore.xml.read.read import Sources
 
@@ -74,7 +74,7 @@ class Definitions(NamedTuple):
     main_tree: TreeDefinition | None
     subtree_models: Mapping[str, Mapping[str, str | None]]
     are_complete: bool
-    diagnostics: Diagnostics
+    diagnostics: CollectedDiagnostics
 
 
 def define(sources: Sources, tree_id: str | None = None, format: int | None = None) -> Definitions:

@@ -14,7 +14,7 @@ from btcore import Registry
 from btcore.clock import NS_PER_S
 from btcore.diagnostic_codes import DiagnosticCode
 from btcore.nodes.manual_selector import Prompt
-from btcore.registry.mock_nodes import MockAction, MockCondition, Outcomes
+from btcore.registry.mock_leaves import MockAction, MockCondition, Outcomes
 from btcore.status import NodeType
 from btcore.testing import Harness
 from btcore.testing.trace import TraceStep

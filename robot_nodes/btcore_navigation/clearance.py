@@ -135,15 +135,12 @@ class ClearanceGrid:
         Returns:
             The distances, of the same shape.
         """
-        cols = ((x - self.origin[0]) / self.resolution).astype(np.intp)
-        rows = ((y - self.origin[1]) / self.resolution).astype(np.intp)
-        # As unsigned numbers, negative indices are above every side.
-        outside = (cols.view(np.uintp) >= self._side) | (rows.view(np.uintp) >= self._side)
-        if not outside.any():
+        rows, cols, is_inside = self._cells(x, y)
+        if is_inside.all():
             distances: NDArray[np.float32] = self.distances[rows, cols]
             return distances
-        distances = self.distances[np.where(outside, 0, rows), np.where(outside, 0, cols)]
-        return np.where(outside, np.float32(0.0), distances)
+        distances = self.distances[np.where(is_inside, rows, 0), np.where(is_inside, cols, 0)]
+        return np.where(is_inside, distances, np.float32(0.0))
 
     def distance_at(self, x: float, y: float) -> float:
         """Return the distance (m) from a point to the nearest obstacle; 0 off the grid.
@@ -158,11 +155,18 @@ class ClearanceGrid:
             return float(self.distances[row, col])
         return 0.0
 
-    def _mark(self, free: NDArray[np.uint8], x: NDArray[np.floating], y: NDArray[np.floating]) -> None:
+    def _cells(
+        self, x: NDArray[np.floating], y: NDArray[np.floating]
+    ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.bool_]]:
+        """Return the rows and the columns of points, and whether they are on the grid."""
         cols = np.floor((x - self.origin[0]) / self.resolution).astype(np.intp)
         rows = np.floor((y - self.origin[1]) / self.resolution).astype(np.intp)
-        inside = (cols.view(np.uintp) < self._side) & (rows.view(np.uintp) < self._side)
-        free[rows[inside], cols[inside]] = 0
+        # As unsigned numbers, negative indices are above every side.
+        return rows, cols, (cols.view(np.uintp) < self._side) & (rows.view(np.uintp) < self._side)
+
+    def _mark(self, free: NDArray[np.uint8], x: NDArray[np.floating], y: NDArray[np.floating]) -> None:
+        rows, cols, is_inside = self._cells(x, y)
+        free[rows[is_inside], cols[is_inside]] = 0
 
     def _remembered_points(
         self, scan: LaserScan, ranges: NDArray[np.float32], laser: Pose2D, costmap: LocalCostmap

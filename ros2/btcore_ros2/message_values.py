@@ -51,6 +51,8 @@ _SHORT_NAMES: Final = {"boolean": "bool", "octet": "byte", "float": "float32", "
 _REALS: Final = ("float", "double")
 _MAX_FLOAT32: Final = 3.4028235677973366e38  # larger numbers are rounded to infinity
 _NS: Final = 1_000_000_000
+_TIMES: Final = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
+_ZEROS: Final = {"string": "", "wstring": "", "boolean": False, "octet": b"\0", "float": 0.0, "double": 0.0}
 
 
 class FieldProblem(NamedTuple):
@@ -357,9 +359,8 @@ class _Reader:
             return self._array(field, field.item, value, path, owner)
         try:
             return _basic_value(field, value, owner)
-        except ValueError as error:
-            message, _, hint = str(error).partition("\n")
-            self._report(path, message, hint)
+        except _BasicValueError as error:
+            self._report(path, error.message, error.hint)
             return _UNKNOWN
 
     def _array(
@@ -395,10 +396,6 @@ class _Reader:
         if code is None or field.size is not None:
             return items
         return array.array(code, items)
-
-
-_TIMES: Final = ("builtin_interfaces/msg/Time", "builtin_interfaces/msg/Duration")
-_ZEROS: Final = {"string": "", "wstring": "", "boolean": False, "octet": b"\0", "float": 0.0, "double": 0.0}
 
 
 def _one_dimensional(value: Any) -> Any:
@@ -441,37 +438,43 @@ def _packed(item: FieldType, data: Any) -> object:
     return packed
 
 
-def _basic_value(field: FieldType, value: object, owner: Any) -> object:
-    """Return *value* as a field of a basic type or a string stores it.
+class _BasicValueError(Exception):
+    """Raised for a value that does not fit a field of a basic type or a string."""
 
-    A ValueError has the hint in the second line of its message.
-    """
+    def __init__(self, message: str, hint: str = "") -> None:
+        super().__init__(message)
+        self.message = message
+        self.hint = hint
+
+
+def _basic_value(field: FieldType, value: object, owner: Any) -> object:
+    """Return *value* as a field of a basic type or a string stores it."""
     basic = field.basic
     if basic in ("string", "wstring"):
         if not isinstance(value, str):
-            hint = f'\nwrite "{value}"' if isinstance(value, int | float) else ""
-            raise ValueError(f"{_shown(value)} is not a string{hint}")
+            hint = f'write "{value}"' if isinstance(value, int | float) else ""
+            raise _BasicValueError(f"{_shown(value)} is not a string", hint)
         if field.max_length is not None and len(value) > field.max_length:
-            raise ValueError(f"the text has {len(value)} characters; the maximum is {field.max_length}")
+            raise _BasicValueError(f"the text has {len(value)} characters; the maximum is {field.max_length}")
         if "\0" in value:
-            raise ValueError("the text contains a null character")
+            raise _BasicValueError("the text contains a null character")
         try:
             value.encode()
         except UnicodeEncodeError:
-            raise ValueError("the text contains half of a surrogate pair") from None
+            raise _BasicValueError("the text contains half of a surrogate pair") from None
         return value
     value = to_builtin_number(value)
     if basic == "boolean":
         if isinstance(value, bool) or (isinstance(value, int | float) and value in (0, 1)):
             return bool(value)
-        raise ValueError(f"{_shown(value)} is not a bool\nwrite true or false")
+        raise _BasicValueError(f"{_shown(value)} is not a bool", "write true or false")
     if basic == "octet" and isinstance(value, bytes) and len(value) == 1:
         return value
     if isinstance(value, str):
         return _named_value(field, value, owner)
     number = None if isinstance(value, bool) else number_of(value)
     if number is None:
-        raise ValueError(f"{_shown(value)} is not a number\nthe type is {field.name}")
+        raise _BasicValueError(f"{_shown(value)} is not a number", f"the type is {field.name}")
     if basic in _REALS:
         return _real(field, number)
     return _integer(field, number)
@@ -479,7 +482,7 @@ def _basic_value(field: FieldType, value: object, owner: Any) -> object:
 
 def _integer(field: FieldType, number: int | float) -> object:
     if isinstance(number, float) and not number.is_integer():  # True for nan and inf
-        raise ValueError(f"{number!r} is not an integer\nthe type is {field.name}")
+        raise _BasicValueError(f"{number!r} is not an integer", f"the type is {field.name}")
     whole = int(number)
     if field.basic == "octet":
         low, high = 0, 255
@@ -487,7 +490,7 @@ def _integer(field: FieldType, number: int | float) -> object:
         bits = int(field.basic.lstrip("uint"))
         low, high = (0, 2**bits - 1) if field.basic[0] == "u" else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
     if not low <= whole <= high:
-        raise ValueError(f"{_shown(whole)} is out of range for {field.name}: {low} to {high}")
+        raise _BasicValueError(f"{_shown(whole)} is out of range for {field.name}: {low} to {high}")
     return bytes([whole]) if field.basic == "octet" else whole
 
 
@@ -499,7 +502,7 @@ def _real(field: FieldType, number: int | float) -> float:
     if (math.isinf(real) and isinstance(number, int)) or (
         field.basic == "float" and _MAX_FLOAT32 <= abs(real) < math.inf
     ):
-        raise ValueError(f"{_shown(number)} is out of range for {field.name}")
+        raise _BasicValueError(f"{_shown(number)} is out of range for {field.name}")
     return real
 
 
@@ -514,8 +517,10 @@ def _named_value(field: FieldType, text: str, owner: Any) -> object:
         return _basic_value(field, constants[text], owner)
     if constants:
         hint = did_you_mean(text, constants).removeprefix("; ") or f"constants: {join_names(constants)}"
-        raise ValueError(f"'{text[:60]}' is neither a number nor a constant of {_short_name(owner)}\n{hint}")
-    raise ValueError(f"'{text[:60]}' is not a number\nthe type is {field.name}")
+        raise _BasicValueError(
+            f"'{text[:60]}' is neither a number nor a constant of {_short_name(owner)}", hint
+        )
+    raise _BasicValueError(f"'{text[:60]}' is not a number", f"the type is {field.name}")
 
 
 def _short_name(message_class: Any) -> str:
@@ -586,10 +591,10 @@ def field_type(message_type: Any, path: str) -> FieldType:
     Raises:
         RosError: There is no such field.
     """
-    field_type = FieldType(_short_name(message_type), message=message_type)
+    field = FieldType(_short_name(message_type), message=message_type)
     for part, before in _steps(path):
-        field_type = _next_type(field_type, part, before)
-    return field_type
+        field = _next_type(field, part, before)
+    return field
 
 
 def read_field(message: Any, path: str) -> object:
@@ -604,9 +609,9 @@ def read_field(message: Any, path: str) -> object:
         RosError: There is no such field.
     """
     value: Any = message
-    field_type = FieldType("", message=type(message))
+    field = FieldType("", message=type(message))
     for part, before in _steps(path):
-        field_type = _next_type(field_type, part, before)
+        field = _next_type(field, part, before)
         if isinstance(part, str):
             value = getattr(value, part)
         elif part < len(value):
@@ -614,22 +619,22 @@ def read_field(message: Any, path: str) -> object:
         else:
             count = f"{len(value)} items" if len(value) != 1 else "1 item"
             raise MissingItemError(f"'{path}': the list '{before}' has {count}")
-    read: Any = field_value(field_type, value)
-    return read.item() if field_type.basic and hasattr(read, "item") else read  # a number of numpy
+    read: Any = field_value(field, value)
+    return read.item() if field.basic and hasattr(read, "item") else read  # a number of numpy
 
 
-def _next_type(field_type: FieldType, part: str | int, before: str) -> FieldType:
-    owner = f"'{before}'" if before else field_type.name
+def _next_type(field: FieldType, part: str | int, before: str) -> FieldType:
+    owner = f"'{before}'" if before else field.name
     if isinstance(part, int):
-        if field_type.item is None:
-            raise RosError(f"{owner} is not a list, but has the type {field_type.name}")
-        return field_type.item
-    if field_type.message is None:
-        raise RosError(f"{owner} has no fields: its type is {field_type.name}")
-    fields = message_fields(field_type.message)
+        if field.item is None:
+            raise RosError(f"{owner} is not a list, but has the type {field.name}")
+        return field.item
+    if field.message is None:
+        raise RosError(f"{owner} has no fields: its type is {field.name}")
+    fields = message_fields(field.message)
     if part not in fields:
         near = did_you_mean(part, fields) or f"; fields: {join_names(fields) or 'none'}"
-        raise RosError(f"{_short_name(field_type.message)} has no field '{part}'{near}")
+        raise RosError(f"{_short_name(field.message)} has no field '{part}'{near}")
     return fields[part]
 
 

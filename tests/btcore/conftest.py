@@ -9,8 +9,6 @@ import btcore
 from btcore import Blackboard, Registry, SimClock, Tree
 from tests.conformance.recorded_cases import CallLog, conformance_registry
 
-MakeTree = Callable[..., Tree]
-
 
 class TreeFactory:
     """Builds trees of mock leaves and other nodes, on one clock and with one log of calls."""

@@ -52,6 +52,14 @@ def test_every_node_has_a_page_and_is_in_the_index_and_the_navigation_once(pages
         assert linked(pages / "nodes" / "index.md").count(f"{id}.md") == 1
 
 
+def test_the_class_of_a_node_says_what_the_node_is_or_does() -> None:
+    """The description of a class begins with an article, a status or a verb in the third person."""
+    manifests = [*NODES.manifests_of(3).values(), *NODES.manifests_of(4).values()]
+    descriptions = {item.id: item.description for item in manifests if item.function is None}
+    described = re.compile(r"(An?|The|SUCCESS|FAILURE|RUNNING|SKIPPED|[A-Z][a-z]*s)\b")
+    assert [id for id, text in descriptions.items() if not described.match(text)] == []
+
+
 def test_every_command_has_a_page_and_is_in_the_index_and_the_navigation_once(pages: Path) -> None:
     def files(group: click.Group, prefix: str) -> Iterator[str]:
         context = click.Context(group)

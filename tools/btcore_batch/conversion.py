@@ -29,7 +29,7 @@ from btcore_batch.columns import (
     to_objects,
 )
 
-FailureCallback = Callable[[int, BtcoreError], None]
+FailureCallback = Callable[[AgentSet, BtcoreError], None]
 """A function that is called with the set of the agents whose value was rejected, and the error."""
 
 

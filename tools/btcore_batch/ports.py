@@ -9,7 +9,7 @@ from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeErr
 from btcore.values import ANY, DOUBLE
 from btcore_batch.agent_sets import AgentSet
 from btcore_batch.columns import NUMBER, Slot, Values, dtype_of
-from btcore_batch.conversion import cast, normalise_values, read_column, store
+from btcore_batch.conversion import FailureCallback, cast, normalise_values, read_column, store
 from btcore_batch.node import BatchNode
 
 
@@ -35,8 +35,6 @@ class BatchInput:
         self.agents = 0
         self.literal: Any = None
         self._constant: Values | None = None
-        self._is_quiet = False
-        self._without_value = 0
         bound = node.config.inputs.get(name)
         declared = port if port is not None or bound is None else bound.port
         self.type = ANY if declared is None else declared.type
@@ -55,10 +53,14 @@ class BatchInput:
         """Whether all agents always have the same value."""
         return self.slot is None and self.error is None
 
-    def available(self, agents: AgentSet) -> int:
+    def available(self, agents: AgentSet) -> AgentSet:
         """Return those of *agents* that have a value; record an error for the others."""
+        return self._available(agents, self._report)
+
+    def _available(self, agents: AgentSet, fail: FailureCallback) -> AgentSet:
+        """Return those of *agents* that have a value; call *fail* for the others."""
         if self.error is not None:
-            self._report(agents, self.error)
+            fail(agents, self.error)
             return 0
         if self.slot is None:
             return agents
@@ -66,26 +68,25 @@ class BatchInput:
         written = 0 if column is None else agents & column.written
         if written != agents:
             exists = 0 if column is None else agents & column.exists
-            self._report_missing(exists ^ written, "has never been written")
-            self._report_missing(agents ^ exists, "is not on the blackboard")
+            reads = f"port [{self.name}] reads {{{self.slot.key}}}, which"
+            if unwritten := exists ^ written:
+                fail(unwritten, BlackboardError(f"{reads} has never been written"))
+            if absent := agents ^ exists:
+                fail(absent, BlackboardError(f"{reads} is not on the blackboard"))
         return written
 
-    def _report_missing(self, agents: AgentSet, problem: str) -> None:
-        if agents and self.slot is not None:
-            message = f"port [{self.name}] reads {{{self.slot.key}}}, which {problem}"
-            self._report(agents, BlackboardError(message))
-
     def _report(self, agents: AgentSet, error: BtcoreError) -> None:
-        if self._is_quiet:
-            self._without_value |= agents
-        else:
-            self.context.fail(self.node, agents, error)
+        self.context.fail(self.node, agents, error)
 
     def read(self, agents: AgentSet) -> Values:
         """Return the values of *agents*, which all have a value, in a read-only array of shape (agents,).
 
         For agents whose value cannot be converted, an error is recorded. Use `drop_failed` afterwards.
         """
+        return self._read(agents, self._report)
+
+    def _read(self, agents: AgentSet, fail: FailureCallback) -> Values:
+        """Return the values of *agents*; call *fail* for agents whose value cannot be converted."""
         if self.slot is None:
             if self._constant is None:
                 single = np.empty((), dtype_of(self.type))
@@ -98,7 +99,13 @@ class BatchInput:
             values = column.readonly_view()
             if values.dtype == np.float64:
                 return values
-        return read_column(column, self.type, agents, self._fail)
+        key = self.slot.key
+
+        def fail_to_convert(agents: AgentSet, error: BtcoreError) -> None:
+            message = f"port [{self.name}] reads {{{key}}} as {self.type.name}: {error}"
+            fail(agents, ConversionError(message))
+
+        return read_column(column, self.type, agents, fail_to_convert)
 
     def current(self) -> Values:
         """Return the values of the agents that are being ticked; record an error for agents without value."""
@@ -107,37 +114,41 @@ class BatchInput:
             return self.read(agents)
         return np.zeros(self.context.agent_sets.count, dtype_of(self.type))
 
-    def _fail(self, agents: AgentSet, error: BtcoreError) -> None:
-        key = "" if self.slot is None else self.slot.key
-        message = f"port [{self.name}] reads {{{key}}} as {self.type.name}: {error}"
-        self._report(agents, ConversionError(message))
-
-    def groups_or(self, agents: AgentSet, default: Any) -> list[tuple[Any, int]]:
-        """Call `groups`, but use *default* for agents without a value instead of an error."""
-        if self.is_literal:
-            return [(self.literal, agents)]
-        self._is_quiet, self._without_value = True, 0
-        try:
-            groups = self.groups(agents)
-        finally:
-            self._is_quiet = False
-        rest = self._without_value & agents
-        return [*groups, (default, rest)] if rest else groups
-
-    def groups(self, agents: AgentSet) -> list[tuple[Any, int]]:
+    def groups(self, agents: AgentSet) -> list[tuple[Any, AgentSet]]:
         """Return the distinct values, each with its agents; record an error for agents without a value."""
-        if not self._is_quiet:
-            self._without_value = 0
-        agents = self.available(agents)
-        if self.slot is None:
-            return [(self.literal, agents)] if agents else []
+        groups, failures = self._groups(agents)
+        for failed, error in failures:
+            self._report(failed, error)
+        return groups
+
+    def groups_or(self, agents: AgentSet, default: Any) -> list[tuple[Any, AgentSet]]:
+        """Return the distinct values, each with its agents; agents without a value have *default*."""
+        groups, failures = self._groups(agents)
+        without_value = 0
+        for failed, _ in failures:
+            without_value |= failed
+        return [*groups, (default, without_value)] if without_value else groups
+
+    def _groups(
+        self, agents: AgentSet
+    ) -> tuple[list[tuple[Any, AgentSet]], list[tuple[AgentSet, BtcoreError]]]:
+        """Return the distinct values, each with its agents, and the errors of agents without a value."""
+        if self.is_literal:
+            return [(self.literal, agents)], []
+        failures: list[tuple[AgentSet, BtcoreError]] = []
+
+        def fail(agents: AgentSet, error: BtcoreError) -> None:
+            failures.append((agents, error))
+
+        agents = self._available(agents, fail)
         if not agents:
-            return []
+            return [], failures
         agent_sets = self.context.agent_sets
-        values = self.read(agents)
-        agents ^= agents & (self.context.raised | self._without_value)
+        values = self._read(agents, fail)
+        for failed, _ in failures:
+            agents ^= agents & failed
         if not agents:
-            return []
+            return [], failures
         selected = values[agent_sets.mask(agents)]
         if values.dtype == object:
             # np.unique() sorts, but objects of different types cannot be compared.
@@ -145,11 +156,12 @@ class BatchInput:
         else:
             distinct = np.unique(selected).tolist()
         if len(distinct) == 1:
-            return [(distinct[0], agents)]
-        return [
+            return [(distinct[0], agents)], failures
+        groups = [
             (value, agent_sets.from_mask(np.equal(values, value).astype(np.bool_)) & agents)
             for value in distinct
         ]
+        return groups, failures
 
 
 class BatchOutput:

@@ -23,7 +23,7 @@ from btcore.cli.tree_source import (
 from btcore.escaping import escape_controls
 from btcore.exit_codes import ExitCode
 from btcore.field_options import pass_options
-from btcore.registry.mock_nodes import MockAction
+from btcore.registry.mock_leaves import MockAction
 from btcore.registry.registry import Registry
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans

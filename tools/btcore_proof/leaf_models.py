@@ -17,7 +17,7 @@ from btcore.engine.node import TreeNode
 from btcore.engine.node_spec import declared_fields
 from btcore.errors import BtcoreError, ConversionError
 from btcore.registry.manifest import Manifest
-from btcore.registry.mock_nodes import MockCondition
+from btcore.registry.mock_leaves import MockCondition
 from btcore.registry.resources import is_tree_resource
 from btcore.status import ANY_RESULT, FAILURE, SKIPPED, SUCCESS, NodeType, Status
 from btcore.suggestions import did_you_mean, join_names

@@ -35,7 +35,7 @@ from btcore.tree.tree import Tree
 from btcore.values import UserType, ValueType, VectorType
 from btcore.xml.define import define
 from btcore.xml.plan.plan import Plans, plan
-from btcore.xml.read.document import Diagnostics
+from btcore.xml.read.document import CollectedDiagnostics
 from btcore.xml.read.read import Sources, parse_text
 from btcore_recorder.inputs import (
     ExternalHaltEnded,
@@ -355,7 +355,7 @@ def load_recorded(head: Head, external: ExternalCode, clock: StepClock) -> Tree:
     documents = [parse_text(text, file) for file, text, _ in head.documents]
     marks = [is_shared for _, _, is_shared in head.documents]
     shared = [document for document, is_shared in zip(documents, marks, strict=True) if is_shared]
-    sources = Sources(tuple(documents), tuple(shared), Diagnostics())
+    sources = Sources(tuple(documents), tuple(shared), CollectedDiagnostics())
     plans = external.plans = plan(define(sources, head.tree_id, head.format), registry)
     outer: list[Blackboard] = []
     for autoremap, remaps in reversed(head.outer):

@@ -15,7 +15,7 @@ from btcore.diagnostic_codes import INVALID_NAME, MISSING_ID, UNREADABLE_FILE
 from btcore.diagnostics import Diagnostic
 from btcore.errors import RegistrationError, TreeError
 from btcore.names import SCRIPT_ATTRIBUTES, is_port_name, port_name_error
-from btcore.registry.mock_nodes import create_mock_class
+from btcore.registry.nodes_without_code import create_mock_class
 from btcore.registry.registration_checks import default_value_error
 from btcore.registry.registry import Registry
 from btcore.status import NodeType

@@ -130,8 +130,8 @@ class UnknownNameHints:
 
         The commands load all libraries; a program may have loaded none.
         """
-        is_program = not any(manifest.is_overridable for manifest in self._manifests.values())
-        return _installed_nodes() if is_program else (self._registry, [])
+        has_libraries = any(manifest.is_overridable for manifest in self._manifests.values())
+        return (self._registry, []) if has_libraries else _installed_nodes()
 
 
 def _declaration(name: str) -> tuple[Fix, ...]:

@@ -17,7 +17,7 @@ from btcore.xml.define import Definitions, TreeDefinition, define
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.plan.tree_planner import PlanningContext, TreePlanner
 from btcore.xml.read.dialect import Dialect
-from btcore.xml.read.document import MAX_COMPARISONS, DiagnosticCollector, Diagnostics, Document
+from btcore.xml.read.document import MAX_COMPARISONS, CollectedDiagnostics, DiagnosticCollector, Document
 from btcore.xml.read.read import PackageResolver, read
 
 MAX_DEPTH: Final = 10_000
@@ -58,7 +58,7 @@ class Plans(NamedTuple):
     trees: Mapping[str, TreePlan]
     main_tree: TreePlan | None
     sizes: Mapping[str, TreeSize]
-    diagnostics: Diagnostics
+    diagnostics: CollectedDiagnostics
 
     @property
     def dialect(self) -> Dialect:

@@ -65,7 +65,7 @@ if TYPE_CHECKING:
 
 MAX_SUGGESTED_TREES: Final = 20
 """Maximum number of trees that are suggested for a SubTree element without an ID."""
-_LEAVES: Final = {NodeType.ACTION: "an action", NodeType.CONDITION: "a condition"}
+_LEAF_PHRASES: Final = {NodeType.ACTION: "an action", NodeType.CONDITION: "a condition"}
 _CONDITIONS: Final = (*PRECONDITION_ATTRIBUTES, *POSTCONDITION_ATTRIBUTES)
 """The attributes with scripts, in the order of their execution."""
 _CONTROL_CHARACTERS = frozenset(chr(code) for code in (*range(32), 127))
@@ -99,16 +99,16 @@ class _BindingCache:
     """The bindings of a node's ports: the plans of nodes with the same ID and equal texts share them.
 
     Attributes:
-        bindings_by_text: The bindings by the name of the port, then by its text.
+        bindings_by_port: The bindings by the name of the port, then by its text.
         defaults: A binding for each port that has a default.
     """
 
-    __slots__ = ("bindings_by_text", "defaults", "manifest", "ports")
+    __slots__ = ("bindings_by_port", "defaults", "manifest", "ports")
 
     def __init__(self, manifest: Manifest, format: int) -> None:
         self.manifest = manifest
         self.ports = manifest.ports
-        self.bindings_by_text: dict[str, dict[str, Binding]] = {name: {} for name in manifest.ports}
+        self.bindings_by_port: dict[str, dict[str, Binding]] = {name: {} for name in manifest.ports}
         self.defaults = [
             (Input if port.reads else Binding)(port, port.default, format, is_explicit=False)
             for port in manifest.ports.values()
@@ -179,12 +179,12 @@ class PlanningContext:
             is_counted = (
                 node_type is NodeType.DECORATOR
                 or (node_type is NodeType.CONTROL and (needed is None or tag in needed))
-                or (node_type in _LEAVES and dialect.checks_leaf_children)
+                or (node_type in _LEAF_PHRASES and dialect.checks_leaf_children)
             )
             rule = _TagRule(
                 is_node=True,
                 counted_as=node_type if is_counted else None,
-                may_be_empty=not is_counted or node_type in _LEAVES,
+                may_be_empty=not is_counted or node_type in _LEAF_PHRASES,
             )
         self.tag_rules[tag] = rule
         return rule
@@ -198,13 +198,13 @@ class PlanningContext:
         return cache
 
 
-class _Outline:
+class _Item:
     """A node that the first pass has found.
 
     Attributes:
         element: The element of the node.
         depth: The depth of the element; that of the `<BehaviorTree>` is 0.
-        parent: The index of the parent in the list of outlines.
+        parent: The index of the parent in the list of items.
     """
 
     __slots__ = ("depth", "element", "parent")
@@ -224,7 +224,7 @@ class TreePlanner:
 
     def __init__(self, definition: TreeDefinition, context: PlanningContext) -> None:
         # The result of the first pass: the <BehaviorTree> and its nodes, in pre-order.
-        self._outlines: list[_Outline] = []
+        self._items: list[_Item] = []
         self._definition = definition
         self._context = context
         self._definitions = context.definitions
@@ -238,31 +238,31 @@ class TreePlanner:
         """Find the nodes, and check the structure of the tree."""
         definition, rules = self._definition, self._context.tag_rules
         ignoring_tags = self._dialect.tags_with_ignored_children
-        outlines: list[_Outline] = []
+        items: list[_Item] = []
         # Ignored nodes are checked, as in BehaviorTree.CPP, but not planned.
-        ignored: set[_Outline] = set()
-        pending = [_Outline(definition.element, 0, 0)]
+        ignored: set[_Item] = set()
+        pending = [_Item(definition.element, 0, 0)]
         while pending:
-            node = pending.pop()
-            if node not in ignored:
-                outlines.append(node)
-            if len(outlines) > MAX_NODES + 1:  # the first is the <BehaviorTree>
+            item = pending.pop()
+            if item not in ignored:
+                items.append(item)
+            if len(items) > MAX_NODES + 1:  # the first is the <BehaviorTree>
                 message = f"the tree has more than {MAX_NODES:,} nodes"
                 hint = "nodes are numbered with 16 bits"
                 self._report(TREE_TOO_LARGE, message, definition.element, attribute="ID", hint=hint)
                 return
-            element, depth = node.element, node.depth + 1
+            element, depth = item.element, item.depth + 1
             rule = rules.get(element.tag) or self._context.add_tag_rule(element.tag)
             if rule.may_be_empty and not element.children:  # most elements are leaves
                 continue
-            index = len(outlines) - 1
-            children = [_Outline(child, depth, index) for child in self._check_element(element, rule, depth)]
+            index = len(items) - 1
+            children = [_Item(child, depth, index) for child in self._check_element(element, rule, depth)]
             pending += reversed(children)
-            if element.tag in ignoring_tags or node in ignored:
+            if element.tag in ignoring_tags or item in ignored:
                 ignored.update(children)
-            elif not node.depth:  # a tree has one root: further roots are an error, and ignored
+            elif not item.depth:  # a tree has one root: further roots are an error, and ignored
                 ignored.update(children[1:])
-        self._outlines = outlines
+        self._items = items
 
     def _check_element(self, element: Element, rule: _TagRule, child_depth: int) -> list[Element]:
         """Check the tag, the number of the children and their depth. Return the children to check next."""
@@ -326,7 +326,7 @@ class TreePlanner:
                 rule = f"{'it' if least > 1 else 'a control node'} needs at least {least}"
                 roles, needed = "", least
                 if manifest is not None:
-                    from btcore.registry.mock_nodes import is_mock  # only errors need it
+                    from btcore.registry.nodes_without_code import is_mock  # only errors need it
 
                     roles = manifest.spec.child_roles if least > 1 else ""
                     # More children may be needed at the first tick than to load the tree.
@@ -335,9 +335,9 @@ class TreePlanner:
                 self._report_child_count(label, count, rule, element, advice)
             elif id == "ReactiveSequence":  # as BehaviorTree.CPP's parser, which knows this name only
                 self._check_asynchronous(children)
-        elif count and node_type in _LEAVES:
+        elif count and node_type in _LEAF_PHRASES:
             advice = HintAndFixes("remove it" if count == 1 else "remove them", [RemoveChildren()])
-            self._report_child_count(label, count, f"{_LEAVES[node_type]} has none", element, advice)
+            self._report_child_count(label, count, f"{_LEAF_PHRASES[node_type]} has none", element, advice)
 
     def _report_child_count(
         self, label: str, count: int, rule: str, element: Element, advice: HintAndFixes
@@ -400,8 +400,8 @@ class TreePlanner:
         tree = TreePlan(self._definition)
         subtree_tags, caches = self._dialect.subtree_tags, self._context.binding_caches
         plans: list[NodePlan | None] = [None]  # the <BehaviorTree> has no plan
-        for outline in self._outlines[1:]:
-            element = outline.element
+        for item in self._items[1:]:
+            element = item.element
             tag = element.tag
             node: NodePlan | None = None
             if tag in subtree_tags:
@@ -413,22 +413,22 @@ class TreePlanner:
                     node = NodePlan(element, id, cache.manifest)
                     self._plan_attributes(node, cache)
             plans.append(node)
-            parent = plans[outline.parent]
+            parent = plans[item.parent]
             if node is None:
                 tree.has_unknown_nodes = True
             elif parent is not None:
                 parent.children.append(node)
-            elif outline.depth == 1:
+            elif item.depth == 1:
                 tree.root = node
             tree.size += 1
-            tree.depth = max(tree.depth, outline.depth)
+            tree.depth = max(tree.depth, item.depth)
         return tree
 
     def _plan_attributes(self, node: NodePlan, cache: _BindingCache) -> None:
         bindings: list[Binding] = []
         others: dict[str, str] = {}
         for key, text in node.element.attributes.items():
-            by_text = cache.bindings_by_text.get(key)
+            by_text = cache.bindings_by_port.get(key)
             if by_text is not None:
                 port = cache.ports[key]
                 bindings.append(by_text.get(text) or self._create_binding(node, port, text, by_text))

@@ -114,7 +114,7 @@ class Document:
         return self.source_map.span(element, **mark).diagnostic(code, message, self.file, hint, fixes)
 
 
-class Diagnostics(NamedTuple):
+class CollectedDiagnostics(NamedTuple):
     """What a stage of loading and the stages before it have found.
 
     Attributes:
@@ -150,7 +150,9 @@ class DiagnosticCollector:
         warnings: The warnings so far.
     """
 
-    def __init__(self, before: Diagnostics | None = None, max_comparisons: int = MAX_COMPARISONS) -> None:
+    def __init__(
+        self, before: CollectedDiagnostics | None = None, max_comparisons: int = MAX_COMPARISONS
+    ) -> None:
         self.errors: list[Diagnostic] = []
         self.warnings: list[Diagnostic] = []
         self._comparisons_left = max_comparisons
@@ -202,9 +204,9 @@ class DiagnosticCollector:
         return True
 
     @property
-    def diagnostics(self) -> Diagnostics:
+    def diagnostics(self) -> CollectedDiagnostics:
         """All diagnostics so far."""
-        return Diagnostics(tuple(self.errors), tuple(self.warnings))
+        return CollectedDiagnostics(tuple(self.errors), tuple(self.warnings))
 
 
 def sort_diagnostics(diagnostics: Sequence[Diagnostic]) -> list[Diagnostic]:

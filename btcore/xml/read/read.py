@@ -27,7 +27,7 @@ from btcore.errors import TreeError, XmlSyntaxError
 from btcore.fixes import SetValue
 from btcore.input_files import read_error, read_file, real_path
 from btcore.suggestions import similar_file, suggestion
-from btcore.xml.read.document import DiagnosticCollector, Diagnostics, Document
+from btcore.xml.read.document import CollectedDiagnostics, DiagnosticCollector, Document
 from btcore.xml.read.element import EXAMPLE, Element, encoded, parse_with_expat
 
 PackageResolver = Callable[[str], "str | Path | None"]
@@ -216,7 +216,7 @@ class Sources(NamedTuple):
 
     documents: tuple[Document, ...]
     shared_documents: tuple[Document, ...]
-    diagnostics: Diagnostics
+    diagnostics: CollectedDiagnostics
 
     @property
     def main_document(self) -> Document:

@@ -14,16 +14,16 @@ from btcore_scene import UPRIGHT, Arrow, BoundingBox, MovingScene, Poses
 
 ARROWS: Final = "arrows"
 BOXES: Final = "boxes"
-_RING: Final = 24
-_GOAL_RING, _GOAL_POLE = 0.3, 1.2
-_PARTICLE: Final = 0.14
+_RING_SEGMENTS: Final = 24
+_GOAL_RADIUS, _GOAL_HEIGHT = 0.3, 1.2  # m
+_PARTICLE_LENGTH: Final = 0.14  # m
 _PLACE_STEP: Final = 1 / 512
 """Distance (m) to which drawn coordinates are rounded, about 2 mm."""
-_NOSE: Final = 1.5
+_HEADING_LENGTH: Final = 1.5
 """Length of the line that shows a heading, in multiples of the ring's radius."""
-_BOX_LINE: Final = 0.02
+_BOX_LINE_RADIUS: Final = 0.02  # m
 _BOX_COLOUR: Final = (255, 213, 74, 255)
-_ARROW: Final = 0.025
+_ARROW_RADIUS: Final = 0.025  # m
 _ARROW_COLOUR: Final = (255, 171, 51, 255)
 
 Rows = NDArray[np.float32]
@@ -42,31 +42,31 @@ class PoseStyle:
     strips: Callable[[Rows, float], Strips]
 
 
-def _draw_path(rows: Rows, footprint: float) -> Strips:
+def _draw_path(rows: Rows, robot_radius: float) -> Strips:
     return [_lift(rows[:, :2], 0.05)] if len(rows) > 1 else []
 
 
-def _draw_cloud(rows: Rows, footprint: float) -> Strips:
-    ends = rows[:, :2] + _PARTICLE * _ahead(rows)
+def _draw_cloud(rows: Rows, robot_radius: float) -> Strips:
+    ends = rows[:, :2] + _PARTICLE_LENGTH * _ahead(rows)
     return list(np.stack((_lift(rows[:, :2], 0.045), _lift(ends, 0.045)), axis=1))
 
 
-def _draw_goal(rows: Rows, footprint: float) -> Strips:
-    poles = [np.array([[x, y, 0.0], [x, y, _GOAL_POLE]], dtype=np.float32) for x, y in rows[:, :2].tolist()]
-    return [*_draw_rings(rows, _GOAL_RING, 0.06), *poles]
+def _draw_goal(rows: Rows, robot_radius: float) -> Strips:
+    poles = [np.array([[x, y, 0.0], [x, y, _GOAL_HEIGHT]], dtype=np.float32) for x, y in rows[:, :2].tolist()]
+    return [*_draw_rings(rows, _GOAL_RADIUS, 0.06), *poles]
 
 
-def _draw_stance(rows: Rows, footprint: float) -> Strips:
-    return _draw_rings(rows, footprint, 0.07)
+def _draw_stance(rows: Rows, robot_radius: float) -> Strips:
+    return _draw_rings(rows, robot_radius, 0.07)
 
 
 def _draw_rings(rows: Rows, radius: float, z: float) -> Strips:
-    turn = np.linspace(0.0, 2 * np.pi, _RING + 1)
+    turn = np.linspace(0.0, 2 * np.pi, _RING_SEGMENTS + 1)
     circle = radius * np.stack((np.cos(turn), np.sin(turn)), axis=1)
     strips: Strips = []
     for pose, ahead in zip(rows, _ahead(rows), strict=True):
         strips.append(_lift(pose[:2] + circle, z))
-        strips.append(_lift(np.stack((pose[:2], pose[:2] + _NOSE * radius * ahead)), z))
+        strips.append(_lift(np.stack((pose[:2], pose[:2] + _HEADING_LENGTH * radius * ahead)), z))
     return strips
 
 
@@ -93,7 +93,7 @@ class NavigationMarkers:
     def __init__(self, rows: RowBuffer, origin: str) -> None:
         self._rows = rows
         self._origin = origin
-        self.footprint = 0.27
+        self.robot_radius = 0.27
         """The robot's radius (m)."""
         self._series: dict[str, Series[Any]] = {}
         self._frames: dict[str, str] = {}
@@ -130,7 +130,7 @@ class NavigationMarkers:
         self._place(entity, poses.frame or root)
         rows = np.frombuffer(poses.rows, dtype="<f4").reshape(-1, 3)
         rows = rows[(np.abs(rows) <= MAX_NUMBER).all(axis=1)]  # without NaN and infinities, too
-        self._series[entity].add(stamp, wall, style.strips(rows, self.footprint))
+        self._series[entity].add(stamp, wall, style.strips(rows, self.robot_radius))
 
     def _show_arrows(self, stamp: int, wall: int, arrows: Mapping[str, Arrow], root: str) -> None:
         for name, arrow in arrows.items():
@@ -174,7 +174,7 @@ def _create_box_columns(values: list[Sequence[BoundingBox]]) -> Iterable[Any]:
         half_sizes=_table([box.size for box in boxes], 3) / 2,
         quaternions=_table([box.quaternion or UPRIGHT for box in boxes], 4),
         colors=np.array([box.color or _BOX_COLOUR for box in boxes], dtype=np.uint8).reshape(-1, 4),
-        radii=[_BOX_LINE] * len(boxes),
+        radii=[_BOX_LINE_RADIUS] * len(boxes),
         labels=[box.name for box in boxes],
     )
     return columns.partition([len(row) for row in values])
@@ -192,7 +192,7 @@ def _create_arrow_columns(values: list[Arrow | None]) -> Iterable[Any]:
         origins=starts,
         vectors=_table([arrow.end for arrow in arrows], 3) - starts,
         colors=np.array([arrow.color or _ARROW_COLOUR for arrow in arrows], dtype=np.uint8).reshape(-1, 4),
-        radii=[_ARROW] * len(arrows),
+        radii=[_ARROW_RADIUS] * len(arrows),
     )
     # No arrow in a row removes the arrow of the row before.
     return columns.partition([int(arrow is not None) for arrow in values])

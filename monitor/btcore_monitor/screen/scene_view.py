@@ -150,7 +150,7 @@ class SceneView:
             shape = surface(meshes, around=frame == self._root)
             log(entity, self._rows.in_frame(frame), shape, static=True)
         if data.footprint_radius is not None:
-            self._markers.footprint = data.footprint_radius
+            self._markers.robot_radius = data.footprint_radius
         self._draw_sensors()
         self._floor.draw_static(stamp, wall, data, self._root)
         if data.grids:

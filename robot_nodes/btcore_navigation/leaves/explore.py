@@ -76,7 +76,7 @@ class MapFile:
 
 
 class Explore(StatefulAction):
-    """Drive to all borders of the known floor, one after another: RUNNING, then SUCCESS if no border is left.
+    """Drives to all borders of the known floor, one after another: RUNNING, then SUCCESS if none is left.
 
     Goals that cannot be reached, or from which no unknown area becomes visible, are excluded. FAILURE when a
     goal fails because the robot cannot drive at all, for example with an empty battery, and when the robot
@@ -194,7 +194,7 @@ def are_near(first: Pose2D | None, second: Pose2D | None) -> bool:
 
 
 class SaveMap(SyncAction):
-    """Write the map: FAILURE when the files cannot be written."""
+    """Writes the map: FAILURE when the files cannot be written."""
 
     file: Annotated[In[str], "The map's YAML file; empty: the file of --save-map, or map.yaml."] = ""
 

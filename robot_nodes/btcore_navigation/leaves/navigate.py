@@ -22,7 +22,7 @@ class PoseNavigator(Protocol):
 
 
 class Move(StatefulAction):
-    """Navigate to *goal*: RUNNING on the way, SUCCESS on arrival, FAILURE when navigation gives up.
+    """Navigates to *goal*: RUNNING on the way, SUCCESS on arrival, FAILURE when navigation gives up.
 
     A halt cancels the goal. If another client cancels the goal, the result is SUCCESS, as in the book
     *A Concise Introduction to Robot Programming with ROS2*.

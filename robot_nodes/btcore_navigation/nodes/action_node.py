@@ -52,7 +52,7 @@ class ServersAction(SyncAction):
 
 
 class BtActionNode(StatefulAction):
-    """Send a goal to a server: RUNNING while the server works, then SUCCESS or FAILURE.
+    """Sends a goal to a server: RUNNING while the server works, then SUCCESS or FAILURE.
 
     A halt cancels the goal. A goal that was cancelled elsewhere (by a Cancel node or by a newer goal)
     is a SUCCESS. The reason of a failure is logged once, until the reason changes. A subclass provides
@@ -149,7 +149,7 @@ class BtActionNode(StatefulAction):
 
 
 class BtServiceNode(StatefulAction):
-    """Send a request to a service: RUNNING until the response arrives, then SUCCESS or FAILURE.
+    """Sends a request to a service: RUNNING until the response arrives, then SUCCESS or FAILURE.
 
     Navigation in this process answers at once. A halt ignores the response. A subclass provides `send`; the
     reason of a failure is logged once, until the reason changes.

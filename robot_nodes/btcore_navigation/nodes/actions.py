@@ -68,7 +68,7 @@ class _PlanningNode(BtActionNode):
 
 
 class ComputePathToPose(_PlanningNode):
-    """Plan a path to *goal*, through *viapoints* if there are any."""
+    """Plans a path to *goal*, through *viapoints* if there are any."""
 
     action = "compute_path_to_pose"
 
@@ -86,7 +86,7 @@ class ComputePathToPose(_PlanningNode):
 
 
 class ComputePathThroughPoses(_PlanningNode):
-    """Plan a path through *goals*, in order."""
+    """Plans a path through *goals*, in order."""
 
     action = "compute_path_through_poses"
 
@@ -112,7 +112,7 @@ class ComputePathThroughPoses(_PlanningNode):
 
 
 class FollowPath(BtActionNode):
-    """Follow *path*. A new path or plug-in is taken over without a stop while the robot drives."""
+    """Follows *path*. A new path or plug-in is taken over without a stop while the robot drives."""
 
     action = "follow_path"
     spec = NodeSpec(uses=BASE)
@@ -179,7 +179,7 @@ class _RecoveryAction(BtActionNode):
 
 
 class Spin(_RecoveryAction):
-    """Turn on the spot by *spin_dist* (rad, positive to the left)."""
+    """Turns on the spot by *spin_dist* (rad, positive to the left)."""
 
     action = "spin"
     spec = NodeSpec(uses=BASE)
@@ -195,7 +195,7 @@ class Spin(_RecoveryAction):
 
 
 class BackUp(_RecoveryAction):
-    """Drive backwards by *backup_dist* (m) at *backup_speed* (m/s), both positive."""
+    """Drives backwards by *backup_dist* (m) at *backup_speed* (m/s), both positive."""
 
     action = "backup"
     spec = NodeSpec(uses=BASE)
@@ -213,7 +213,7 @@ class BackUp(_RecoveryAction):
 
 
 class DriveOnHeading(BtActionNode):
-    """Drive straight ahead by *dist_to_travel* (m) at *speed* (m/s)."""
+    """Drives straight ahead by *dist_to_travel* (m) at *speed* (m/s)."""
 
     action = "drive_on_heading"
     spec = NodeSpec(uses=BASE)
@@ -231,7 +231,7 @@ class DriveOnHeading(BtActionNode):
 
 
 class Wait(_RecoveryAction):
-    """Wait for *wait_duration* (s); its sign is ignored."""
+    """Waits for *wait_duration* (s); its sign is ignored."""
 
     action = "wait"
 
@@ -243,7 +243,7 @@ class Wait(_RecoveryAction):
 
 
 class NavigateToPose(BtActionNode):
-    """Navigate to *goal* by the navigator's default tree or by *behavior_tree*."""
+    """Navigates to *goal* by the navigator's default tree or by *behavior_tree*."""
 
     action = "navigate_to_pose"
     spec = NodeSpec(uses=BASE)
@@ -257,7 +257,7 @@ class NavigateToPose(BtActionNode):
 
 
 class NavigateThroughPoses(BtActionNode):
-    """Navigate through *goals* by the navigator's default tree or by *behavior_tree*."""
+    """Navigates through *goals* by the navigator's default tree or by *behavior_tree*."""
 
     action = "navigate_through_poses"
     spec = NodeSpec(uses=BASE)

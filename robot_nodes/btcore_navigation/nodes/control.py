@@ -6,7 +6,7 @@ from btcore import FAILURE, RUNNING, SKIPPED, SUCCESS, ControlNode, In, InOut, N
 
 
 class PipelineSequence(ControlNode):
-    """Tick every child reached so far, from the first child, on every tick.
+    """Ticks every child reached so far, from the first child, on every tick.
 
     Early children (planning) therefore keep running while a later child (driving) lasts. The sequence
     returns FAILURE when a child fails. A RUNNING child ends the tick only if no later child has been
@@ -47,7 +47,7 @@ class PipelineSequence(ControlNode):
 
 
 class RecoveryNode(ControlNode):
-    """Tick the first child; when it fails, tick the second child to recover, then try the first again.
+    """Ticks the first child; when it fails, ticks the second child to recover, then the first again.
 
     Returns SUCCESS when the first child succeeds, and FAILURE when the second child fails or is skipped,
     or when the first child fails after *number_of_retries* retries.
@@ -105,7 +105,7 @@ class RecoveryNode(ControlNode):
 
 
 class RoundRobin(ControlNode):
-    """Tick one child at a time, in turn: after a child succeeds, the next tick starts at the next child.
+    """Ticks one child at a time, in turn: after a child succeeds, the next tick starts at the next child.
 
     When a child fails, the next child is ticked within the same tick; the node returns FAILURE when all
     children have failed. Without *wrap_around* the node returns FAILURE once the last child has ended,
@@ -156,7 +156,7 @@ class RoundRobin(ControlNode):
 
 
 class NonblockingSequence(ControlNode):
-    """Tick all children on every tick: SUCCESS when all succeed in one tick, FAILURE when one child fails."""
+    """Ticks all children on every tick: SUCCESS when all succeed in one tick, FAILURE when one fails."""
 
     def tick(self) -> Status:
         """Tick all children."""

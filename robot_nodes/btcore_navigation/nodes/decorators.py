@@ -29,7 +29,7 @@ from btcore_robot.robot import Pose2D
 
 
 class RateController(DecoratorNode):
-    """Tick the child at *hz*, and on every tick while the child is RUNNING; return RUNNING in between.
+    """Ticks the child at *hz*, and on every tick while the child is RUNNING; returns RUNNING in between.
 
     The period starts again when the child succeeds.
     """
@@ -61,7 +61,7 @@ class RateController(DecoratorNode):
 
 
 class DistanceController(DecoratorNode):
-    """Tick the child when the robot is *distance* (m) away from its position at the child's last SUCCESS."""
+    """Ticks the child when the robot is *distance* (m) away from its position at the child's last SUCCESS."""
 
     distance: Annotated[In[float], "Distance (m) between two starts of the child."] = 1.0
     global_frame: Annotated[In[str], "Global frame; always map here."] = "map"
@@ -98,7 +98,7 @@ class DistanceController(DecoratorNode):
 
 
 class SpeedController(DecoratorNode):
-    """Tick the child at a rate that grows with the robot's speed, and at once when the goal changes.
+    """Ticks the child at a rate that grows with the robot's speed, and at once when the goal changes.
 
     Between *min_speed* and *max_speed* the rate grows linearly from *min_rate* to *max_rate*. The mean speed
     over *filter_duration*, at the end of a period, determines the length of the next period.
@@ -167,7 +167,7 @@ class SpeedController(DecoratorNode):
 
 
 class GoalUpdatedController(DecoratorNode):
-    """Tick the child on the first tick, when the goal changes, and while RUNNING; else return RUNNING."""
+    """Ticks the child on the first tick, when the goal changes, and while RUNNING; else returns RUNNING."""
 
     goal: Goal = blackboard_default("goal")
     goals: GoalList = blackboard_default("goals")
@@ -190,7 +190,7 @@ class GoalUpdatedController(DecoratorNode):
 
 
 class GoalUpdater(DecoratorNode):
-    """Write the newest goal for the child: the input, or a newer message of the topic `goal_update`.
+    """Writes the newest goal for the child: the input, or a newer message of the topic `goal_update`.
 
     A list of goals is handled in the same way, with the topic `goals_update`.
     """
@@ -263,7 +263,7 @@ class NewestSource:
 
 
 class SingleTrigger(DecoratorNode):
-    """Tick the child until it has returned SUCCESS or FAILURE once; return FAILURE from then on."""
+    """Ticks the child until it has returned SUCCESS or FAILURE once; returns FAILURE from then on."""
 
     spec = NodeSpec(state_fields=("triggered",))
 
@@ -283,7 +283,7 @@ class SingleTrigger(DecoratorNode):
 
 
 class PathLongerOnApproach(DecoratorNode):
-    """Near the goal, tick the child when the path to the same goal has become much longer; else SUCCESS.
+    """Ticks the child when, near the goal, the path to it has become much longer; else returns SUCCESS.
 
     While the child is RUNNING, each new path is compared with the path from before the child started. When
     the newest path is no longer much longer than that path, the child is halted.

@@ -21,7 +21,7 @@ Threshold = Annotated[In[float], "Cost threshold (0–254): a pose at or above i
 
 
 class RemovePassedGoals(ServersAction):
-    """Remove the first goals as long as the robot is within *radius* of them; the last goal always stays."""
+    """Removes the first goals as long as the robot is within *radius* of them; the last goal always stays."""
 
     input_goals: InGoals
     radius: Annotated[In[float], "Radius (m) around a goal within which it is passed."] = 0.5
@@ -70,7 +70,7 @@ class _CostCheck(BtServiceNode):
 
 
 class RemoveInCollisionGoals(_CostCheck):
-    """Remove the goals at which the robot would be in collision according to the global costmap.
+    """Removes the goals at which the robot would be in collision according to the global costmap.
 
     The goals stay as they are when the service fails.
     """
@@ -120,7 +120,7 @@ class CheckPoseOccupancy(_CostCheck):
 
 
 class AppendGoalPoseToGoals(SyncAction):
-    """Append *goal_pose* to the goals."""
+    """Appends *goal_pose* to the goals."""
 
     goal_pose: Annotated[In[Pose2D], "Goal pose to append."]
     input_goals: InGoals
@@ -133,7 +133,7 @@ class AppendGoalPoseToGoals(SyncAction):
 
 
 class GetNextFewGoals(SyncAction):
-    """Write the first *num_goals* of the goals. FAILURE when there are no goals."""
+    """Writes the first *num_goals* of the goals. FAILURE when there are no goals."""
 
     num_goals: Annotated[In[int], "Number of goals."]
     input_goals: InGoals

@@ -42,7 +42,7 @@ UnknownCounts = Annotated[In[bool], "Whether unknown cost counts as an obstacle.
 
 
 class TruncatePath(SyncAction):
-    """Remove the end of a path: every pose closer than *distance* to the last pose. Always SUCCESS.
+    """Removes the end of a path: every pose closer than *distance* to the last pose. Always SUCCESS.
 
     At least two poses stay. The last remaining pose is turned towards the goal.
     """
@@ -74,7 +74,7 @@ class TruncatePath(SyncAction):
 
 
 class TruncatePathLocal(SyncAction):
-    """Keep the part of a path around the robot, between two distances along the path.
+    """Keeps the part of a path around the robot, between two distances along the path.
 
     FAILURE while the robot's pose is unknown.
     """
@@ -191,7 +191,7 @@ class IsPathValid(_PathValidation):
 
 
 class SmoothPath(BtActionNode):
-    """Smooth a path. FAILURE without a path.
+    """Smooths a path. FAILURE without a path.
 
     Navigation in this process writes the path unchanged, because its planner's paths are smooth already.
     """
@@ -245,7 +245,7 @@ class SmoothPath(BtActionNode):
 
 
 class GetPoseFromPath(SyncAction):
-    """Write the pose of a path at *index*; a negative index counts from the end. FAILURE if there is none."""
+    """Writes the pose of a path at *index*; a negative index counts from the end. FAILURE if none exists."""
 
     index: Annotated[In[int], "Index of the pose, from 0."] = 0
     pose: Annotated[Out[Pose2D], "The pose."] = OPTIONAL
@@ -262,7 +262,7 @@ class GetPoseFromPath(SyncAction):
 
 
 class GetCurrentPose(ServersAction):
-    """Write the robot's pose. FAILURE while the pose is unknown."""
+    """Writes the robot's pose. FAILURE while the pose is unknown."""
 
     global_frame: Annotated[In[str], "Global frame; always map here."] = "map"
     robot_base_frame: Annotated[In[str], "Robot base frame; always base_footprint here."] = "base_footprint"
@@ -278,7 +278,7 @@ class GetCurrentPose(ServersAction):
 
 
 class ConcatenatePaths(SyncAction):
-    """Join two paths: all poses of the first, then all poses of the second. FAILURE when both are empty.
+    """Joins two paths: all poses of the first, then all poses of the second. FAILURE when both are empty.
 
     The joined path has the frame and the time of planning of the first path, as in Nav2.
     """

@@ -58,7 +58,7 @@ class _Clear(BtServiceNode):
 
 
 class ClearEntireCostmap(_Clear):
-    """Clear every obstacle of a costmap that is not on the map. Counts as a recovery."""
+    """Clears every obstacle of a costmap that is not on the map. Counts as a recovery."""
 
     area = ClearedArea.ENTIRE
 
@@ -74,19 +74,19 @@ class _ClearPart(_Clear):
 
 
 class ClearCostmapExceptRegion(_ClearPart):
-    """Clear the obstacles of a costmap outside a square around the robot."""
+    """Clears the obstacles of a costmap outside a square around the robot."""
 
     area = ClearedArea.EXCEPT_REGION
 
 
 class ClearCostmapAroundRobot(_ClearPart):
-    """Clear the obstacles of a costmap inside a square around the robot."""
+    """Clears the obstacles of a costmap inside a square around the robot."""
 
     area = ClearedArea.AROUND_ROBOT
 
 
 class ClearCostmapAroundPose(_ClearPart):
-    """Clear the obstacles of the global costmap inside a square around *pose*."""
+    """Clears the obstacles of the global costmap inside a square around *pose*."""
 
     area = ClearedArea.AROUND_POSE
 
@@ -98,7 +98,7 @@ class ClearCostmapAroundPose(_ClearPart):
 
 
 class _Cancel(BtServiceNode):
-    """Cancel the goals of a server. SUCCESS also if there are none."""
+    """Cancels the goals of a server. SUCCESS also if there are none."""
 
     action: ClassVar[str] = ""
     """Nav2's default name of the action."""
@@ -111,37 +111,37 @@ class _Cancel(BtServiceNode):
 
 
 class CancelControl(_Cancel):
-    """Cancel the controller's path following."""
+    """Cancels the controller's path following."""
 
     action = "follow_path"
 
 
 class CancelBackUp(_Cancel):
-    """Cancel backing up."""
+    """Cancels backing up."""
 
     action = "backup"
 
 
 class CancelDriveOnHeading(_Cancel):
-    """Cancel driving on a heading."""
+    """Cancels driving on a heading."""
 
     action = "drive_on_heading"
 
 
 class CancelSpin(_Cancel):
-    """Cancel the spin behaviour."""
+    """Cancels the spin behaviour."""
 
     action = "spin"
 
 
 class CancelWait(_Cancel):
-    """Cancel the wait behaviour."""
+    """Cancels the wait behaviour."""
 
     action = "wait"
 
 
 class ReinitializeGlobalLocalization(BtServiceNode):
-    """Request global localisation: the localiser searches for the robot on the whole map."""
+    """Requests global localisation: the localiser searches for the robot on the whole map."""
 
     service_name: ServiceName = ""
 
@@ -181,7 +181,7 @@ class CheckStopStatus(StatefulAction):
 
 
 class _Selector(SyncAction):
-    """Write the plug-in to use: the topic's last message, or the default. FAILURE when both are empty."""
+    """Writes the plug-in to use: the topic's last message, or the default. FAILURE when both are empty."""
 
     plugin: ClassVar[str] = ""
     """The name of the plug-in, which is part of the ports' names."""
@@ -221,36 +221,36 @@ class _Selector(SyncAction):
 
 
 class PlannerSelector(_Selector):
-    """Select the planner: the topic's last message, or the default. FAILURE when both are empty."""
+    """Selects the planner: the topic's last message, or the default. FAILURE when both are empty."""
 
     plugin = "planner"
 
 
 class ControllerSelector(_Selector):
-    """Select the controller: the topic's last message, or the default. FAILURE when both are empty."""
+    """Selects the controller: the topic's last message, or the default. FAILURE when both are empty."""
 
     plugin = "controller"
 
 
 class SmootherSelector(_Selector):
-    """Select the smoother: the topic's last message, or the default. FAILURE when both are empty."""
+    """Selects the smoother: the topic's last message, or the default. FAILURE when both are empty."""
 
     plugin = "smoother"
 
 
 class GoalCheckerSelector(_Selector):
-    """Select the goal checker: the topic's last message, or the default. FAILURE when both are empty."""
+    """Selects the goal checker: the topic's last message, or the default. FAILURE when both are empty."""
 
     plugin = "goal_checker"
 
 
 class ProgressCheckerSelector(_Selector):
-    """Select the progress checker: the topic's last message, or the default. FAILURE when both are empty."""
+    """Selects the progress checker: the topic's last message, or the default. FAILURE when both are empty."""
 
     plugin = "progress_checker"
 
 
 class PathHandlerSelector(_Selector):
-    """Select the path handler: the topic's last message, or the default. FAILURE when both are empty."""
+    """Selects the path handler: the topic's last message, or the default. FAILURE when both are empty."""
 
     plugin = "path_handler"

@@ -59,7 +59,7 @@ next state. The next state is None if the state does not change.
 
 
 class BumpGo(Component):
-    """Drive forward up to an obstacle 1 m ahead; then back for 2 s, turn left for 2 s, and forward again.
+    """Drives forward up to an obstacle 1 m ahead; then back for 2 s, turns left for 2 s, and forward again.
 
     The robot stops when the newest scan is older than 1 s, until there is a newer scan. The component
     subscribes to `input_scan` and publishes on `output_vel`, starting with the first scan. In the cycle
@@ -259,7 +259,7 @@ class Diagonals(BumpGo):
 
 
 class OpenLoop(BumpGo):
-    """Turn to the freest direction for a time that is computed before the turn: angle divided by speed.
+    """Turns to the freest direction for a time that is computed before the turn: angle divided by speed.
 
     The freest direction often leads past corners that the middle beam misses. Therefore an obstacle is
     anything in the lane ahead that is as wide as the robot.
@@ -289,7 +289,7 @@ class OpenLoop(BumpGo):
 
 
 class ClosedLoop(OpenLoop):
-    """Turn towards the freest direction until the laser shows free space ahead, even if the wheels slip.
+    """Turns towards the freest direction until the laser shows free space ahead, even if the wheels slip.
 
     Space is free when it is clear for twice the obstacle distance. Without free space a full turn ends the
     state.

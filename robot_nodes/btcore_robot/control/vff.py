@@ -114,7 +114,7 @@ def _sum(repulsive: Vector) -> Forces:
 
 
 class Avoidance(Component):
-    """Drive by the force field, 20 times a second, while the newest scan is younger than 1 s.
+    """Drives by the force field, 20 times a second, while the newest scan is younger than 1 s.
 
     The component subscribes to `input_scan` and publishes on `output_vel`. Without a recent scan it
     publishes nothing, and the base stops because it receives no new commands. On `vff_debug` it publishes
@@ -156,7 +156,7 @@ class Avoidance(Component):
 
 
 class AvoidanceFromAll(Avoidance):
-    """Drive like `Avoidance`, but all near readings repel the robot, not only the nearest.
+    """Drives like `Avoidance`, but all near readings repel the robot, not only the nearest.
 
     The forward speed is at most the forward component of the sum. In the book the speed is the length of the
     sum even if the sum points backwards, so that `Avoidance` drives into a wall that it approaches head-on.

@@ -60,7 +60,7 @@ class BatteryChecker(Condition):
 
 
 class Recharge(StatefulAction):
-    """Charge the battery: RUNNING for 50 ticks (5 s at 10 Hz), then battery and estimate are full.
+    """Charges the battery: RUNNING for 50 ticks (5 s at 10 Hz), then battery and estimate are full.
 
     A halt interrupts charging; the next start continues it.
     """

@@ -38,7 +38,7 @@ class _DrivingAction(StatefulAction):
 
 
 class Forward(_DrivingAction):
-    """Drive forward at 0.3 m/s. Always RUNNING."""
+    """Drives forward at 0.3 m/s. Always RUNNING."""
 
     spec = NodeSpec(results=frozenset(), state_fields=())
 
@@ -56,7 +56,7 @@ class Forward(_DrivingAction):
 
 
 class _Manoeuvre(_DrivingAction):
-    """Drive at *v* (m/s) and *w* (rad/s) for *duration* (ns) after the first tick, then SUCCESS."""
+    """Drives at *v* (m/s) and *w* (rad/s) for *duration* (ns) after the first tick, then SUCCESS."""
 
     v: ClassVar[float] = 0.0
     w: ClassVar[float] = 0.0
@@ -81,26 +81,26 @@ class _Manoeuvre(_DrivingAction):
 
 
 class Back(_Manoeuvre):
-    """Drive backwards at 0.3 m/s (or as fast as the base can) for 3 s, then SUCCESS."""
+    """Drives backwards at 0.3 m/s (or as fast as the base can) for 3 s, then SUCCESS."""
 
     v = BACK_SPEED
 
 
 class Turn(_Manoeuvre):
-    """Turn left at 0.5 rad/s for 3 s, then SUCCESS."""
+    """Turns left at 0.5 rad/s for 3 s, then SUCCESS."""
 
     w = TURN_SPEED
 
 
 class Patrol(_Manoeuvre):
-    """Look around at a waypoint: turn left at 0.5 rad/s for 15 s, then SUCCESS."""
+    """Looks around at a waypoint: turns left at 0.5 rad/s for 15 s, then SUCCESS."""
 
     w = TURN_SPEED
     duration = PATROL_TIME
 
 
 class TurnToFree(_DrivingAction):
-    """Turn at 0.5 rad/s towards the freest direction until *clear* metres are free ahead, then SUCCESS.
+    """Turns at 0.5 rad/s towards the freest direction until *clear* metres are free ahead, then SUCCESS.
 
     FAILURE when a full turn finds no free direction. The free distance in a direction is the smallest range
     of the laser rays within 30° to either side. The lane of the robot, 0.8 m wide, must be free as well, up

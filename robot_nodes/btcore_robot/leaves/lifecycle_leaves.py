@@ -32,7 +32,7 @@ class ObjectLocatorProtocol(HeadTrackerProtocol, Protocol):
 
 
 class _KeepActive(StatefulAction):
-    """Keep a server active. Always RUNNING; a halt deactivates the server."""
+    """Keeps a server active. Always RUNNING; a halt deactivates the server."""
 
     spec = NodeSpec(results=frozenset())
 
@@ -55,7 +55,7 @@ class _KeepActive(StatefulAction):
 
 
 class TrackObjects(_KeepActive):
-    """Keep the head tracker active. Always RUNNING; a halt deactivates the tracker."""
+    """Keeps the head tracker active. Always RUNNING; a halt deactivates the tracker."""
 
     spec = NodeSpec(state_fields=())
 
@@ -64,7 +64,7 @@ class TrackObjects(_KeepActive):
 
 
 class LocateObjects(_KeepActive):
-    """Keep the object locator active and write its results to *boxes*.
+    """Keeps the object locator active and writes its results to *boxes*.
 
     Always RUNNING; a halt deactivates the locator.
     """

@@ -33,7 +33,7 @@ def is_obstacle(
 
 
 class WaitForScan(StatefulAction):
-    """Stop the robot until the newest scan is recent: RUNNING while it is older than *timeout*, then SUCCESS.
+    """Stops the robot until the newest scan is recent: RUNNING while older than *timeout*, then SUCCESS.
 
     A missing scan counts as too old. As the first child of a ReactiveSequence the node stops a robot without
     laser data, and the later children are not ticked.

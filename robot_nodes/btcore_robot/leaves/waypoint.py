@@ -29,7 +29,7 @@ class PatrolProgress(TreeResource):
 
 
 class GetWaypoint(SyncAction):
-    """Write a waypoint: the charger for `recharge`, otherwise wp1, wp2, wp3 … in turn, then wp1 again.
+    """Writes a waypoint: the charger for `recharge`, otherwise wp1, wp2, wp3 … in turn, then wp1 again.
 
     All GetWaypoint nodes of a tree share the sequence. It advances when a waypoint is written. If the drive
     to a waypoint is interrupted, the waypoint is skipped, as in the book *A Concise Introduction to Robot

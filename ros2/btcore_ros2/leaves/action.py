@@ -35,7 +35,7 @@ class ActionErrorCode(enum.Enum):
 
 
 class RosAction(ServerLeaf):
-    """Send a goal to an action server: RUNNING while the server works, then the result of a callback.
+    """Sends a goal to an action server: RUNNING while the server works, then the result of a callback.
 
     A subclass sets `action_type`, a default for the port `action_name`, and implements `make_goal`. It may
     override `on_feedback`, `on_result` and `on_failure`. The callbacks run during ticks of the leaf.

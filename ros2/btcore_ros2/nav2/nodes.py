@@ -55,7 +55,7 @@ class ComputedRoute:
 
 
 class ComputeRoute(BtActionNode):
-    """Plan a route on the graph of Nav2's route server. On failure and on a halt route and path are empty."""
+    """Plans a route on the graph of Nav2's route server. On failure and a halt, route and path are empty."""
 
     action = "compute_route"
 
@@ -101,7 +101,7 @@ class ComputeRoute(BtActionNode):
 
 
 class ExtractRouteNodesAsGoals(SyncAction):
-    """Write the nodes of a route as goals. FAILURE for a route without nodes."""
+    """Writes the nodes of a route as goals. FAILURE for a route without nodes."""
 
     route: Annotated[In[Route], "Route to extract the nodes from."]
     goals: Annotated[Out[Poses], "Goals for the navigation."] = OPTIONAL
@@ -117,7 +117,7 @@ class ExtractRouteNodesAsGoals(SyncAction):
 
 
 class AssistedTeleop(BtActionNode):
-    """Let a user drive the robot; Nav2 stops it before obstacles.
+    """Lets a user drive the robot; Nav2 stops it before obstacles.
 
     An aborted goal is a FAILURE only if the teleoperation counts as a recovery.
     """
@@ -151,7 +151,7 @@ class AssistedTeleop(BtActionNode):
 
 
 class CancelAssistedTeleop(BtServiceNode):
-    """Cancel the assisted teleoperation."""
+    """Cancels the assisted teleoperation."""
 
     server_name: ServerName = ""
 

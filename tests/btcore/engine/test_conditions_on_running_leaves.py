@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 
 from btcore import NodeExecutionError, StatefulAction, Status, ThreadedAction, Tree, action, running
-from tests.btcore.conftest import MakeTree
+from tests.btcore.conftest import TreeFactory
 
 R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
 
@@ -44,7 +44,7 @@ LEAVES = [coroutine, generator, Threaded, Stateful]
 
 
 @pytest.fixture(params=LEAVES, ids=["coroutine", "generator", "threaded", "stateful"])
-def work(request: pytest.FixtureRequest, make_tree: MakeTree) -> Callable[[str], Tree]:
+def work(request: pytest.FixtureRequest, make_tree: TreeFactory) -> Callable[[str], Tree]:
     """Return a function that builds a tree of the leaf with the given attributes."""
 
     def make(attributes: str) -> Tree:
@@ -92,7 +92,7 @@ class Wrong(StatefulAction):
         return Status.IDLE
 
 
-def test_idle_is_refused_as_the_result_of_an_action(make_tree: MakeTree) -> None:
+def test_idle_is_refused_as_the_result_of_an_action(make_tree: TreeFactory) -> None:
     tree = make_tree("<Wrong/>", Wrong)
     assert tree.tick_once() is R
     with pytest.raises(NodeExecutionError, match="not IDLE"):

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from btcore import In, NodeExecutionError, Put, SimClock, Status, Tree, action, running, sleep
-from tests.btcore.conftest import MakeTree
+from tests.btcore.conftest import TreeFactory
 from tests.conformance.recorded_cases import CallLog
 
 
@@ -18,7 +18,7 @@ def statuses(tree: Tree, ticks: int) -> str:
 # --- resuming
 
 
-def test_await_running_ends_the_tick_and_the_next_tick_resumes_there(make_tree: MakeTree) -> None:
+def test_await_running_ends_the_tick_and_the_next_tick_resumes_there(make_tree: TreeFactory) -> None:
     steps: list[str] = []
 
     @action
@@ -38,7 +38,7 @@ def test_await_running_ends_the_tick_and_the_next_tick_resumes_there(make_tree: 
     assert steps == ["near", "nearer", "there"]
 
 
-def test_a_generator_yields_where_a_coroutine_awaits(make_tree: MakeTree) -> None:
+def test_a_generator_yields_where_a_coroutine_awaits(make_tree: TreeFactory) -> None:
     @action
     def approach() -> Generator[Status | None, None, bool]:
         yield
@@ -48,14 +48,14 @@ def test_a_generator_yields_where_a_coroutine_awaits(make_tree: MakeTree) -> Non
     assert statuses(make_tree("<Approach/>", approach), 4) == "RRFR"
 
 
-def test_coroutine_without_await_completes_in_its_first_tick(make_tree: MakeTree) -> None:
+def test_coroutine_without_await_completes_in_its_first_tick(make_tree: TreeFactory) -> None:
     async def at_once() -> Status:
         return Status.SUCCESS
 
     assert make_tree("<AtOnce/>", at_once).tick_exactly_once() is Status.SUCCESS
 
 
-def test_awaited_function_may_await_too(make_tree: MakeTree) -> None:
+def test_awaited_function_may_await_too(make_tree: TreeFactory) -> None:
     async def wait(ticks: int) -> int:
         for _ in range(ticks):
             await running()
@@ -68,7 +68,7 @@ def test_awaited_function_may_await_too(make_tree: MakeTree) -> None:
     assert statuses(make_tree("<Approach/>", approach), 4) == "RRRS"
 
 
-def test_inputs_are_read_at_the_start_and_outputs_written_on_each_call(make_tree: MakeTree) -> None:
+def test_inputs_are_read_at_the_start_and_outputs_written_on_each_call(make_tree: TreeFactory) -> None:
     @action
     async def count(limit: In[int], at: Put[int]) -> bool:
         for number in range(limit):
@@ -88,7 +88,7 @@ def test_inputs_are_read_at_the_start_and_outputs_written_on_each_call(make_tree
 # --- time
 
 
-def test_await_sleep_lasts_by_the_clock_of_the_tree(make_tree: MakeTree, clock: SimClock) -> None:
+def test_await_sleep_lasts_by_the_clock_of_the_tree(make_tree: TreeFactory, clock: SimClock) -> None:
     async def nap() -> bool:
         await sleep(0.5)
         return True
@@ -101,7 +101,7 @@ def test_await_sleep_lasts_by_the_clock_of_the_tree(make_tree: MakeTree, clock: 
     assert tree.tick_exactly_once() is Status.SUCCESS
 
 
-def test_sleep_wakes_tree_at_deadline_not_period_later(make_tree: MakeTree, clock: SimClock) -> None:
+def test_sleep_wakes_tree_at_deadline_not_period_later(make_tree: TreeFactory, clock: SimClock) -> None:
     async def nap() -> bool:
         await sleep(0.25)
         return True
@@ -112,7 +112,7 @@ def test_sleep_wakes_tree_at_deadline_not_period_later(make_tree: MakeTree, cloc
     assert tree.ticks == 2
 
 
-def test_sleep_of_zero_is_running_for_one_tick(make_tree: MakeTree, clock: SimClock) -> None:
+def test_sleep_of_zero_is_running_for_one_tick(make_tree: TreeFactory, clock: SimClock) -> None:
     async def nap() -> bool:
         await sleep(0)
         return True
@@ -124,7 +124,7 @@ def test_sleep_of_zero_is_running_for_one_tick(make_tree: MakeTree, clock: SimCl
 # --- halting
 
 
-def test_a_halt_runs_finally_before_the_sibling_starts(make_tree: MakeTree, calls: CallLog) -> None:
+def test_a_halt_runs_finally_before_the_sibling_starts(make_tree: TreeFactory, calls: CallLog) -> None:
     @action
     async def drive() -> bool:
         calls.record("drive", "start")
@@ -142,7 +142,7 @@ def test_a_halt_runs_finally_before_the_sibling_starts(make_tree: MakeTree, call
     assert calls == ["clear:tick", "drive:start", "clear:tick", "drive:stop", "turn:start"]
 
 
-def test_generator_is_cancelled_by_a_halt(make_tree: MakeTree) -> None:
+def test_generator_is_cancelled_by_a_halt(make_tree: TreeFactory) -> None:
     stopped: list[bool] = []
 
     @action
@@ -160,7 +160,7 @@ def test_generator_is_cancelled_by_a_halt(make_tree: MakeTree) -> None:
     assert tree.root.status is Status.IDLE
 
 
-def test_coroutine_that_is_not_running_is_not_cancelled(make_tree: MakeTree) -> None:
+def test_coroutine_that_is_not_running_is_not_cancelled(make_tree: TreeFactory) -> None:
     stopped: list[bool] = []
 
     @action
@@ -179,7 +179,7 @@ def test_coroutine_that_is_not_running_is_not_cancelled(make_tree: MakeTree) -> 
     assert stopped == [True]
 
 
-def test_halted_sleep_cancels_its_wake_up(make_tree: MakeTree, clock: SimClock) -> None:
+def test_halted_sleep_cancels_its_wake_up(make_tree: TreeFactory, clock: SimClock) -> None:
     async def nap() -> bool:
         await sleep(0.1)
         return True
@@ -191,7 +191,7 @@ def test_halted_sleep_cancels_its_wake_up(make_tree: MakeTree, clock: SimClock) 
     assert clock.now() == 1_050_000_000
 
 
-def test_halted_coroutine_restarts_from_the_beginning(make_tree: MakeTree) -> None:
+def test_halted_coroutine_restarts_from_the_beginning(make_tree: TreeFactory) -> None:
     async def three() -> bool:
         await running()
         await running()
@@ -203,7 +203,7 @@ def test_halted_coroutine_restarts_from_the_beginning(make_tree: MakeTree) -> No
     assert statuses(tree, 3) == "RRS"
 
 
-def test_asynchronous_context_manager_without_await_is_exited_by_a_halt(make_tree: MakeTree) -> None:
+def test_asynchronous_context_manager_without_await_is_exited_by_a_halt(make_tree: TreeFactory) -> None:
     left: list[bool] = []
 
     @asynccontextmanager
@@ -233,7 +233,7 @@ def halting_raises(tree: Tree) -> NodeExecutionError:
     return caught.value
 
 
-def test_await_while_being_halted_raises_an_error_that_names_the_leaf(make_tree: MakeTree) -> None:
+def test_await_while_being_halted_raises_an_error_that_names_the_leaf(make_tree: TreeFactory) -> None:
     @action
     async def clings() -> bool:
         try:
@@ -256,7 +256,7 @@ def test_await_while_being_halted_raises_an_error_that_names_the_leaf(make_tree:
     assert "'Grips::1'" in str(halting_raises(make_tree("<Grips/>", grips)))
 
 
-def test_exception_in_finally_raises_an_error_that_names_the_leaf(make_tree: MakeTree) -> None:
+def test_exception_in_finally_raises_an_error_that_names_the_leaf(make_tree: TreeFactory) -> None:
     @action
     async def breaks() -> bool:
         try:
@@ -290,7 +290,9 @@ class Foreign:
             self.closed = True
 
 
-def test_foreign_awaitable_raises_an_error_that_names_the_supported_awaitables(make_tree: MakeTree) -> None:
+def test_foreign_awaitable_raises_an_error_that_names_the_supported_awaitables(
+    make_tree: TreeFactory,
+) -> None:
     foreign = Foreign()
 
     @action
@@ -305,7 +307,7 @@ def test_foreign_awaitable_raises_an_error_that_names_the_supported_awaitables(m
 
 
 @pytest.mark.parametrize("result", [None, 7, "SUCCESS"])
-def test_invalid_return_value_raises(result: Any, make_tree: MakeTree) -> None:
+def test_invalid_return_value_raises(result: Any, make_tree: TreeFactory) -> None:
     async def waits() -> Any:
         await running()
         return result
@@ -315,7 +317,7 @@ def test_invalid_return_value_raises(result: Any, make_tree: MakeTree) -> None:
     assert f"not {result!r}" in str(tick_raises(tree))
 
 
-def test_yielding_a_result_is_refused(make_tree: MakeTree) -> None:
+def test_yielding_a_result_is_refused(make_tree: TreeFactory) -> None:
     @action
     def hasty() -> Generator[Status, None, bool]:
         yield Status.SUCCESS
@@ -324,7 +326,7 @@ def test_yielding_a_result_is_refused(make_tree: MakeTree) -> None:
     assert "<Status.SUCCESS: 2>" in str(tick_raises(make_tree("<Hasty/>", hasty)))
 
 
-def test_coroutine_restarts_after_an_exception(make_tree: MakeTree) -> None:
+def test_coroutine_restarts_after_an_exception(make_tree: TreeFactory) -> None:
     attempts: list[int] = []
 
     @action

@@ -19,7 +19,7 @@ from btcore import (
     Tree,
     TreeNode,
 )
-from tests.btcore.conftest import MakeTree
+from tests.btcore.conftest import TreeFactory
 from tests.conformance.recorded_cases import CallLog
 
 
@@ -78,7 +78,7 @@ def tick_error(tree: Tree) -> NodeExecutionError:
 # --- overrides
 
 
-def test_no_built_in_node_overrides_execute_tick(make_tree: MakeTree) -> None:
+def test_no_built_in_node_overrides_execute_tick(make_tree: TreeFactory) -> None:
     for format in (3, 4):
         for manifest in Registry.standard().manifests_of(format).values():
             assert manifest.cls.execute_tick is TreeNode.execute_tick
@@ -86,21 +86,21 @@ def test_no_built_in_node_overrides_execute_tick(make_tree: MakeTree) -> None:
 
 @pytest.mark.parametrize("around", ["{}", "<Inverter>{}</Inverter>", "<Sequence>{}</Sequence>"])
 @pytest.mark.parametrize("guard", ["", '_skipIf="false"', '_onSuccess="x := 1"'])
-def test_override_is_called_in_every_position(around: str, guard: str, make_tree: MakeTree) -> None:
+def test_override_is_called_in_every_position(around: str, guard: str, make_tree: TreeFactory) -> None:
     tree = make_tree(around.format(f"<NotedYes {guard}/>"), NotedYes)
     tree.tick_once()
     tree.tick_once()
     assert tree.find(NotedYes)[0].noted == [Status.SUCCESS, Status.SUCCESS]
 
 
-def test_override_in_a_decorator_resets_its_completed_child(make_tree: MakeTree) -> None:
+def test_override_in_a_decorator_resets_its_completed_child(make_tree: TreeFactory) -> None:
     tree = make_tree("<NotedPass><NotedYes/></NotedPass>", NotedPass, NotedYes)
     assert tree.tick_exactly_once() is Status.SUCCESS
     assert tree.find(NotedPass)[0].noted == tree.find(NotedYes)[0].noted == [Status.SUCCESS]
     assert tree.find(NotedYes)[0].status is Status.IDLE
 
 
-def test_override_in_a_control_node_calls_the_overrides_of_its_children(make_tree: MakeTree) -> None:
+def test_override_in_a_control_node_calls_the_overrides_of_its_children(make_tree: TreeFactory) -> None:
     tree = make_tree(
         "<NotedAll><NotedYes/><NotedPass><NotedYes/></NotedPass></NotedAll>", NotedAll, NotedYes, NotedPass
     )
@@ -108,7 +108,7 @@ def test_override_in_a_control_node_calls_the_overrides_of_its_children(make_tre
     assert [node.noted for node in tree] == [[Status.SUCCESS]] * 4  # type: ignore[attr-defined]
 
 
-def test_override_may_prevent_the_tick(make_tree: MakeTree) -> None:
+def test_override_may_prevent_the_tick(make_tree: TreeFactory) -> None:
     class Never(SyncAction):
         def execute_tick(self) -> Status:
             return Status.SKIPPED
@@ -120,7 +120,7 @@ def test_override_may_prevent_the_tick(make_tree: MakeTree) -> None:
     assert tree.tick_once() is Status.SUCCESS
 
 
-def test_override_that_raises_names_the_parent_node(make_tree: MakeTree) -> None:
+def test_override_that_raises_names_the_parent_node(make_tree: TreeFactory) -> None:
     class Broken(SyncAction):
         def execute_tick(self) -> Status:
             raise ValueError("out of reach")
@@ -135,7 +135,7 @@ def test_override_that_raises_names_the_parent_node(make_tree: MakeTree) -> None
 @pytest.mark.parametrize("guard", ["", '_while="true"', '_onFailure="x := 1"'])
 @pytest.mark.parametrize("leaf", [Endless, NotedEndless])
 def test_synchronous_action_that_returns_running_is_named_with_its_ancestors(
-    leaf: type[SyncAction], guard: str, make_tree: MakeTree
+    leaf: type[SyncAction], guard: str, make_tree: TreeFactory
 ) -> None:
     body = f'<Sequence name="s"><Inverter name="i"><{leaf.__name__} name="e" {guard}/></Inverter></Sequence>'
     error = tick_error(make_tree(body, leaf))
@@ -145,14 +145,14 @@ def test_synchronous_action_that_returns_running_is_named_with_its_ancestors(
     assert "for an action of several ticks use StatefulAction, a generator or async def" in str(error)
 
 
-def test_running_synchronous_action_is_named_with_counts_and_a_callback(make_tree: MakeTree) -> None:
+def test_running_synchronous_action_is_named_with_counts_and_a_callback(make_tree: TreeFactory) -> None:
     tree = make_tree('<Endless name="e"/>', Endless)
     tree.start_tick_counts()
     tree.root.set_post_tick_function(lambda node, status: status)
     assert tick_error(tree).path == "e"
 
 
-def test_callback_may_replace_the_running_result(make_tree: MakeTree) -> None:
+def test_callback_may_replace_the_running_result(make_tree: TreeFactory) -> None:
     tree = make_tree('<Endless name="e"/>', Endless)
     tree.root.set_post_tick_function(lambda node, status: Status.FAILURE)
     assert tree.tick_once() is Status.FAILURE
@@ -163,7 +163,7 @@ def test_callback_may_replace_the_running_result(make_tree: MakeTree) -> None:
 
 @pytest.mark.parametrize("guard", ["", '_skipIf="false"'])
 @pytest.mark.parametrize("message", [None, 1, 0, "SUCCESS", Status.IDLE, 2.0, 7, np.int64(1)])
-def test_only_a_status_or_a_bool_ends_a_tick(message: Any, guard: str, make_tree: MakeTree) -> None:
+def test_only_a_status_or_a_bool_ends_a_tick(message: Any, guard: str, make_tree: TreeFactory) -> None:
     class Odd(Condition):
         def tick(self) -> Any:
             return message
@@ -175,7 +175,7 @@ def test_only_a_status_or_a_bool_ends_a_tick(message: Any, guard: str, make_tree
 
 
 @pytest.mark.parametrize("body", ["<Stop/>", "<Inverter><Stop/></Inverter>", '<Stop _skipIf="false"/>'])
-def test_interrupted_tree_continues_where_it_was(body: str, make_tree: MakeTree) -> None:
+def test_interrupted_tree_continues_where_it_was(body: str, make_tree: TreeFactory) -> None:
     class Stop(SyncAction):
         calls = 0
 
@@ -194,7 +194,7 @@ def test_interrupted_tree_continues_where_it_was(body: str, make_tree: MakeTree)
 
 @pytest.mark.parametrize("kind", ["Sequence", "SequenceWithMemory", "Fallback"])
 def test_after_an_error_only_a_sequence_with_memory_resumes_at_the_raising_child(
-    kind: str, make_tree: MakeTree, calls: CallLog
+    kind: str, make_tree: TreeFactory, calls: CallLog
 ) -> None:
     outcomes = "F" if kind == "Fallback" else "S"
     tree = make_tree(
@@ -206,7 +206,7 @@ def test_after_an_error_only_a_sequence_with_memory_resumes_at_the_raising_child
     assert calls.take() == (["x:start"] if kind == "SequenceWithMemory" else ["a:start", "x:start"])
 
 
-def test_node_that_halts_its_own_tree_in_a_tick_keeps_its_result(make_tree: MakeTree) -> None:
+def test_node_that_halts_its_own_tree_in_a_tick_keeps_its_result(make_tree: TreeFactory) -> None:
     class Reckless(SyncAction):
         tree: Tree
 
@@ -224,7 +224,7 @@ def test_node_that_halts_its_own_tree_in_a_tick_keeps_its_result(make_tree: Make
 # --- in an event loop
 
 
-def test_run_raises_an_error_with_the_same_backtrace(make_tree: MakeTree) -> None:
+def test_run_raises_an_error_with_the_same_backtrace(make_tree: TreeFactory) -> None:
     class Late(StatefulAction):
         def on_start(self) -> Status:
             return Status.RUNNING

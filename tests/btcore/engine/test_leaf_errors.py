@@ -17,7 +17,7 @@ from btcore import (
     Tree,
     action,
 )
-from tests.btcore.conftest import MakeTree
+from tests.btcore.conftest import TreeFactory
 from tests.conformance.recorded_cases import CallLog
 
 
@@ -85,7 +85,7 @@ def test_error_names_node_id_position_and_cause(tmp_path: Path) -> None:
     ]
 
 
-def test_backtrace_leads_from_the_root_through_subtrees(make_tree: MakeTree) -> None:
+def test_backtrace_leads_from_the_root_through_subtrees(make_tree: TreeFactory) -> None:
     tree = make_tree(
         '<Sequence name="s"><SubTree ID="Sub" name="inner"/></Sequence>',
         Explode,
@@ -94,7 +94,7 @@ def test_backtrace_leads_from_the_root_through_subtrees(make_tree: MakeTree) -> 
     assert tick_raises(tree).backtrace == ["s", "inner", "inner/f", "inner/boom"]
 
 
-def test_exception_halts_the_tree_and_the_running_siblings(make_tree: MakeTree, calls: CallLog) -> None:
+def test_exception_halts_the_tree_and_the_running_siblings(make_tree: TreeFactory, calls: CallLog) -> None:
     tree = make_tree(PARALLEL, Explode)
     tick_raises(tree)
     assert calls == ["a:start", "a:halted"]
@@ -103,12 +103,12 @@ def test_exception_halts_the_tree_and_the_running_siblings(make_tree: MakeTree, 
 
 
 @pytest.mark.parametrize("step", [Tree.tick_exactly_once, Tree.tick_once, Tree.tick_while_running])
-def test_every_tick_method_raises_the_error(step: Callable[[Tree], Status], make_tree: MakeTree) -> None:
+def test_every_tick_method_raises_the_error(step: Callable[[Tree], Status], make_tree: TreeFactory) -> None:
     with pytest.raises(NodeExecutionError):
         step(make_tree("<Explode/>", Explode))
 
 
-def test_observers_are_notified_of_an_error_before_the_tree_is_halted(make_tree: MakeTree) -> None:
+def test_observers_are_notified_of_an_error_before_the_tree_is_halted(make_tree: TreeFactory) -> None:
     received: list[tuple[str, int, list[str]]] = []
 
     class Listener(Observer):
@@ -124,7 +124,7 @@ def test_observers_are_notified_of_an_error_before_the_tree_is_halted(make_tree:
     assert received == [("boom", 500_000_000, ["all", "a", "i"])]
 
 
-def test_error_of_following_halt_does_not_hide_first_error(make_tree: MakeTree, calls: CallLog) -> None:
+def test_error_of_following_halt_does_not_hide_first_error(make_tree: TreeFactory, calls: CallLog) -> None:
     tree = make_tree(
         '<Parallel success_count="4"><Cling name="c"/><Act name="a" outcomes="R"/><Cling name="d"/>'
         '<Explode name="boom"/></Parallel>',
@@ -139,13 +139,13 @@ def test_error_of_following_halt_does_not_hide_first_error(make_tree: MakeTree, 
 
 
 @pytest.mark.parametrize("script", ['_skipIf="missing == 1"', '_onSuccess="missing += 1"'])
-def test_script_that_cannot_be_run_names_its_own_node(script: str, make_tree: MakeTree) -> None:
+def test_script_that_cannot_be_run_names_its_own_node(script: str, make_tree: TreeFactory) -> None:
     error = tick_raises(make_tree(f'<Sequence><AlwaysSuccess name="a" {script}/></Sequence>'))
     assert error.path == "a"
     assert "missing" in str(error)
 
 
-def test_interruption_is_not_wrapped(make_tree: MakeTree) -> None:
+def test_interruption_is_not_wrapped(make_tree: TreeFactory) -> None:
     class Interrupted(SyncAction):
         def tick(self) -> Status:
             raise KeyboardInterrupt
@@ -160,7 +160,7 @@ def test_interruption_is_not_wrapped(make_tree: MakeTree) -> None:
 # --- while halting
 
 
-def test_leaf_that_raises_when_halted_is_named_and_becomes_idle(make_tree: MakeTree) -> None:
+def test_leaf_that_raises_when_halted_is_named_and_becomes_idle(make_tree: TreeFactory) -> None:
     tree = make_tree('<Sequence name="s"><Cling name="c"/></Sequence>', Cling)
     tree.tick_once()
     error = halt_raises(tree)
@@ -171,7 +171,9 @@ def test_leaf_that_raises_when_halted_is_named_and_becomes_idle(make_tree: MakeT
     assert tree.status is Status.IDLE
 
 
-def test_other_leaves_are_halted_too_and_first_error_is_raised(make_tree: MakeTree, calls: CallLog) -> None:
+def test_other_leaves_are_halted_too_and_first_error_is_raised(
+    make_tree: TreeFactory, calls: CallLog
+) -> None:
     tree = make_tree(
         '<Parallel><Act name="a" outcomes="R"/><Cling name="c1"/><Act name="b" outcomes="R"/>'
         '<Inverter><Cling name="c2"/></Inverter><Act name="d" outcomes="R"/></Parallel>',
@@ -184,7 +186,7 @@ def test_other_leaves_are_halted_too_and_first_error_is_raised(make_tree: MakeTr
     assert idle(tree)
 
 
-def test_leaf_halted_by_parent_in_tick_raises_error_of_tick(make_tree: MakeTree, calls: CallLog) -> None:
+def test_leaf_halted_by_parent_in_tick_raises_error_of_tick(make_tree: TreeFactory, calls: CallLog) -> None:
     tree = make_tree(
         '<ReactiveSequence><Ask name="q" outcomes="SF"/><Cling name="c"/></ReactiveSequence>', Cling
     )
@@ -206,7 +208,7 @@ def test_leaf_halted_by_parent_in_tick_raises_error_of_tick(make_tree: MakeTree,
         '<SequenceWithMemory><Act name="x" outcomes="S"/>{}</SequenceWithMemory>',
     ],
 )
-def test_nothing_stays_running_under_any_parent(around: str, make_tree: MakeTree) -> None:
+def test_nothing_stays_running_under_any_parent(around: str, make_tree: TreeFactory) -> None:
     tree = make_tree(around.format('<Cling name="c"/>'), Cling)
     assert tree.tick_exactly_once() is Status.RUNNING
     if tree.find(Cling)[0].status is Status.IDLE:
@@ -216,14 +218,14 @@ def test_nothing_stays_running_under_any_parent(around: str, make_tree: MakeTree
     assert idle(tree)
 
 
-def test_script_that_cannot_be_run_on_a_halt_names_its_node(make_tree: MakeTree) -> None:
+def test_script_that_cannot_be_run_on_a_halt_names_its_node(make_tree: TreeFactory) -> None:
     tree = make_tree('<Sequence><Act name="a" outcomes="R" _onHalted="x += 1"/></Sequence>')
     tree.tick_once()
     assert halt_raises(tree).path == "a"
     assert idle(tree)
 
 
-def test_observers_are_notified_of_an_error_while_halting(make_tree: MakeTree) -> None:
+def test_observers_are_notified_of_an_error_while_halting(make_tree: TreeFactory) -> None:
     received: list[str] = []
 
     class Listener(Observer):
@@ -242,7 +244,7 @@ class Leaving(BaseException):
 
 
 @pytest.mark.parametrize("fault", [SystemExit(7), Leaving("gone")])
-def test_any_base_exception_of_a_leaf_names_the_leaf(fault: BaseException, make_tree: MakeTree) -> None:
+def test_any_base_exception_of_a_leaf_names_the_leaf(fault: BaseException, make_tree: TreeFactory) -> None:
     @action
     def leave() -> bool:
         raise fault

@@ -33,7 +33,7 @@ from btcore import (
 )
 from btcore.engine.functions import camel_case
 from btcore.values import INT64, STRING, Int64
-from tests.btcore.conftest import MakeTree
+from tests.btcore.conftest import TreeFactory
 
 
 class Robot:
@@ -45,7 +45,7 @@ class Robot:
 # --- functions
 
 
-def test_bool_results_become_success_and_failure_and_a_status_is_kept(make_tree: MakeTree) -> None:
+def test_bool_results_become_success_and_failure_and_a_status_is_kept(make_tree: TreeFactory) -> None:
     @action
     def yes() -> bool:
         return True
@@ -87,7 +87,7 @@ def test_decorated_function_can_still_be_called() -> None:
     assert double(21) == 42
 
 
-def test_input_is_read_at_every_tick_as_its_annotated_type(make_tree: MakeTree) -> None:
+def test_input_is_read_at_every_tick_as_its_annotated_type(make_tree: TreeFactory) -> None:
     seen: list[object] = []
 
     @action
@@ -104,7 +104,7 @@ def test_input_is_read_at_every_tick_as_its_annotated_type(make_tree: MakeTree) 
     assert type(seen[0][0]) is int  # type: ignore[index]
 
 
-def test_list_input_is_a_copy_that_a_leaf_may_change(make_tree: MakeTree) -> None:
+def test_list_input_is_a_copy_that_a_leaf_may_change(make_tree: TreeFactory) -> None:
     lengths: list[int] = []
 
     @action
@@ -119,7 +119,7 @@ def test_list_input_is_a_copy_that_a_leaf_may_change(make_tree: MakeTree) -> Non
     assert lengths == [3, 3]
 
 
-def test_parameter_default_is_the_default_of_the_port(make_tree: MakeTree) -> None:
+def test_parameter_default_is_the_default_of_the_port(make_tree: TreeFactory) -> None:
     seen: list[object] = []
 
     @action
@@ -135,7 +135,7 @@ def test_parameter_default_is_the_default_of_the_port(make_tree: MakeTree) -> No
     assert (port.direction, port.type.name, port.default) == (Direction.IN, "double", "0.200000")
 
 
-def test_default_may_be_a_value_without_a_text_form(make_tree: MakeTree) -> None:
+def test_default_may_be_a_value_without_a_text_form(make_tree: TreeFactory) -> None:
     home = Robot("home")
     seen: list[Robot] = []
 
@@ -148,7 +148,7 @@ def test_default_may_be_a_value_without_a_text_form(make_tree: MakeTree) -> None
     assert seen == [home]
 
 
-def test_the_default_of_an_output_names_an_entry(make_tree: MakeTree) -> None:
+def test_the_default_of_an_output_names_an_entry(make_tree: TreeFactory) -> None:
     @action
     def measure(distance: Put[float] = "{nearest}") -> bool:  # type: ignore[assignment]
         distance(1.0)
@@ -159,7 +159,7 @@ def test_the_default_of_an_output_names_an_entry(make_tree: MakeTree) -> None:
     assert tree.blackboard["nearest"] == 1.0
 
 
-def test_any_other_parameter_is_a_resource_filled_by_type(make_tree: MakeTree) -> None:
+def test_any_other_parameter_is_a_resource_filled_by_type(make_tree: TreeFactory) -> None:
     @action
     def drive(robot: Robot, speed: In[float]) -> bool:
         robot.driven.append(speed)
@@ -173,7 +173,7 @@ def test_any_other_parameter_is_a_resource_filled_by_type(make_tree: MakeTree) -
     assert tiago.driven == [0.3]
 
 
-def test_resource_may_be_requested_by_a_protocol(make_tree: MakeTree) -> None:
+def test_resource_may_be_requested_by_a_protocol(make_tree: TreeFactory) -> None:
     @runtime_checkable
     class Horn(Protocol):
         def honk(self) -> str: ...
@@ -192,7 +192,7 @@ def test_resource_may_be_requested_by_a_protocol(make_tree: MakeTree) -> None:
     assert tree.blackboard["expected_message"] == "ahooga"
 
 
-def test_clock_and_blackboard_are_always_available_resources(make_tree: MakeTree, clock: SimClock) -> None:
+def test_clock_and_blackboard_are_always_available_resources(make_tree: TreeFactory, clock: SimClock) -> None:
     given: list[object] = []
 
     @action
@@ -206,7 +206,7 @@ def test_clock_and_blackboard_are_always_available_resources(make_tree: MakeTree
     assert tree.registry.manifests["Look"].required_resources == []
 
 
-def test_tree_state_is_shared_within_a_tree_and_separate_between_trees(make_tree: MakeTree) -> None:
+def test_tree_state_is_shared_within_a_tree_and_separate_between_trees(make_tree: TreeFactory) -> None:
     class Laps(TreeResource):
         def __init__(self) -> None:
             self.count = 0
@@ -225,7 +225,7 @@ def test_tree_state_is_shared_within_a_tree_and_separate_between_trees(make_tree
     assert tree.registry.manifests["Lap"].required_resources == []
 
 
-def test_resource_with_a_default_is_optional(make_tree: MakeTree) -> None:
+def test_resource_with_a_default_is_optional(make_tree: TreeFactory) -> None:
     @action
     def greet(robot: Robot = Robot("nobody"), *, expected_message: Put[str]) -> bool:  # noqa: B008
         expected_message(robot.name)
@@ -236,7 +236,7 @@ def test_resource_with_a_default_is_optional(make_tree: MakeTree) -> None:
     assert tree.blackboard["expected_message"] == "nobody"
 
 
-def test_missing_resource_is_named_when_the_tree_is_built(make_tree: MakeTree) -> None:
+def test_missing_resource_is_named_when_the_tree_is_built(make_tree: TreeFactory) -> None:
     @action
     def drive(robot: Robot) -> bool:
         return True
@@ -245,7 +245,7 @@ def test_missing_resource_is_named_when_the_tree_is_built(make_tree: MakeTree) -
         make_tree("<Drive/>", drive)
 
 
-def test_two_resources_of_one_type_raise_when_the_tree_is_built(make_tree: MakeTree) -> None:
+def test_two_resources_of_one_type_raise_when_the_tree_is_built(make_tree: TreeFactory) -> None:
     @action
     def drive(robot: Robot) -> bool:
         robot.driven.append(1.0)
@@ -259,7 +259,7 @@ def test_two_resources_of_one_type_raise_when_the_tree_is_built(make_tree: MakeT
     assert robot.driven == [1.0]
 
 
-def test_two_resources_that_no_leaf_takes_are_accepted(make_tree: MakeTree) -> None:
+def test_two_resources_that_no_leaf_takes_are_accepted(make_tree: TreeFactory) -> None:
     assert make_tree("<AlwaysSuccess/>", resources=[Robot(), Robot()]).tick_once() is Status.SUCCESS
 
 
@@ -282,7 +282,7 @@ def test_docstring_describes_the_leaf_and_annotation_text_the_port() -> None:
     assert nodes.manifests["Wait"].description == "Wait a bit."
 
 
-def test_int64_is_a_valid_port_annotation(make_tree: MakeTree) -> None:
+def test_int64_is_a_valid_port_annotation(make_tree: TreeFactory) -> None:
     @action
     def note(stamp: In[Int64], kept: Put[Int64]) -> bool:
         kept(stamp)
@@ -324,7 +324,7 @@ class Approach(StatefulAction):
         self.halts += 1
 
 
-def test_stateful_action_starts_continues_and_is_reset_when_done(make_tree: MakeTree) -> None:
+def test_stateful_action_starts_continues_and_is_reset_when_done(make_tree: TreeFactory) -> None:
     robot = Robot()
     tree = make_tree('<Approach goal="1.5" remaining="{left}"/>', Approach, resources=[robot])
     assert tree.tick_once() is Status.RUNNING
@@ -337,7 +337,7 @@ def test_stateful_action_starts_continues_and_is_reset_when_done(make_tree: Make
     assert len(robot.driven) == 4
 
 
-def test_on_halted_is_called_only_while_the_action_runs(make_tree: MakeTree) -> None:
+def test_on_halted_is_called_only_while_the_action_runs(make_tree: TreeFactory) -> None:
     tree = make_tree('<Approach goal="1.5" remaining="{left}"/>', Approach, resources=[Robot()])
     tree.halt()
     assert tree.find(Approach)[0].halts == 0
@@ -346,7 +346,7 @@ def test_on_halted_is_called_only_while_the_action_runs(make_tree: MakeTree) -> 
     assert tree.find(Approach)[0].halts == 1
 
 
-def test_completed_stateful_action_keeps_its_result_until_reset(make_tree: MakeTree) -> None:
+def test_completed_stateful_action_keeps_its_result_until_reset(make_tree: TreeFactory) -> None:
     starts: list[str] = []
 
     class Once(StatefulAction):
@@ -363,7 +363,7 @@ def test_completed_stateful_action_keeps_its_result_until_reset(make_tree: MakeT
     assert len(starts) == 1
 
 
-def test_input_cannot_be_assigned_and_output_cannot_be_read(make_tree: MakeTree) -> None:
+def test_input_cannot_be_assigned_and_output_cannot_be_read(make_tree: TreeFactory) -> None:
     class Muddle(SyncAction):
         given: In[int]
         made: Out[int]
@@ -381,7 +381,7 @@ def test_input_cannot_be_assigned_and_output_cannot_be_read(make_tree: MakeTree)
     assert make_tree('<Muddle given="1" made="{m}"/>', Muddle).tick_once() is Status.SUCCESS
 
 
-def test_ports_and_resources_are_inherited(make_tree: MakeTree) -> None:
+def test_ports_and_resources_are_inherited(make_tree: TreeFactory) -> None:
     class Careful(Approach):
         """Keep a larger distance."""
 
@@ -397,7 +397,7 @@ def test_ports_and_resources_are_inherited(make_tree: MakeTree) -> None:
     assert tree.registry.manifests["Approach"].ports["reach"].default == "0.300000"
 
 
-def test_subclass_may_change_the_direction_of_an_inherited_port(make_tree: MakeTree) -> None:
+def test_subclass_may_change_the_direction_of_an_inherited_port(make_tree: TreeFactory) -> None:
     class Reads(SyncAction):
         counter: In[int]
 
@@ -416,7 +416,7 @@ def test_subclass_may_change_the_direction_of_an_inherited_port(make_tree: MakeT
     assert tree.blackboard["n"] == 5
 
 
-def test_a_leaf_may_be_a_dataclass(make_tree: MakeTree) -> None:
+def test_a_leaf_may_be_a_dataclass(make_tree: TreeFactory) -> None:
     @dataclass
     class Greet(SyncAction):
         robot: Robot
@@ -437,7 +437,7 @@ def test_a_leaf_may_be_a_dataclass(make_tree: MakeTree) -> None:
     assert list(tree.registry.manifests["Greet"].ports) == ["who", "word", "greeting"]
 
 
-def test_leaf_attributes_are_available_in_its_init(make_tree: MakeTree) -> None:
+def test_leaf_attributes_are_available_in_its_init(make_tree: TreeFactory) -> None:
     class Curious(SyncAction):
         level: In[int]
 
@@ -451,7 +451,7 @@ def test_leaf_attributes_are_available_in_its_init(make_tree: MakeTree) -> None:
     assert tree.find(Curious)[0].known == ("who", "who", 2, "Curious", 3, Status.IDLE)
 
 
-def test_exception_in_init_is_a_tree_error_with_its_position(make_tree: MakeTree) -> None:
+def test_exception_in_init_is_a_tree_error_with_its_position(make_tree: TreeFactory) -> None:
     class Broken(SyncAction):
         def __init__(self) -> None:
             raise ValueError("out of luck")
@@ -505,7 +505,7 @@ class ForgetsInAThread(ThreadedAction):
         (ForgetsInAThread, ForgetsInAThread.work),
     ],
 )
-def test_leaf_returning_none_is_named_with_file(make_tree: MakeTree, leaf: Any, function: Any) -> None:
+def test_leaf_returning_none_is_named_with_file(make_tree: TreeFactory, leaf: Any, function: Any) -> None:
     tree = make_tree(f"<{camel_case(leaf.__name__)}/>", leaf)
     with pytest.raises(NodeExecutionError) as caught:
         tree.tick_while_running()
@@ -515,7 +515,7 @@ def test_leaf_returning_none_is_named_with_file(make_tree: MakeTree, leaf: Any, 
 
 
 @pytest.mark.parametrize("number", [0.5, 1.5])
-def test_numpy_bool_counts_as_a_bool(make_tree: MakeTree, number: float) -> None:
+def test_numpy_bool_counts_as_a_bool(make_tree: TreeFactory, number: float) -> None:
     @condition
     def is_near() -> object:
         return np.float64(number) < 1.0
@@ -525,7 +525,7 @@ def test_numpy_bool_counts_as_a_bool(make_tree: MakeTree, number: float) -> None
     assert tree.tick_once() is (Status.SUCCESS if number < 1.0 else Status.FAILURE)
 
 
-def test_a_condition_may_return_running(make_tree: MakeTree) -> None:
+def test_a_condition_may_return_running(make_tree: TreeFactory) -> None:
     @condition
     def unsure() -> Status:
         return Status.RUNNING
@@ -533,7 +533,7 @@ def test_a_condition_may_return_running(make_tree: MakeTree) -> None:
     assert make_tree("<Unsure/>", unsure).tick_once() is Status.RUNNING
 
 
-def test_missing_mandatory_port_raises_at_the_tick(make_tree: MakeTree) -> None:
+def test_missing_mandatory_port_raises_at_the_tick(make_tree: TreeFactory) -> None:
     def look(level: In[float], distance: Put[float]) -> bool:
         distance(level)
         return True
@@ -543,7 +543,7 @@ def test_missing_mandatory_port_raises_at_the_tick(make_tree: MakeTree) -> None:
     assert "<Look> has no entry for port [distance]: set it in the tree" in expected_message
 
 
-def test_an_entry_that_was_never_written_is_named(make_tree: MakeTree) -> None:
+def test_an_entry_that_was_never_written_is_named(make_tree: TreeFactory) -> None:
     class Look(SyncAction):
         level: In[float]
 
@@ -555,7 +555,7 @@ def test_an_entry_that_was_never_written_is_named(make_tree: MakeTree) -> None:
     )
 
 
-def test_value_of_a_wrong_type_is_reported_with_its_port(make_tree: MakeTree) -> None:
+def test_value_of_a_wrong_type_is_reported_with_its_port(make_tree: TreeFactory) -> None:
     def measure(distance: Put[float]) -> bool:
         distance(object())  # type: ignore[arg-type]
         return True
@@ -563,7 +563,7 @@ def test_value_of_a_wrong_type_is_reported_with_its_port(make_tree: MakeTree) ->
     assert "port [distance] takes double" in raised(make_tree('<Measure distance="{d}"/>', measure))
 
 
-def test_output_that_is_not_a_key_is_reported(make_tree: MakeTree) -> None:
+def test_output_that_is_not_a_key_is_reported(make_tree: TreeFactory) -> None:
     def note(text: Put[str]) -> bool:
         text("one")
         return True
@@ -622,7 +622,7 @@ def test_function_that_cannot_be_a_leaf_is_refused(function: Any, expected_messa
     assert expected_message in registration_error(function)
 
 
-def test_a_port_of_a_function_may_be_of_any_type(make_tree: MakeTree) -> None:
+def test_a_port_of_a_function_may_be_of_any_type(make_tree: TreeFactory) -> None:
     def copy(source: In, target: Put) -> bool:
         target(source)
         return True
@@ -639,7 +639,7 @@ def test_port_that_would_hide_an_attribute_of_the_engine_is_refused(name: str) -
     assert f"port '{name}' of Follow would hide the attribute" in registration_error(follow)
 
 
-def test_port_in_provided_ports_may_have_the_name_of_an_attribute(make_tree: MakeTree) -> None:
+def test_port_in_provided_ports_may_have_the_name_of_an_attribute(make_tree: TreeFactory) -> None:
     class Follow(SyncAction):
         @staticmethod
         def provided_ports() -> list[Port]:
@@ -673,7 +673,7 @@ def test_port_name_may_contain_non_ascii_letters() -> None:
     assert list(nodes.manifests["Drive"].ports) == ["größe"]
 
 
-def test_protocol_without_runtime_checkable_is_refused(make_tree: MakeTree) -> None:
+def test_protocol_without_runtime_checkable_is_refused(make_tree: TreeFactory) -> None:
     class Horn(Protocol):
         def honk(self) -> str: ...
 

@@ -8,7 +8,7 @@ import pytest
 
 from btcore import NodeExecutionError, Observer, SimClock, Status, SyncAction, Transition, Transitions, Tree
 from btcore.tree.hooks import Hook
-from tests.btcore.conftest import MakeTree
+from tests.btcore.conftest import TreeFactory
 
 BODY = '<Sequence name="s"><Act name="a" outcomes="S"/><Act name="b" outcomes="RS"/></Sequence>'
 
@@ -40,7 +40,7 @@ class Broken(Observer):
     ticked = raised = transition  # type: ignore[assignment]
 
 
-def test_every_status_change_is_a_transition_in_order(make_tree: MakeTree) -> None:
+def test_every_status_change_is_a_transition_in_order(make_tree: TreeFactory) -> None:
     tree = make_tree(BODY)
     listener = Listener()
     tree.subscribe(listener)
@@ -60,7 +60,7 @@ def test_every_status_change_is_a_transition_in_order(make_tree: MakeTree) -> No
     ]
 
 
-def test_transitions_are_numbered_and_carry_time_and_tick(make_tree: MakeTree, clock: SimClock) -> None:
+def test_transitions_are_numbered_and_carry_time_and_tick(make_tree: TreeFactory, clock: SimClock) -> None:
     tree = make_tree(BODY)
     listener = Listener()
     tree.subscribe(listener)
@@ -73,7 +73,7 @@ def test_transitions_are_numbered_and_carry_time_and_tick(make_tree: MakeTree, c
     )
 
 
-def test_late_subscriber_receives_the_next_transition_number(make_tree: MakeTree) -> None:
+def test_late_subscriber_receives_the_next_transition_number(make_tree: TreeFactory) -> None:
     tree = make_tree(BODY)
     early, late = Listener(), Listener()
     tree.subscribe(early)
@@ -85,7 +85,7 @@ def test_late_subscriber_receives_the_next_transition_number(make_tree: MakeTree
     assert [tick for tick, _, _ in late.ticks] == [2]
 
 
-def test_end_of_every_root_tick_is_reported_with_status_and_duration(make_tree: MakeTree) -> None:
+def test_end_of_every_root_tick_is_reported_with_status_and_duration(make_tree: TreeFactory) -> None:
     tree = make_tree(BODY)
     listener = Listener()
     tree.subscribe(listener)
@@ -94,7 +94,7 @@ def test_end_of_every_root_tick_is_reported_with_status_and_duration(make_tree: 
     assert all(duration > 0 for duration in listener.durations)
 
 
-def test_unsubscribed_observer_receives_nothing_and_may_unsubscribe_twice(make_tree: MakeTree) -> None:
+def test_unsubscribed_observer_receives_nothing_and_may_unsubscribe_twice(make_tree: TreeFactory) -> None:
     tree = make_tree(BODY)
     stays, goes = Listener(), Listener()
     tree.subscribe(stays)
@@ -107,7 +107,7 @@ def test_unsubscribed_observer_receives_nothing_and_may_unsubscribe_twice(make_t
     assert len(stays.changes) == 8
 
 
-def test_unsubscribing_within_a_notification_does_not_disturb_others(make_tree: MakeTree) -> None:
+def test_unsubscribing_within_a_notification_does_not_disturb_others(make_tree: TreeFactory) -> None:
     class Once(Listener):
         def transition(self, change: Transition) -> None:
             super().transition(change)
@@ -123,7 +123,7 @@ def test_unsubscribing_within_a_notification_does_not_disturb_others(make_tree: 
 
 
 def test_observer_that_raises_is_unsubscribed_with_a_single_warning(
-    make_tree: MakeTree, caplog: pytest.LogCaptureFixture
+    make_tree: TreeFactory, caplog: pytest.LogCaptureFixture
 ) -> None:
     tree = make_tree(BODY)
     before, after = Listener(), Listener()
@@ -141,7 +141,7 @@ def test_observer_that_raises_is_unsubscribed_with_a_single_warning(
 
 
 def test_an_observer_that_raises_at_tick_end_does_not_stop_the_tree(
-    make_tree: MakeTree, caplog: pytest.LogCaptureFixture
+    make_tree: TreeFactory, caplog: pytest.LogCaptureFixture
 ) -> None:
     class LateBroken(Broken):
         def transition(self, change: Transition) -> None:
@@ -166,7 +166,9 @@ class Keeper(Observer):
         self.reported.append(changes)
 
 
-def test_transitions_arrive_at_end_of_each_tick_and_after_halt(make_tree: MakeTree, clock: SimClock) -> None:
+def test_transitions_arrive_at_end_of_each_tick_and_after_halt(
+    make_tree: TreeFactory, clock: SimClock
+) -> None:
     tree = make_tree(BODY)
     listener, keeper = Listener(), Keeper()
     tree.subscribe(listener)
@@ -188,7 +190,7 @@ def test_transitions_arrive_at_end_of_each_tick_and_after_halt(make_tree: MakeTr
     ]
 
 
-def test_transitions_before_an_error_arrive_before_it_and_the_halt_after_it(make_tree: MakeTree) -> None:
+def test_transitions_before_an_error_arrive_before_it_and_the_halt_after_it(make_tree: TreeFactory) -> None:
     order: list[str] = []
 
     class Both(Observer):
@@ -205,7 +207,7 @@ def test_transitions_before_an_error_arrive_before_it_and_the_halt_after_it(make
     assert order == ["RUNNING", "x", "IDLE"]
 
 
-def test_observer_unsubscribed_within_a_tick_receives_the_earlier_transitions(make_tree: MakeTree) -> None:
+def test_observer_unsubscribed_within_a_tick_receives_the_earlier_transitions(make_tree: TreeFactory) -> None:
     tree = make_tree(BODY)
     keeper = Keeper()
 
@@ -222,7 +224,7 @@ def test_observer_unsubscribed_within_a_tick_receives_the_earlier_transitions(ma
 
 
 def test_observer_that_raises_on_transitions_is_removed_and_others_are_notified(
-    make_tree: MakeTree, caplog: pytest.LogCaptureFixture
+    make_tree: TreeFactory, caplog: pytest.LogCaptureFixture
 ) -> None:
     class Cut(Observer):
         def transitions(self, changes: Transitions) -> None:
@@ -262,7 +264,7 @@ def numbers(keeper: Keeper) -> list[int]:
     return [change.number for one in keeper.reported for change in one]
 
 
-def test_observer_subscribed_within_a_tick_receives_the_following_transitions(make_tree: MakeTree) -> None:
+def test_observer_subscribed_within_a_tick_receives_the_following_transitions(make_tree: TreeFactory) -> None:
     tree = make_tree(BODY)
     listener, keeper = Listener(), Keeper()
     tree.subscribe(Doing(lambda: (tree.subscribe(listener), tree.subscribe(keeper)), at=2))
@@ -271,7 +273,7 @@ def test_observer_subscribed_within_a_tick_receives_the_following_transitions(ma
     assert listener.ticks == [(1, 0, Status.RUNNING)]
 
 
-def test_first_observer_subscribed_within_a_tick_receives_its_error(make_tree: MakeTree) -> None:
+def test_first_observer_subscribed_within_a_tick_receives_its_error(make_tree: TreeFactory) -> None:
     listener, keeper = Listener(), Keeper()
 
     class Calling(SyncAction):
@@ -291,7 +293,7 @@ def test_first_observer_subscribed_within_a_tick_receives_its_error(make_tree: M
     assert [list(one) for one in keeper.reported] == [listener.changes[:1], listener.changes[1:]]
 
 
-def test_tree_halted_by_an_observer_notifies_all_observers_in_order(make_tree: MakeTree) -> None:
+def test_tree_halted_by_an_observer_notifies_all_observers_in_order(make_tree: TreeFactory) -> None:
     tree = make_tree(BODY)
     first, last = Keeper(), Keeper()
     tree.subscribe(first)
@@ -302,7 +304,9 @@ def test_tree_halted_by_an_observer_notifies_all_observers_in_order(make_tree: M
     assert all(node.status is Status.IDLE for node in tree)
 
 
-def test_observer_raising_or_unsubscribing_in_halt_is_harmless(make_tree: MakeTree, clock: SimClock) -> None:
+def test_observer_raising_or_unsubscribing_in_halt_is_harmless(
+    make_tree: TreeFactory, clock: SimClock
+) -> None:
     tree = make_tree(BODY)
     listener, keeper = Listener(), Keeper()
 
@@ -322,7 +326,7 @@ def test_observer_raising_or_unsubscribing_in_halt_is_harmless(make_tree: MakeTr
     assert all(node.status is Status.IDLE for node in tree)
 
 
-def test_observers_may_be_equal(make_tree: MakeTree) -> None:
+def test_observers_may_be_equal(make_tree: TreeFactory) -> None:
     class Alike(Keeper):
         def __eq__(self, other: object) -> bool:
             return isinstance(other, Alike)
@@ -337,7 +341,7 @@ def test_observers_may_be_equal(make_tree: MakeTree) -> None:
     assert (numbers(one), numbers(other)) == ([1, 2, 3], [])
 
 
-def test_flush_at_a_breakpoint_delivers_the_transitions_so_far(make_tree: MakeTree) -> None:
+def test_flush_at_a_breakpoint_delivers_the_transitions_so_far(make_tree: TreeFactory) -> None:
     tree = make_tree(BODY)
     keeper = Keeper()
     tree.subscribe(keeper)
@@ -355,7 +359,7 @@ def test_flush_at_a_breakpoint_delivers_the_transitions_so_far(make_tree: MakeTr
     assert numbers(keeper) == [1, 2, 3]
 
 
-def test_transitions_are_a_sequence_that_is_built_only_once(make_tree: MakeTree) -> None:
+def test_transitions_are_a_sequence_that_is_built_only_once(make_tree: TreeFactory) -> None:
     tree = make_tree(BODY)
     keeper = Keeper()
     tree.subscribe(keeper)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from btcore import In, Out, Put, RegistrationError, Registry, Status, SyncAction, action
-from tests.btcore.conftest import MakeTree
+from tests.btcore.conftest import TreeFactory
 
 if TYPE_CHECKING:
     from fractions import Fraction
@@ -30,7 +30,7 @@ class Halve(SyncAction):
         return Status.SUCCESS
 
 
-def test_string_annotations_are_resolved_in_the_module_of_the_leaf(make_tree: MakeTree) -> None:
+def test_string_annotations_are_resolved_in_the_module_of_the_leaf(make_tree: TreeFactory) -> None:
     @action
     def double(given: In[float], made: Put[float], pose: Pose) -> bool:
         made(given * 2 + pose.x)

@@ -35,7 +35,7 @@ from btcore import (
     builds,
 )
 from btcore.values import ValueType
-from tests.btcore.conftest import MakeTree
+from tests.btcore.conftest import TreeFactory
 
 T = TypeVar("T")
 
@@ -57,7 +57,7 @@ class Yes(SyncAction):
 
 
 @pytest.mark.parametrize("calls_super", [False, True])
-def test_super_init_is_optional(calls_super: bool, make_tree: MakeTree) -> None:
+def test_super_init_is_optional(calls_super: bool, make_tree: TreeFactory) -> None:
     class Fast(SyncAction):
         def __init__(self, robot: Robot) -> None:
             if calls_super:
@@ -70,7 +70,7 @@ def test_super_init_is_optional(calls_super: bool, make_tree: MakeTree) -> None:
     assert make_tree("<Fast/>", Fast, resources=[Robot()]).tick_once() is Status.SUCCESS
 
 
-def test_assigning_an_attribute_of_the_engine_raises(make_tree: MakeTree) -> None:
+def test_assigning_an_attribute_of_the_engine_raises(make_tree: TreeFactory) -> None:
     class Bold(Yes):
         def __init__(self) -> None:
             self.status = Status.SUCCESS  # type: ignore[misc]
@@ -82,7 +82,7 @@ def test_assigning_an_attribute_of_the_engine_raises(make_tree: MakeTree) -> Non
 
 
 @pytest.mark.parametrize("options", [{}, {"eq": False}, {"slots": True}, {"kw_only": True}, {"order": True}])
-def test_dataclass_with_any_options_is_a_leaf(options: dict[str, bool], make_tree: MakeTree) -> None:
+def test_dataclass_with_any_options_is_a_leaf(options: dict[str, bool], make_tree: TreeFactory) -> None:
     @dataclass(**options)
     class Drive(SyncAction):
         robot: Robot
@@ -124,7 +124,7 @@ class HasLimit:
     limit: In[int]
 
 
-def test_a_mixin_may_have_an_init_a_tick_and_ports(make_tree: MakeTree) -> None:
+def test_a_mixin_may_have_an_init_a_tick_and_ports(make_tree: TreeFactory) -> None:
     class Both(Remembers, HasLimit, Yes):
         pass
 
@@ -134,7 +134,7 @@ def test_a_mixin_may_have_an_init_a_tick_and_ports(make_tree: MakeTree) -> None:
     assert (node.ticks, node.limit) == (["Both"], 4)
 
 
-def test_a_leaf_may_be_generic(make_tree: MakeTree) -> None:
+def test_a_leaf_may_be_generic(make_tree: TreeFactory) -> None:
     class Compare(SyncAction, Generic[T]):
         expected: ClassVar[Any]
 
@@ -208,7 +208,7 @@ class Sonar(Sensor):
 
 @pytest.mark.parametrize("leaf", [Made, Narrow, MixinBehind, Gauge, Sonar], ids=lambda leaf: leaf.__name__)
 def test_class_with_an_own_new_slots_a_mixin_a_protocol_or_an_abstract_base_is_a_leaf(
-    leaf: type[SyncAction], make_tree: MakeTree
+    leaf: type[SyncAction], make_tree: TreeFactory
 ) -> None:
     assert make_tree(f"<{leaf.__name__}/>", leaf).tick_once() is Status.SUCCESS
 
@@ -218,7 +218,7 @@ def test_abstract_leaf_is_refused_with_its_missing_methods() -> None:
         Registry.standard().add(Sensor)
 
 
-def test_leaf_may_use_init_subclass_and_a_metaclass(make_tree: MakeTree) -> None:
+def test_leaf_may_use_init_subclass_and_a_metaclass(make_tree: TreeFactory) -> None:
     class Kind(type(SyncAction)):  # type: ignore[misc]
         pass
 
@@ -249,7 +249,7 @@ def test_every_built_in_node_can_be_subclassed() -> None:
 # --- overriding
 
 
-def test_a_property_of_the_engine_may_be_overridden(make_tree: MakeTree) -> None:
+def test_a_property_of_the_engine_may_be_overridden(make_tree: TreeFactory) -> None:
     class Renamed(SyncAction):
         @property
         def name(self) -> str:
@@ -263,7 +263,7 @@ def test_a_property_of_the_engine_may_be_overridden(make_tree: MakeTree) -> None
     assert (tree.root.name, tree.root.path) == ("mine", "Renamed::1")
 
 
-def test_execute_tick_may_be_overridden(make_tree: MakeTree) -> None:
+def test_execute_tick_may_be_overridden(make_tree: TreeFactory) -> None:
     class Contrary(Yes):
         def execute_tick(self) -> Status:
             super().execute_tick()
@@ -272,7 +272,7 @@ def test_execute_tick_may_be_overridden(make_tree: MakeTree) -> None:
     assert make_tree("<Sequence><Contrary/></Sequence>", Contrary).tick_once() is Status.FAILURE
 
 
-def test_halt_may_be_overridden(make_tree: MakeTree) -> None:
+def test_halt_may_be_overridden(make_tree: TreeFactory) -> None:
     class Careful(StatefulAction):
         halts = 0
 
@@ -292,7 +292,7 @@ def test_halt_may_be_overridden(make_tree: MakeTree) -> None:
     assert (tree.find(Careful)[0].halts, tree.root.status) == (1, Status.IDLE)
 
 
-def test_a_method_may_be_replaced_while_the_tree_runs(make_tree: MakeTree) -> None:
+def test_a_method_may_be_replaced_while_the_tree_runs(make_tree: TreeFactory) -> None:
     class Changing(Yes):
         pass
 
@@ -304,7 +304,7 @@ def test_a_method_may_be_replaced_while_the_tree_runs(make_tree: MakeTree) -> No
     assert tree.tick_once() is Status.SUCCESS
 
 
-def test_attributes_may_be_computed_on_access(make_tree: MakeTree) -> None:
+def test_attributes_may_be_computed_on_access(make_tree: TreeFactory) -> None:
     class Lazy(SyncAction):
         @cached_property
         def half(self) -> int:
@@ -355,7 +355,7 @@ def test_clock_observer_and_tree_can_be_subclassed() -> None:
     assert issubclass(Own, Tree)
 
 
-def test_port_type_can_be_subclassed(make_tree: MakeTree) -> None:
+def test_port_type_can_be_subclassed(make_tree: TreeFactory) -> None:
     class Names(ValueType):
         def __init__(self) -> None:
             super().__init__("std::vector<Name>", list)
@@ -382,7 +382,7 @@ def test_port_type_can_be_subclassed(make_tree: MakeTree) -> None:
 # --- garbage collection, copies and pickles
 
 
-def test_unreferenced_tree_is_collected_with_its_leaves(make_tree: MakeTree) -> None:
+def test_unreferenced_tree_is_collected_with_its_leaves(make_tree: TreeFactory) -> None:
     class Selfish(Yes):
         def __init__(self) -> None:
             self.me = self
@@ -398,7 +398,7 @@ def test_unreferenced_tree_is_collected_with_its_leaves(make_tree: MakeTree) -> 
 
 @pytest.mark.parametrize("copied", [copy.copy, copy.deepcopy, pickle.dumps])
 def test_tree_and_nodes_cannot_be_copied_or_pickled(
-    copied: Callable[[Any], Any], make_tree: MakeTree
+    copied: Callable[[Any], Any], make_tree: TreeFactory
 ) -> None:
     tree = make_tree("<Sequence><Yes/></Sequence>", Yes)
     for thing in (tree, tree.root, tree.find(Yes)[0]):
@@ -417,7 +417,7 @@ def test_blackboard_cannot_be_copied_but_cloned_into_another(copied: Callable[[A
     assert (board["x"], other["x"]) == (1, 2)
 
 
-def test_results_and_errors_can_be_pickled(make_tree: MakeTree) -> None:
+def test_results_and_errors_can_be_pickled(make_tree: TreeFactory) -> None:
     def broken() -> bool:
         raise ValueError("out of reach")
 

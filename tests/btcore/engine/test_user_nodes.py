@@ -18,7 +18,7 @@ from btcore import (
 )
 from btcore.nodes.result_decorators import Inverter
 from btcore.nodes.sequences_and_fallbacks import Sequence
-from tests.btcore.conftest import MakeTree
+from tests.btcore.conftest import TreeFactory
 from tests.conformance.recorded_cases import CallLog
 
 
@@ -70,7 +70,7 @@ class AtMost(DecoratorNode):
         return self.child.execute_tick()
 
 
-def test_control_node_decides_the_order_of_its_children(make_tree: MakeTree, calls: CallLog) -> None:
+def test_control_node_decides_the_order_of_its_children(make_tree: TreeFactory, calls: CallLog) -> None:
     tree = make_tree(
         '<Shuffle name="x" rounds="2" done="{done}">'
         '<Act name="a" outcomes="S"/><Act name="b" outcomes="RS|S"/></Shuffle>',
@@ -83,7 +83,7 @@ def test_control_node_decides_the_order_of_its_children(make_tree: MakeTree, cal
     assert {node.status for node in tree} == {Status.IDLE}
 
 
-def test_control_node_is_halted_with_its_children(make_tree: MakeTree, calls: CallLog) -> None:
+def test_control_node_is_halted_with_its_children(make_tree: TreeFactory, calls: CallLog) -> None:
     tree = make_tree('<Sequence><Shuffle name="x"><Act name="b" outcomes="R"/></Shuffle></Sequence>', Shuffle)
     tree.tick_once()
     calls.take()
@@ -92,7 +92,7 @@ def test_control_node_is_halted_with_its_children(make_tree: MakeTree, calls: Ca
     assert {node.status for node in tree} == {Status.IDLE}
 
 
-def test_node_types_ports_and_descriptions_are_known(make_tree: MakeTree) -> None:
+def test_node_types_ports_and_descriptions_are_known(make_tree: TreeFactory) -> None:
     tree = make_tree(
         '<Shuffle done="{d}"><AtMost ticks="3" used="{u}"><AlwaysSuccess/></AtMost></Shuffle>',
         Shuffle,
@@ -103,14 +103,14 @@ def test_node_types_ports_and_descriptions_are_known(make_tree: MakeTree) -> Non
     assert tree.registry.manifests["AtMost"].description == "Gives its child *ticks* ticks, then fails."
 
 
-def test_a_decorator_decides_when_its_child_is_ticked(make_tree: MakeTree, calls: CallLog) -> None:
+def test_a_decorator_decides_when_its_child_is_ticked(make_tree: TreeFactory, calls: CallLog) -> None:
     tree = make_tree('<AtMost ticks="2" used="{u}"><Act name="a" outcomes="RRR"/></AtMost>', AtMost)
     assert [tree.tick_once().name for _ in range(3)] == ["RUNNING", "RUNNING", "FAILURE"]
     assert calls == ["a:start", "a:running", "a:halted"]
     assert tree.blackboard["u"] == 2
 
 
-def test_child_set_by_an_overridden_set_children_is_reset(make_tree: MakeTree) -> None:
+def test_child_set_by_an_overridden_set_children_is_reset(make_tree: TreeFactory) -> None:
     class Taking(DecoratorNode):
         def set_children(self, children: list[TreeNode]) -> None:
             self.child = children[0]
@@ -123,7 +123,7 @@ def test_child_set_by_an_overridden_set_children_is_reset(make_tree: MakeTree) -
     assert tree.nodes[1].status is Status.IDLE
 
 
-def test_user_nodes_may_use_the_explicit_form(make_tree: MakeTree) -> None:
+def test_user_nodes_may_use_the_explicit_form(make_tree: TreeFactory) -> None:
     tree = make_tree(
         '<Control ID="Shuffle" done="{d}"><Decorator ID="AtMost" ticks="1" used="{u}">'
         '<Action ID="Act" outcomes="S"/></Decorator></Control>',
@@ -133,7 +133,7 @@ def test_user_nodes_may_use_the_explicit_form(make_tree: MakeTree) -> None:
     assert tree.tick_once() is Status.SUCCESS
 
 
-def test_pre_and_post_conditions_apply_to_user_nodes(make_tree: MakeTree, calls: CallLog) -> None:
+def test_pre_and_post_conditions_apply_to_user_nodes(make_tree: TreeFactory, calls: CallLog) -> None:
     tree = make_tree(
         '<Shuffle name="x" done="{d}" _skipIf="n == 1" _post="n := 1"><Act name="a" outcomes="S"/></Shuffle>',
         Shuffle,
@@ -144,14 +144,14 @@ def test_pre_and_post_conditions_apply_to_user_nodes(make_tree: MakeTree, calls:
     assert calls == ["a:start"]
 
 
-def test_decorator_requires_one_child_and_control_node_at_least_one(make_tree: MakeTree) -> None:
+def test_decorator_requires_one_child_and_control_node_at_least_one(make_tree: TreeFactory) -> None:
     with pytest.raises(TreeError, match="AtMost"):
         make_tree('<AtMost ticks="1"><AlwaysSuccess/><AlwaysSuccess/></AtMost>', AtMost)
     with pytest.raises(TreeError, match="Shuffle"):
         make_tree("<Shuffle/>", Shuffle)
 
 
-def test_node_without_a_tick_raises_an_error_that_names_it(make_tree: MakeTree) -> None:
+def test_node_without_a_tick_raises_an_error_that_names_it(make_tree: TreeFactory) -> None:
     class Idler(ControlNode):
         pass
 
@@ -159,7 +159,7 @@ def test_node_without_a_tick_raises_an_error_that_names_it(make_tree: MakeTree) 
         make_tree("<Idler><AlwaysSuccess/></Idler>", Idler).tick_once()
 
 
-def test_built_in_control_node_can_be_subclassed(make_tree: MakeTree, calls: CallLog) -> None:
+def test_built_in_control_node_can_be_subclassed(make_tree: TreeFactory, calls: CallLog) -> None:
     class Polite(Sequence):
         """A Sequence that records its results."""
 
@@ -176,7 +176,7 @@ def test_built_in_control_node_can_be_subclassed(make_tree: MakeTree, calls: Cal
     assert calls == ["a:start", "b:start", "hello:RUNNING", "b:running", "hello:SUCCESS"]
 
 
-def test_built_in_decorator_can_be_subclassed(make_tree: MakeTree) -> None:
+def test_built_in_decorator_can_be_subclassed(make_tree: TreeFactory) -> None:
     class Sometimes(Inverter):
         inverts: In[bool]
 

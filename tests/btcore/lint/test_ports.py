@@ -7,7 +7,7 @@ import pytest
 
 import btcore
 from btcore import NodeExecutionError, NodeType, Port, Registry
-from btcore.registry.mock_nodes import create_mock_class
+from btcore.registry.nodes_without_code import create_mock_class
 from btcore.values import INT
 from tests.btcore.lint.conftest import Checker
 from tests.btcore.lint.documents import dedented

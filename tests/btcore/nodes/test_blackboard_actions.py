@@ -4,7 +4,7 @@ import pytest
 
 from btcore import NodeExecutionError, Status, Tree
 from btcore.values import INT64
-from tests.btcore.conftest import MakeTree
+from tests.btcore.conftest import TreeFactory
 from tests.saved_state import restore_state, save_state
 
 S, F = Status.SUCCESS, Status.FAILURE
@@ -13,7 +13,7 @@ S, F = Status.SUCCESS, Status.FAILURE
 # --- UnsetBlackboard
 
 
-def test_unset_removes_the_entry_and_succeeds_without_an_entry_too(make_tree: MakeTree) -> None:
+def test_unset_removes_the_entry_and_succeeds_without_an_entry_too(make_tree: TreeFactory) -> None:
     tree = make_tree('<UnsetBlackboard key="x"/>')
     tree.blackboard["x"] = 1
     assert tree.tick_once() is S
@@ -21,7 +21,7 @@ def test_unset_removes_the_entry_and_succeeds_without_an_entry_too(make_tree: Ma
     assert tree.tick_once() is S
 
 
-def test_removed_entry_may_return_with_another_type(make_tree: MakeTree) -> None:
+def test_removed_entry_may_return_with_another_type(make_tree: TreeFactory) -> None:
     tree = make_tree('<UnsetBlackboard key="x"/>')
     tree.blackboard["x"] = 1
     tree.tick_once()
@@ -29,7 +29,7 @@ def test_removed_entry_may_return_with_another_type(make_tree: MakeTree) -> None
     assert tree.blackboard["x"] == 2.5
 
 
-def test_the_key_may_itself_be_a_pointer(make_tree: MakeTree) -> None:
+def test_the_key_may_itself_be_a_pointer(make_tree: TreeFactory) -> None:
     tree = make_tree('<UnsetBlackboard key="{which}"/>')
     tree.blackboard["which"] = "x"
     tree.blackboard["x"] = 1
@@ -38,7 +38,7 @@ def test_the_key_may_itself_be_a_pointer(make_tree: MakeTree) -> None:
     assert "which" in tree.blackboard
 
 
-def test_unset_removes_only_from_its_own_scope(make_tree: MakeTree) -> None:
+def test_unset_removes_only_from_its_own_scope(make_tree: TreeFactory) -> None:
     inner = '<BehaviorTree ID="Sub"><UnsetBlackboard key="x"/></BehaviorTree>'
     for attributes in ('x="{x}"', '_autoremap="true"'):
         tree = make_tree(f'<SubTree ID="Sub" {attributes}/>', others=inner)
@@ -47,7 +47,7 @@ def test_unset_removes_only_from_its_own_scope(make_tree: MakeTree) -> None:
         assert tree.blackboard["x"] == 1
 
 
-def test_missing_key_raises_at_the_tick(make_tree: MakeTree) -> None:
+def test_missing_key_raises_at_the_tick(make_tree: TreeFactory) -> None:
     with pytest.raises(NodeExecutionError, match="key"):
         make_tree("<UnsetBlackboard/>").tick_once()
 
@@ -55,7 +55,9 @@ def test_missing_key_raises_at_the_tick(make_tree: MakeTree) -> None:
 # --- SetBlackboard with a typed entry
 
 
-def test_remapping_to_a_key_of_the_root_scope_reads_one_entry_and_writes_another(make_tree: MakeTree) -> None:
+def test_remapping_to_a_key_of_the_root_scope_reads_one_entry_and_writes_another(
+    make_tree: TreeFactory,
+) -> None:
     inner = '<BehaviorTree ID="Sub"><SetBlackboard value="42" output_key="x"/></BehaviorTree>'
     tree = make_tree('<SubTree ID="Sub" x="{@y}"/>', others=inner)
     tree.blackboard["y"] = 7
@@ -64,7 +66,7 @@ def test_remapping_to_a_key_of_the_root_scope_reads_one_entry_and_writes_another
     assert entries == {"y": 7, "@y": 42}
 
 
-def test_pointer_copies_any_value(make_tree: MakeTree) -> None:
+def test_pointer_copies_any_value(make_tree: TreeFactory) -> None:
     something = object()
     tree = make_tree('<SetBlackboard value="{a}" output_key="b"/>')
     tree.blackboard["a"] = something
@@ -72,7 +74,7 @@ def test_pointer_copies_any_value(make_tree: MakeTree) -> None:
     assert tree.blackboard["b"] is something
 
 
-def test_copy_to_an_entry_of_another_type_raises(make_tree: MakeTree) -> None:
+def test_copy_to_an_entry_of_another_type_raises(make_tree: TreeFactory) -> None:
     tree = make_tree('<SetBlackboard value="{a}" output_key="b"/>')
     tree.blackboard["a"] = 1
     tree.blackboard["b"] = 2.5
@@ -82,7 +84,7 @@ def test_copy_to_an_entry_of_another_type_raises(make_tree: MakeTree) -> None:
 
 @pytest.mark.parametrize(("target", "name"), [(1, "int"), (0.5, "double")])
 def test_integer_of_a_script_cannot_be_copied_to_an_entry_of_another_type(
-    target: object, name: str, make_tree: MakeTree
+    target: object, name: str, make_tree: TreeFactory
 ) -> None:
     copy = '<SetBlackboard value="{e}" output_key="b"/>'
     tree = make_tree(f'<Sequence><Script code="e := 1"/>{copy}</Sequence>')
@@ -97,7 +99,7 @@ def test_integer_of_a_script_cannot_be_copied_to_an_entry_of_another_type(
         assert tree.blackboard["b"] == written
 
 
-def test_number_that_a_script_reads_from_a_text_is_copied_as_a_double(make_tree: MakeTree) -> None:
+def test_number_that_a_script_reads_from_a_text_is_copied_as_a_double(make_tree: TreeFactory) -> None:
     scripts = '<Script code="e := 1"/><Script code="e = \'2\'"/>'
     tree = make_tree(f'<Sequence>{scripts}<SetBlackboard value="{{e}}" output_key="b"/></Sequence>')
     tree.blackboard["b"] = 0.5
@@ -105,7 +107,7 @@ def test_number_that_a_script_reads_from_a_text_is_copied_as_a_double(make_tree:
     assert tree.blackboard["b"] == 2.0
 
 
-def test_type_of_a_value_is_part_of_a_saved_state(make_tree: MakeTree) -> None:
+def test_type_of_a_value_is_part_of_a_saved_state(make_tree: TreeFactory) -> None:
     def new() -> Tree:
         body = '<Sequence><Script code="e := 1"/><Sleep msec="1"/><SetBlackboard value="{e}" output_key="b"/>'
         tree = make_tree(f"{body}</Sequence>")
@@ -121,7 +123,7 @@ def test_type_of_a_value_is_part_of_a_saved_state(make_tree: MakeTree) -> None:
     assert entry.type_of_value() is INT64
 
 
-def test_text_leaves_an_untyped_entry_untyped(make_tree: MakeTree) -> None:
+def test_text_leaves_an_untyped_entry_untyped(make_tree: TreeFactory) -> None:
     tree = make_tree('<SetBlackboard value="x" output_key="s"/>')
     tree.blackboard["s"] = "y"
     assert tree.tick_once() is S
@@ -130,14 +132,14 @@ def test_text_leaves_an_untyped_entry_untyped(make_tree: MakeTree) -> None:
     assert tree.blackboard["s"] == 7
 
 
-def test_equals_sign_in_braces_copies_the_entry_with_this_name(make_tree: MakeTree) -> None:
+def test_equals_sign_in_braces_copies_the_entry_with_this_name(make_tree: TreeFactory) -> None:
     tree = make_tree('<SetBlackboard value="{=}" output_key="b"/>')
     tree.blackboard["="] = 7
     assert tree.tick_once() is S
     assert tree.blackboard["b"] == 7
 
 
-def test_number_as_output_key_is_converted_to_text_as_in_cpp(make_tree: MakeTree) -> None:
+def test_number_as_output_key_is_converted_to_text_as_in_cpp(make_tree: TreeFactory) -> None:
     tree = make_tree('<SetBlackboard value="x" output_key="{d}"/>')
     tree.blackboard["d"] = 2.5
     assert tree.tick_once() is S

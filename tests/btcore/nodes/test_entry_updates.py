@@ -3,7 +3,7 @@
 import pytest
 
 from btcore import Status, TreeError
-from tests.btcore.conftest import MakeTree
+from tests.btcore.conftest import TreeFactory
 from tests.conformance.recorded_cases import CallLog
 
 R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
@@ -12,7 +12,7 @@ DECORATORS = [("SkipUnlessUpdated", K), ("WaitValueUpdate", R)]
 
 
 @pytest.mark.parametrize("text", ["=", "{=}"])
-def test_equals_sign_is_the_name_of_the_entry(text: str, make_tree: MakeTree) -> None:
+def test_equals_sign_is_the_name_of_the_entry(text: str, make_tree: TreeFactory) -> None:
     tree = make_tree(f'<WasEntryUpdated entry="{text}"/>')
     tree.blackboard["entry"] = 1
     assert tree.tick_once() is F
@@ -22,7 +22,7 @@ def test_equals_sign_is_the_name_of_the_entry(text: str, make_tree: MakeTree) ->
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
 def test_child_is_ticked_only_if_the_entry_was_written_since_the_last_check(
-    tag: str, otherwise: Status, make_tree: MakeTree, calls: CallLog
+    tag: str, otherwise: Status, make_tree: TreeFactory, calls: CallLog
 ) -> None:
     tree = make_tree(f'<{tag} entry="{{x}}"><Act name="p" outcomes="SF"/></{tag}>')
     assert tree.tick_once() is otherwise
@@ -36,7 +36,7 @@ def test_child_is_ticked_only_if_the_entry_was_written_since_the_last_check(
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
 def test_halt_halts_the_child_and_keeps_the_last_seen_write(
-    tag: str, otherwise: Status, make_tree: MakeTree, calls: CallLog
+    tag: str, otherwise: Status, make_tree: TreeFactory, calls: CallLog
 ) -> None:
     tree = make_tree(f'<{tag} entry="{{x}}"><Act name="a" outcomes="R"/></{tag}>')
     tree.blackboard["x"] = 1
@@ -47,14 +47,14 @@ def test_halt_halts_the_child_and_keeps_the_last_seen_write(
 
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
-def test_the_entry_may_be_named_without_braces(tag: str, otherwise: Status, make_tree: MakeTree) -> None:
+def test_the_entry_may_be_named_without_braces(tag: str, otherwise: Status, make_tree: TreeFactory) -> None:
     tree = make_tree(f'<{tag} entry="x"><AlwaysSuccess/></{tag}>')
     tree.blackboard["x"] = 1
     assert [tree.tick_once(), tree.tick_once()] == [S, otherwise]
 
 
 @pytest.mark.parametrize(("tag", "otherwise"), DECORATORS)
-def test_number_of_writes_is_compared(tag: str, otherwise: Status, make_tree: MakeTree) -> None:
+def test_number_of_writes_is_compared(tag: str, otherwise: Status, make_tree: TreeFactory) -> None:
     tree = make_tree(f'<{tag} entry="{{x}}"><AlwaysSuccess/></{tag}>')
     tree.blackboard["x"] = 1
     assert tree.tick_once() is S
@@ -75,12 +75,12 @@ def test_number_of_writes_is_compared(tag: str, otherwise: Status, make_tree: Ma
         "<WasEntryUpdated {}/>",
     ],
 )
-def test_entry_port_is_required(node: str, entry: str, make_tree: MakeTree) -> None:
+def test_entry_port_is_required(node: str, entry: str, make_tree: TreeFactory) -> None:
     with pytest.raises(TreeError, match="entry"):
         make_tree(node.format(entry))
 
 
-def test_two_nodes_check_independently(make_tree: MakeTree) -> None:
+def test_two_nodes_check_independently(make_tree: TreeFactory) -> None:
     one = '<SkipUnlessUpdated entry="{x}"><AlwaysSuccess/></SkipUnlessUpdated>'
     tree = make_tree(f"<Sequence>{one}{one}</Sequence>")
     tree.blackboard["x"] = 1
@@ -88,7 +88,7 @@ def test_two_nodes_check_independently(make_tree: MakeTree) -> None:
 
 
 def test_was_entry_updated_succeeds_if_entry_was_written_since_last_check(
-    make_tree: MakeTree,
+    make_tree: TreeFactory,
 ) -> None:
     tree = make_tree('<WasEntryUpdated entry="{x}"/>')
     assert tree.tick_once() is F
@@ -99,7 +99,7 @@ def test_was_entry_updated_succeeds_if_entry_was_written_since_last_check(
     assert [tree.tick_once(), tree.tick_once()] == [S, F]
 
 
-def test_was_entry_updated_follows_the_remapping_of_a_subtree(make_tree: MakeTree) -> None:
+def test_was_entry_updated_follows_the_remapping_of_a_subtree(make_tree: TreeFactory) -> None:
     inner = '<BehaviorTree ID="Sub"><WasEntryUpdated entry="{inside}"/></BehaviorTree>'
     tree = make_tree('<SubTree ID="Sub" inside="{outside}"/>', others=inner)
     assert tree.tick_once() is F
@@ -107,7 +107,7 @@ def test_was_entry_updated_follows_the_remapping_of_a_subtree(make_tree: MakeTre
     assert [tree.tick_once(), tree.tick_once()] == [S, F]
 
 
-def test_was_entry_updated_keeps_the_last_seen_write_after_a_halt(make_tree: MakeTree) -> None:
+def test_was_entry_updated_keeps_the_last_seen_write_after_a_halt(make_tree: TreeFactory) -> None:
     tree = make_tree('<WasEntryUpdated entry="{x}"/>')
     tree.blackboard["x"] = 1
     assert tree.tick_once() is S

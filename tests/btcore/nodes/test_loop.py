@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from btcore import In, LoopNode, NodeExecutionError, Out, Registry, Status, Tree, TreeError, action, loads
-from tests.btcore.conftest import MakeTree
+from tests.btcore.conftest import TreeFactory
 from tests.conformance.recorded_cases import CallLog
 
 R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
@@ -43,7 +43,7 @@ def ticks(tree: Tree, count: int) -> list[Status]:
     ],
 )
 def test_loop_takes_one_element_per_tick_and_one_tick_to_end(
-    tag: str, text: str, elements: list[object], make_tree: MakeTree, sink: Sink
+    tag: str, text: str, elements: list[object], make_tree: TreeFactory, sink: Sink
 ) -> None:
     tree = make_tree(
         f'<{tag} queue="{text}" value="{{v}}"><Take value="{{v}}"/></{tag}>', take, resources=[sink]
@@ -53,19 +53,19 @@ def test_loop_takes_one_element_per_tick_and_one_tick_to_end(
     assert [type(one) for one in sink.got] == [type(one) for one in elements]
 
 
-def test_loop_emits_no_wake_up(make_tree: MakeTree, sink: Sink) -> None:
+def test_loop_emits_no_wake_up(make_tree: TreeFactory, sink: Sink) -> None:
     tree = make_tree('<LoopInt queue="1;2" value="{v}"><Take value="{v}"/></LoopInt>', take, resources=[sink])
     tree.tick_once()
     assert tree.ticks == 1
 
 
 @pytest.mark.parametrize("written", ["SUCCESS", "FAILURE", "SKIPPED"])
-def test_empty_queue_returns_if_empty(written: str, make_tree: MakeTree) -> None:
+def test_empty_queue_returns_if_empty(written: str, make_tree: TreeFactory) -> None:
     tree = make_tree(f'<LoopInt queue="" if_empty="{written}" value="{{v}}"><AlwaysSuccess/></LoopInt>')
     assert tree.tick_once() is Status[written]
 
 
-def test_halt_halts_the_child_and_restarts_a_literal_list(make_tree: MakeTree, calls: CallLog) -> None:
+def test_halt_halts_the_child_and_restarts_a_literal_list(make_tree: TreeFactory, calls: CallLog) -> None:
     tree = make_tree('<LoopInt queue="1;2" value="{v}"><Act name="a" outcomes="S|RR|S"/></LoopInt>')
     ticks(tree, 2)
     assert tree.blackboard["v"] == 2
@@ -75,7 +75,7 @@ def test_halt_halts_the_child_and_restarts_a_literal_list(make_tree: MakeTree, c
     assert tree.blackboard["v"] == 1
 
 
-def test_a_deque_on_the_blackboard_is_consumed_in_place(make_tree: MakeTree, sink: Sink) -> None:
+def test_a_deque_on_the_blackboard_is_consumed_in_place(make_tree: TreeFactory, sink: Sink) -> None:
     tree = make_tree('<LoopInt queue="{q}" value="{v}"><Take value="{v}"/></LoopInt>', take, resources=[sink])
     queue: deque[int] = deque([1, 2])
     tree.blackboard["q"] = queue
@@ -86,7 +86,7 @@ def test_a_deque_on_the_blackboard_is_consumed_in_place(make_tree: MakeTree, sin
     assert sink.got == [1, 2, 3]
 
 
-def test_failure_leaves_the_rest_in_a_deque(make_tree: MakeTree) -> None:
+def test_failure_leaves_the_rest_in_a_deque(make_tree: TreeFactory) -> None:
     tree = make_tree('<LoopInt queue="{q}" value="{v}"><AlwaysFailure/></LoopInt>')
     queue: deque[int] = deque([1, 2, 3])
     tree.blackboard["q"] = queue
@@ -95,7 +95,9 @@ def test_failure_leaves_the_rest_in_a_deque(make_tree: MakeTree) -> None:
 
 
 @pytest.mark.parametrize("given", [[1, 2], "1;2"])
-def test_list_or_text_is_read_at_activation_and_kept(given: object, make_tree: MakeTree, sink: Sink) -> None:
+def test_list_or_text_is_read_at_activation_and_kept(
+    given: object, make_tree: TreeFactory, sink: Sink
+) -> None:
     tree = make_tree('<LoopInt queue="{q}" value="{v}"><Take value="{v}"/></LoopInt>', take, resources=[sink])
     tree.blackboard["q"] = given
     ticks(tree, 1)
@@ -105,7 +107,7 @@ def test_list_or_text_is_read_at_activation_and_kept(given: object, make_tree: M
 
 
 @pytest.mark.parametrize("removed", [False, True])
-def test_queue_without_a_value_raises(removed: bool, make_tree: MakeTree) -> None:
+def test_queue_without_a_value_raises(removed: bool, make_tree: TreeFactory) -> None:
     tree = make_tree('<LoopInt queue="{q}" value="{v}"><AlwaysFailure/></LoopInt>')
     if removed:
         tree.blackboard.unset("q")
@@ -113,7 +115,7 @@ def test_queue_without_a_value_raises(removed: bool, make_tree: MakeTree) -> Non
         tree.tick_once()
 
 
-def test_literal_value_is_ignored(make_tree: MakeTree) -> None:
+def test_literal_value_is_ignored(make_tree: TreeFactory) -> None:
     for loop in ('LoopInt queue="1" value="7"', 'LoopString queue="a" value="x"'):
         tree = make_tree(f"<{loop}><AlwaysSuccess/></{loop.split()[0]}>")
         assert ticks(tree, 2) == [R, S]
@@ -122,18 +124,18 @@ def test_literal_value_is_ignored(make_tree: MakeTree) -> None:
 @pytest.mark.parametrize(
     ("queue", "message"), [("", "queue"), ('queue="="', "queue"), ('queue="1;two"', "two")]
 )
-def test_missing_or_invalid_queue_is_a_tree_error(queue: str, message: str, make_tree: MakeTree) -> None:
+def test_missing_or_invalid_queue_is_a_tree_error(queue: str, message: str, make_tree: TreeFactory) -> None:
     with pytest.raises(TreeError, match=message):
         make_tree(f'<LoopInt {queue} value="{{v}}"><AlwaysSuccess/></LoopInt>')
 
 
-def test_equals_sign_is_a_list_and_not_the_entry_of_the_port(make_tree: MakeTree, sink: Sink) -> None:
+def test_equals_sign_is_a_list_and_not_the_entry_of_the_port(make_tree: TreeFactory, sink: Sink) -> None:
     loop = '<LoopString queue="=" value="{v}"><Take value="{v}"/></LoopString>'
     assert ticks(make_tree(loop, take, resources=[sink]), 2) == [R, S]
     assert sink.got == ["="]
 
 
-def test_value_port_is_optional(make_tree: MakeTree) -> None:
+def test_value_port_is_optional(make_tree: TreeFactory) -> None:
     assert ticks(make_tree('<LoopInt queue="1"><AlwaysSuccess/></LoopInt>'), 2) == [R, S]
 
 

@@ -4,7 +4,7 @@ import pytest
 
 from btcore import NodeSpec, Status
 from btcore.nodes.sequences_and_fallbacks import OrderedNode, ReactiveNode, ReactiveSequence, Sequence
-from tests.btcore.conftest import MakeTree
+from tests.btcore.conftest import TreeFactory
 from tests.conformance.recorded_cases import CallLog
 
 R, S, F = Status.RUNNING, Status.SUCCESS, Status.FAILURE
@@ -17,7 +17,7 @@ LEAVES = '<Act name="a" outcomes="{}"/><Act name="b" outcomes="{}"/>'
     ("letters", "result", "ticked"), [("FS", S, ["a", "b"]), ("SF", S, ["a"]), ("FF", F, ["a", "b"])]
 )
 def test_subclass_may_continue_after_a_failure(
-    base: type, letters: str, result: Status, ticked: list[str], make_tree: MakeTree, calls: CallLog
+    base: type, letters: str, result: Status, ticked: list[str], make_tree: TreeFactory, calls: CallLog
 ) -> None:
     own = type("Own", (base,), {"spec": NodeSpec(continue_on=F)})
     assert make_tree(f"<Own>{LEAVES.format(*letters)}</Own>", own).tick_once() is result
@@ -37,7 +37,7 @@ def test_subclass_may_continue_after_a_failure(
     ],
 )
 def test_first_child_that_is_ticked_after_a_halt(
-    tag: str, outcomes: str, first: str, make_tree: MakeTree, calls: CallLog
+    tag: str, outcomes: str, first: str, make_tree: TreeFactory, calls: CallLog
 ) -> None:
     tree = make_tree(f'<{tag}><Act name="a" outcomes="{outcomes}"/><Act name="b" outcomes="RRRR"/></{tag}>')
     while "b:start" not in calls:

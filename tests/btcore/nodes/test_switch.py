@@ -5,7 +5,7 @@ import enum
 import pytest
 
 from btcore import NodeExecutionError, Status, TreeError
-from tests.btcore.conftest import MakeTree
+from tests.btcore.conftest import TreeFactory
 from tests.conformance.recorded_cases import CallLog, conformance_registry
 
 R, S, F, K = Status.RUNNING, Status.SUCCESS, Status.FAILURE, Status.SKIPPED
@@ -28,7 +28,7 @@ def switch(cases: int, *outcomes: str, variable: str = "{v}") -> str:
 @pytest.mark.parametrize("format", FORMATS)
 @pytest.mark.parametrize("cases", SIZES)
 def test_matching_case_is_ticked_and_otherwise_the_last_child(
-    cases: int, format: int, make_tree: MakeTree, calls: CallLog
+    cases: int, format: int, make_tree: TreeFactory, calls: CallLog
 ) -> None:
     tree = make_tree(switch(cases), format=format)
     for number in range(1, cases + 1):
@@ -41,13 +41,13 @@ def test_matching_case_is_ticked_and_otherwise_the_last_child(
 
 
 @pytest.mark.parametrize("format", FORMATS)
-def test_unreadable_variable_matches_no_case(format: int, make_tree: MakeTree, calls: CallLog) -> None:
+def test_unreadable_variable_matches_no_case(format: int, make_tree: TreeFactory, calls: CallLog) -> None:
     assert make_tree(switch(4), format=format).tick_once() is S
     assert calls == ["other:start"]
 
 
 @pytest.mark.parametrize("format", FORMATS)
-def test_changed_choice_halts_the_running_child(format: int, make_tree: MakeTree, calls: CallLog) -> None:
+def test_changed_choice_halts_the_running_child(format: int, make_tree: TreeFactory, calls: CallLog) -> None:
     tree = make_tree(switch(4, "R", "RS"), format=format)
     tree.blackboard["v"] = "1"
     assert tree.tick_once() is R
@@ -57,7 +57,7 @@ def test_changed_choice_halts_the_running_child(format: int, make_tree: MakeTree
     assert {node.status for node in tree} == {Status.IDLE}
 
 
-def test_switch_is_skipped_with_its_child(make_tree: MakeTree) -> None:
+def test_switch_is_skipped_with_its_child(make_tree: TreeFactory) -> None:
     tree = make_tree(switch(4, "K"))
     tree.blackboard["v"] = "1"
     assert tree.tick_once() is K
@@ -66,7 +66,7 @@ def test_switch_is_skipped_with_its_child(make_tree: MakeTree) -> None:
 
 @pytest.mark.parametrize("format", FORMATS)
 @pytest.mark.parametrize("cases", [4, 6])
-def test_number_of_children_must_be_cases_plus_one(cases: int, format: int, make_tree: MakeTree) -> None:
+def test_number_of_children_must_be_cases_plus_one(cases: int, format: int, make_tree: TreeFactory) -> None:
     children = "<AlwaysSuccess/>" * cases
     with pytest.raises((NodeExecutionError, TreeError), match=f"Switch{cases}"):
         make_tree(
@@ -74,7 +74,7 @@ def test_number_of_children_must_be_cases_plus_one(cases: int, format: int, make
         ).tick_once()
 
 
-def test_missing_case_is_ignored(make_tree: MakeTree, calls: CallLog) -> None:
+def test_missing_case_is_ignored(make_tree: TreeFactory, calls: CallLog) -> None:
     tree = make_tree(
         '<Switch4 variable="b" case_3="b"><Act name="a" outcomes="S"/><Act name="b" outcomes="S"/>'
         '<Act name="c" outcomes="S"/><Act name="d" outcomes="S"/><Act name="e" outcomes="S"/></Switch4>'
@@ -110,7 +110,7 @@ class Colour(enum.Enum):
     ],
 )
 def test_format_3_compares_texts_and_format_4_compares_values(
-    variable: str, case: str, matches: bool, in_format_3: bool, make_tree: MakeTree
+    variable: str, case: str, matches: bool, in_format_3: bool, make_tree: TreeFactory
 ) -> None:
     nodes = conformance_registry()
     nodes.add_enum(Colour)
@@ -120,7 +120,7 @@ def test_format_3_compares_texts_and_format_4_compares_values(
     assert make_tree(body, nodes=nodes, format=3).tick_once() is (S if in_format_3 else F)
 
 
-def test_number_written_by_a_script_is_compared_by_value(make_tree: MakeTree, calls: CallLog) -> None:
+def test_number_written_by_a_script_is_compared_by_value(make_tree: TreeFactory, calls: CallLog) -> None:
     tree = make_tree(f'<Sequence><Script code="v := 2"/>{switch(4)}</Sequence>')
     tree.tick_once()
     assert calls == ["c2:start"]

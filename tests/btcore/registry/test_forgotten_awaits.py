@@ -9,7 +9,7 @@ import pytest
 import btcore
 from btcore import NodeExecutionError, RegistrationError, Registry, Status, running, sleep
 from btcore.engine.coroutine import CoroutineAction
-from tests.btcore.conftest import MakeTree
+from tests.btcore.conftest import TreeFactory
 
 
 async def discards_sleep() -> bool:
@@ -122,14 +122,14 @@ def awaited_leaves() -> list[Any]:
 
 
 @pytest.mark.parametrize("leaf", awaited_leaves(), ids=lambda leaf: leaf.__name__)
-def test_used_results_are_accepted(leaf: Any, make_tree: MakeTree) -> None:
+def test_used_results_are_accepted(leaf: Any, make_tree: TreeFactory) -> None:
     nodes = Registry.standard()
     nodes.add(leaf, ID="Leaf")
     tree = make_tree("<Leaf/>", nodes=nodes)
     assert tree.tick_while_running(period=0.1) is Status.SUCCESS
 
 
-def test_returned_pause_is_named_in_the_error(make_tree: MakeTree) -> None:
+def test_returned_pause_is_named_in_the_error(make_tree: TreeFactory) -> None:
     async def ends_with_a_pause() -> object:
         return sleep(1.5)
 

@@ -13,7 +13,8 @@ import pytest
 
 import btcore
 from btcore import In, NodeExecutionError, Put, Registry, SimClock, Status, Tree, action, condition
-from btcore.registry.mock_nodes import GivenOutputs, Outcome, parse_outcomes
+from btcore.registry.mock_leaves import GivenOutputs
+from btcore.registry.outcomes import Outcome, parse_outcomes
 from btcore.testing import MockAction, MockCondition, MockLeafError, Outcomes, with_mock_leaves
 
 

@@ -20,7 +20,7 @@ from btcore import (
 )
 from btcore.clock import NS_PER_S
 from btcore.nodes.sequences_and_fallbacks import Sequence
-from tests.btcore.conftest import MakeTree
+from tests.btcore.conftest import TreeFactory
 from tests.conformance.recorded_cases import CallLog, RecordedAct, conformance_registry
 
 THREE = "<AlwaysSuccess/><AlwaysSuccess/><AlwaysSuccess/>"
@@ -29,7 +29,7 @@ THREE = "<AlwaysSuccess/><AlwaysSuccess/><AlwaysSuccess/>"
 # --- ticking
 
 
-def test_leaf_cannot_tick_its_own_tree(make_tree: MakeTree) -> None:
+def test_leaf_cannot_tick_its_own_tree(make_tree: TreeFactory) -> None:
     @action
     def again() -> Status:
         return tree.tick_once()
@@ -44,7 +44,7 @@ def test_leaf_cannot_tick_its_own_tree(make_tree: MakeTree) -> None:
     assert tree.ticks == 1
 
 
-def test_tree_can_be_ticked_again_after_an_error_and_after_an_interrupt(make_tree: MakeTree) -> None:
+def test_tree_can_be_ticked_again_after_an_error_and_after_an_interrupt(make_tree: TreeFactory) -> None:
     problems: list[BaseException] = [ValueError("broken"), KeyboardInterrupt()]
 
     @action
@@ -61,7 +61,7 @@ def test_tree_can_be_ticked_again_after_an_error_and_after_an_interrupt(make_tre
     assert tree.tick_while_running() is Status.SUCCESS
 
 
-def test_second_thread_cannot_tick_a_tree_during_a_tick(make_tree: MakeTree) -> None:
+def test_second_thread_cannot_tick_a_tree_during_a_tick(make_tree: TreeFactory) -> None:
     started, release = threading.Event(), threading.Event()
 
     @action
@@ -86,7 +86,7 @@ def test_second_thread_cannot_tick_a_tree_during_a_tick(make_tree: MakeTree) -> 
     assert results == [Status.SUCCESS]  # the tick in progress did not notice
 
 
-def test_second_run_of_a_tree_is_refused_while_the_first_waits(make_tree: MakeTree) -> None:
+def test_second_run_of_a_tree_is_refused_while_the_first_waits(make_tree: TreeFactory) -> None:
     async def both() -> Status:
         tree = make_tree('<Act outcomes="RRRS"/>')
         first = asyncio.create_task(tree.run())
@@ -107,7 +107,7 @@ def test_second_run_of_a_tree_is_refused_while_the_first_waits(make_tree: MakeTr
     assert asyncio.run(both()) is Status.SUCCESS
 
 
-def test_async_sequence_takes_a_tick_per_child_but_a_single_tick_once(make_tree: MakeTree) -> None:
+def test_async_sequence_takes_a_tick_per_child_but_a_single_tick_once(make_tree: TreeFactory) -> None:
     tree = make_tree(f"<AsyncSequence>{THREE}</AsyncSequence>")
     assert tree.tick_exactly_once() is Status.RUNNING
     assert [child.status for child in tree.root.children].count(Status.SUCCESS) == 1
@@ -116,14 +116,14 @@ def test_async_sequence_takes_a_tick_per_child_but_a_single_tick_once(make_tree:
     assert tree.ticks == 3
 
 
-def test_tick_once_repeats_only_while_the_root_is_running(make_tree: MakeTree) -> None:
+def test_tick_once_repeats_only_while_the_root_is_running(make_tree: TreeFactory) -> None:
     tree = make_tree('<Sequence><Act outcomes="S"/></Sequence>')
     tree.wake()
     assert tree.tick_once() is Status.SUCCESS
     assert tree.ticks == 1
 
 
-def test_tick_once_consumes_the_wake_up_and_tick_exactly_once_keeps_it(make_tree: MakeTree) -> None:
+def test_tick_once_consumes_the_wake_up_and_tick_exactly_once_keeps_it(make_tree: TreeFactory) -> None:
     tree = make_tree('<Act outcomes="RRRR"/>')
     tree.wake()
     tree.tick_exactly_once()
@@ -134,14 +134,14 @@ def test_tick_once_consumes_the_wake_up_and_tick_exactly_once_keeps_it(make_tree
     assert tree.ticks == 4
 
 
-def test_a_completed_root_is_idle_and_the_tree_keeps_its_result(make_tree: MakeTree) -> None:
+def test_a_completed_root_is_idle_and_the_tree_keeps_its_result(make_tree: TreeFactory) -> None:
     tree = make_tree('<Act outcomes="RF"/>')
     assert tree.status is Status.IDLE
     assert (tree.tick_once(), tree.root.status, tree.status) == (Status.RUNNING,) * 3
     assert (tree.tick_once(), tree.root.status, tree.status) == (Status.FAILURE, Status.IDLE, Status.FAILURE)
 
 
-def test_skipped_ends_every_tick_method(make_tree: MakeTree) -> None:
+def test_skipped_ends_every_tick_method(make_tree: TreeFactory) -> None:
     tree = make_tree('<AlwaysSuccess _skipIf="true"/>')
     assert tree.tick_exactly_once() is Status.SKIPPED
     assert tree.tick_once() is Status.SKIPPED
@@ -205,7 +205,7 @@ def test_many_periods_do_not_drift(clock: SimClock) -> None:
     assert at[-1] == pytest.approx(3000 * 1000 / 30, abs=0.01)
 
 
-def test_simulated_clock_starts_at_its_given_time(make_tree: MakeTree) -> None:
+def test_simulated_clock_starts_at_its_given_time(make_tree: TreeFactory) -> None:
     assert moments(SimClock(5_000_000_000), [0.0], 0.5) == [5000.0, 5500.0]
 
 
@@ -214,7 +214,9 @@ def test_period_of_zero_never_sleeps(clock: SimClock) -> None:
 
 
 @pytest.mark.parametrize("period", [-0.1, float("nan"), float("inf")])
-def test_negative_or_nan_period_is_refused_before_the_first_tick(make_tree: MakeTree, period: float) -> None:
+def test_negative_or_nan_period_is_refused_before_the_first_tick(
+    make_tree: TreeFactory, period: float
+) -> None:
     tree = make_tree("<AlwaysSuccess/>")
     with pytest.raises(ValueError, match=rf"invalid period {period}: use a number of seconds"):
         tree.tick_while_running(period=period)
@@ -257,7 +259,7 @@ def test_period_of_zero_advances_a_clock_that_stands_still_to_the_next_deadline(
     assert tree.ticks == 3
 
 
-def test_waiting_node_is_ticked_on_time_and_period_continues(make_tree: MakeTree, clock: SimClock) -> None:
+def test_waiting_node_is_ticked_on_time_and_period_continues(make_tree: TreeFactory, clock: SimClock) -> None:
     ticked: list[int] = []
 
     class Watch(btcore.Observer):
@@ -270,7 +272,9 @@ def test_waiting_node_is_ticked_on_time_and_period_continues(make_tree: MakeTree
     assert ticked == [0, 10, 20, 25, 30, 40, 45]
 
 
-def test_sleep_lets_time_pass_and_returns_whether_it_was_woken(make_tree: MakeTree, clock: SimClock) -> None:
+def test_sleep_lets_time_pass_and_returns_whether_it_was_woken(
+    make_tree: TreeFactory, clock: SimClock
+) -> None:
     tree = make_tree("<AlwaysSuccess/>")
     assert tree.sleep(2.5) is False
     assert clock.now() == 2_500_000_000
@@ -323,7 +327,7 @@ COUNTS = (
 
 
 @pytest.mark.parametrize("ticks", [0, 1, 2])
-def test_halt_runs_on_halted_of_every_node_and_twice_for_the_root(ticks: int, make_tree: MakeTree) -> None:
+def test_halt_runs_on_halted_of_every_node_and_twice_for_the_root(ticks: int, make_tree: TreeFactory) -> None:
     tree = make_tree(COUNTS, blackboard=counter())
     for _ in range(ticks):
         tree.tick_exactly_once()
@@ -340,7 +344,9 @@ def counter() -> Blackboard:
     return board
 
 
-def test_a_halt_leaves_every_node_idle_and_ends_only_what_runs(make_tree: MakeTree, calls: CallLog) -> None:
+def test_a_halt_leaves_every_node_idle_and_ends_only_what_runs(
+    make_tree: TreeFactory, calls: CallLog
+) -> None:
     tree = make_tree(
         '<Parallel><Act name="a" outcomes="RR"/><Act name="b" outcomes="S"/>'
         '<Inverter><Act name="c" outcomes="RR"/></Inverter></Parallel>'
@@ -355,7 +361,7 @@ def test_a_halt_leaves_every_node_idle_and_ends_only_what_runs(make_tree: MakeTr
 
 @pytest.mark.parametrize(("value", "handled"), [("true", True), ("{missing}", False), ("{empty}", False)])
 def test_a_halt_ticks_the_handler_of_a_try_catch_if_its_port_is_true(
-    value: str, handled: bool, make_tree: MakeTree, calls: CallLog
+    value: str, handled: bool, make_tree: TreeFactory, calls: CallLog
 ) -> None:
     body = '<Act name="a" outcomes="R"/><Act name="handler" outcomes="S"/>'
     tree = make_tree(f'<TryCatch catch_on_halt="{value}">{body}</TryCatch>')
@@ -364,7 +370,7 @@ def test_a_halt_ticks_the_handler_of_a_try_catch_if_its_port_is_true(
     assert calls == ["a:start", "a:halted", *(["handler:start"] if handled else [])]
 
 
-def test_tree_is_a_context_manager_that_halts_it(make_tree: MakeTree, calls: CallLog) -> None:
+def test_tree_is_a_context_manager_that_halts_it(make_tree: TreeFactory, calls: CallLog) -> None:
     with make_tree('<Act name="a" outcomes="R"/>') as tree:
         tree.tick_once()
     assert calls == ["a:start", "a:halted"]
@@ -375,7 +381,7 @@ def test_tree_is_a_context_manager_that_halts_it(make_tree: MakeTree, calls: Cal
 SUBTREES = '<BehaviorTree ID="Sub"><Sequence name="again"><Act outcomes="S"/></Sequence></BehaviorTree>'
 
 
-def test_node_is_found_by_its_path_or_by_a_unique_name(make_tree: MakeTree) -> None:
+def test_node_is_found_by_its_path_or_by_a_unique_name(make_tree: TreeFactory) -> None:
     tree = make_tree(
         '<Sequence><SubTree ID="Sub" name="inst"/><AlwaysSuccess name="nm"/></Sequence>', others=SUBTREES
     )
@@ -385,20 +391,22 @@ def test_node_is_found_by_its_path_or_by_a_unique_name(make_tree: MakeTree) -> N
 
 
 @pytest.mark.parametrize("path", ["Deep/wave", "Main/Deep/wave", "Deep::9/wave", "elsewhere/wave"])
-def test_path_without_number_of_subtree_gets_full_path_as_suggestion(make_tree: MakeTree, path: str) -> None:
+def test_path_without_number_of_subtree_gets_full_path_as_suggestion(
+    make_tree: TreeFactory, path: str
+) -> None:
     deep = '<BehaviorTree ID="Deep"><Sequence><AlwaysSuccess name="wave"/></Sequence></BehaviorTree>'
     tree = make_tree('<Sequence><Inverter><SubTree ID="Deep"/></Inverter></Sequence>', others=deep)
     with pytest.raises(BtcoreError, match="did you mean 'Deep::3/wave'"):
         tree.node(path)
 
 
-def test_unknown_path_raises_an_error_with_a_suggestion(make_tree: MakeTree) -> None:
+def test_unknown_path_raises_an_error_with_a_suggestion(make_tree: TreeFactory) -> None:
     tree = make_tree('<Sequence><AlwaysSuccess name="wave"/></Sequence>')
     with pytest.raises(BtcoreError, match=r"the tree has no node 'wawe'; did you mean 'wave'\?"):
         tree.node("wawe")
 
 
-def test_nodes_with_the_same_path_are_distinguished_by_number(make_tree: MakeTree) -> None:
+def test_nodes_with_the_same_path_are_distinguished_by_number(make_tree: TreeFactory) -> None:
     tree = make_tree('<Sequence><Act name="p" outcomes="S"/><Act name="p" outcomes="S"/></Sequence>')
     assert list(tree.nodes_by_path()) == ["Sequence::1", "p#2", "p#3"]
     assert tree.node("p#3") is tree.nodes[2]
@@ -406,7 +414,7 @@ def test_nodes_with_the_same_path_are_distinguished_by_number(make_tree: MakeTre
         tree.node("p")
 
 
-def test_nodes_are_found_by_their_type_in_pre_order(make_tree: MakeTree) -> None:
+def test_nodes_are_found_by_their_type_in_pre_order(make_tree: TreeFactory) -> None:
     inner = '<Sequence><Act name="b" outcomes="S"/></Sequence>'
     tree = make_tree(f'<Sequence><Act name="a" outcomes="S"/>{inner}</Sequence>')
     assert [node.name for node in tree.find(RecordedAct)] == ["a", "b"]
@@ -415,7 +423,7 @@ def test_nodes_are_found_by_their_type_in_pre_order(make_tree: MakeTree) -> None
     assert tree.find(SystemClock) == []  # type: ignore[type-var]
 
 
-def test_tick_counts_begin_with_the_first_call(make_tree: MakeTree) -> None:
+def test_tick_counts_begin_with_the_first_call(make_tree: TreeFactory) -> None:
     tree = make_tree(
         '<ReactiveSequence name="r"><Ask name="c" outcomes="SSF"/><Act name="a" outcomes="RR"/>'
         '<Act name="k" outcomes="K"/></ReactiveSequence>'
@@ -430,7 +438,7 @@ def test_tick_counts_begin_with_the_first_call(make_tree: MakeTree) -> None:
     assert tree.ticks == 3
 
 
-def test_tick_decided_by_a_condition_counts_with_its_result(make_tree: MakeTree) -> None:
+def test_tick_decided_by_a_condition_counts_with_its_result(make_tree: TreeFactory) -> None:
     tree = make_tree('<AlwaysSuccess name="a" _skipIf="true"/>')
     count = tree.start_tick_counts()["a"]
     tree.tick_once()
@@ -440,7 +448,7 @@ def test_tick_decided_by_a_condition_counts_with_its_result(make_tree: MakeTree)
 # --- two trees
 
 
-def test_two_trees_share_nothing(make_tree: MakeTree) -> None:
+def test_two_trees_share_nothing(make_tree: TreeFactory) -> None:
     body = '<Sequence><Script code="x := 1"/><Act outcomes="RS"/></Sequence>'
     one, other = make_tree(body), make_tree(body)
     one.tick_once()
@@ -452,7 +460,7 @@ def test_two_trees_share_nothing(make_tree: MakeTree) -> None:
     assert other.ticks == 1
 
 
-def test_two_trees_may_share_a_blackboard(make_tree: MakeTree) -> None:
+def test_two_trees_may_share_a_blackboard(make_tree: TreeFactory) -> None:
     shared = Blackboard()
     writer = make_tree('<Script code="x := 41"/>', blackboard=shared)
     reader = make_tree('<Script code="x += 1"/>', blackboard=shared)

@@ -10,7 +10,7 @@ import btcore
 from btcore import SimClock, StatefulAction, Status
 from btcore.clock import NS_PER_S
 from btcore.engine.context import TreeContext
-from tests.btcore.conftest import MakeTree
+from tests.btcore.conftest import TreeFactory
 
 SOON = 100.0  # s, long enough for a busy machine
 
@@ -78,7 +78,7 @@ def test_doze_ends_immediately_after_a_wake_up_with_any_clock(clock: SimClock) -
     assert (context.consume_wake_up(), clock.now()) == (False, 0)
 
 
-def test_no_wake_up_of_another_thread_is_lost(make_tree: MakeTree) -> None:
+def test_no_wake_up_of_another_thread_is_lost(make_tree: TreeFactory) -> None:
     tree = btcore.loads(
         '<root BTCPP_format="4"><BehaviorTree ID="Main"><Lasting/></BehaviorTree></root>',
         nodes=_registry_with_lasting(),
@@ -98,7 +98,7 @@ def test_no_wake_up_of_another_thread_is_lost(make_tree: MakeTree) -> None:
     assert leaf.seen == 2000
 
 
-def test_a_leaf_that_wakes_its_tree_is_ticked_again_in_the_same_step(make_tree: MakeTree) -> None:
+def test_a_leaf_that_wakes_its_tree_is_ticked_again_in_the_same_step(make_tree: TreeFactory) -> None:
     class Eager(Lasting):
         ticks = 3
 

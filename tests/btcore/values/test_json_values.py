@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import pytest
 
 from btcore import In, NodeExecutionError, TreeError, action
-from tests.btcore.conftest import MakeTree
+from tests.btcore.conftest import TreeFactory
 
 
 @dataclass
@@ -47,7 +47,7 @@ def pose(given: In[Pose], seen: Seen) -> bool:
 LEAVES = (numbers, texts, text, pose)
 
 
-def read(make_tree: MakeTree, tag: str, written: str, format: int = 4) -> object:
+def read(make_tree: TreeFactory, tag: str, written: str, format: int = 4) -> object:
     """Return the value that the leaf *tag* reads for *written*, in its port and from the blackboard."""
     seen = Seen()
     literal = make_tree(f"<{tag} given='{written}'/>", *LEAVES, resources=[seen], format=format)
@@ -72,15 +72,15 @@ def read(make_tree: MakeTree, tag: str, written: str, format: int = 4) -> object
         ("Pose", 'json:{"__type": "Pose", "x": 1, "y": 2.5}', Pose(1, 2.5)),
     ],
 )
-def test_list_or_record_may_be_json(tag: str, written: str, value: object, make_tree: MakeTree) -> None:
+def test_list_or_record_may_be_json(tag: str, written: str, value: object, make_tree: TreeFactory) -> None:
     assert read(make_tree, tag, written) == value
 
 
-def test_text_port_keeps_json_as_text(make_tree: MakeTree) -> None:
+def test_text_port_keeps_json_as_text(make_tree: TreeFactory) -> None:
     assert read(make_tree, "Text", 'json:{"x": 1}') == 'json:{"x": 1}'
 
 
-def test_converter_and_json_are_both_accepted(make_tree: MakeTree) -> None:
+def test_converter_and_json_are_both_accepted(make_tree: TreeFactory) -> None:
     seen = Seen()
     nodes = make_tree("<AlwaysSuccess/>").registry
     nodes.add_type(Pose, lambda message: Pose(*map(float, message.split(","))))
@@ -94,13 +94,13 @@ def test_converter_and_json_are_both_accepted(make_tree: MakeTree) -> None:
     [("Pose", "1;2"), ("Pose", "json:[1]"), ("Pose", 'json:{"z": 1}'), ("Numbers", 'json:{"x": 1}')],
 )
 def test_value_that_does_not_convert_is_refused_when_the_tree_is_built(
-    tag: str, written: str, make_tree: MakeTree
+    tag: str, written: str, make_tree: TreeFactory
 ) -> None:
     with pytest.raises(TreeError, match="given"):
         make_tree(f"<{tag} given='{written}'/>", *LEAVES, resources=[Seen()])
 
 
-def test_format_3_does_not_read_json(make_tree: MakeTree) -> None:
+def test_format_3_does_not_read_json(make_tree: TreeFactory) -> None:
     seen = Seen()
     tree = make_tree("<Numbers given='json:[7,8]'/>", *LEAVES, resources=[seen], format=3)
     tree.tick_once()
@@ -111,7 +111,7 @@ def test_format_3_does_not_read_json(make_tree: MakeTree) -> None:
         ).tick_once()
 
 
-def test_value_is_written_as_json_and_read_back(make_tree: MakeTree) -> None:
+def test_value_is_written_as_json_and_read_back(make_tree: TreeFactory) -> None:
     tree = make_tree("<AlwaysSuccess/>")
     text = tree.registry.types.of(Pose).to_text(Pose(1.0, 2.5))
     assert text.startswith("json:")

@@ -70,10 +70,16 @@ def test_clearance_is_the_distance_to_the_readings_of_the_scan(make_grid: Callab
     grid = make_grid()
     assert grid.distance_at(0.0, 0.0) == pytest.approx(1.0, abs=0.03)
     assert grid.distance_at(0.6, 0.3) == pytest.approx(0.4, abs=0.03)
-    assert grid.distances_at(np.array([0.0, 9.0]), np.array([0.0, 0.0])).tolist() == [
-        pytest.approx(1.0, abs=0.03),
-        0.0,
-    ]
+    assert grid.distances_at(np.array([0.0]), np.array([0.0])).tolist() == [pytest.approx(1.0, abs=0.03)]
+
+
+def test_clearance_off_the_grid_is_0(make_grid: Callable[..., Any]) -> None:
+    grid = make_grid()
+    x, y = grid.origin
+    half_a_cell, end = grid.resolution / 2, 2 * abs(x)
+    points = [(x - half_a_cell, 0.0), (0.0, y - half_a_cell), (x + end + half_a_cell, 0.0), (9.0, 9.0)]
+    assert grid.distances_at(*np.array(points).T).tolist() == [0.0] * len(points)
+    assert [grid.distance_at(*point) for point in points] == [0.0] * len(points)
 
 
 def test_obstacles_of_the_costmap_count_unless_the_scan_sees_through_them(

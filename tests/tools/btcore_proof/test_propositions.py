@@ -4,7 +4,7 @@ import pytest
 
 from btcore_proof.propositions import parse_proposition
 from btcore_proof.tick_runner import Tick
-from tests.btcore.conftest import MakeTree
+from tests.btcore.conftest import TreeFactory
 
 SETS = (
     '<Sequence><SetBlackboard value="15" output_key="battery"/><SetBlackboard value="low" output_key="mode"/>'
@@ -27,7 +27,7 @@ SETS = (
         ("{absent} != 20", False),
     ],
 )
-def test_text_is_compared_with_a_number_as_in_scripts(make_tree: MakeTree, text: str, holds: bool) -> None:
+def test_text_is_compared_with_a_number_as_in_scripts(make_tree: TreeFactory, text: str, holds: bool) -> None:
     tree = make_tree(SETS)
     tree.tick_once()
     tick = Tick(tree, [], [], tree.status, None, {}, set())

@@ -8,7 +8,7 @@ from btcore.documentation_site import node_url
 from btcore.escaping import escape_controls
 from btcore.lint.ports import is_required
 from btcore.registry.manifest import Manifest
-from btcore.registry.mock_nodes import is_mock
+from btcore.registry.nodes_without_code import is_mock
 from btcore.status import NodeType
 from btcore.values import DOUBLE, ValueType
 from btcore.values.types import literals_of

@@ -10,7 +10,7 @@ from lsprotocol.types import Location, Position, Range
 from pygls import uris
 
 from btcore.input_files import read_file
-from btcore.registry.mock_nodes import is_mock
+from btcore.registry.nodes_without_code import is_mock
 from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.scan import Place, ScannedElement
 from btcore_studio.language.key_links import KeyLinks, TreeKey, links_of

@@ -9,7 +9,7 @@ from typing import Any
 from btcore.blackboard.ports import Direction, Port, PortRole
 from btcore.engine.node_spec import NodeSpec
 from btcore.registry.manifest import Manifest
-from btcore.registry.mock_nodes import create_mock_class, is_mock
+from btcore.registry.nodes_without_code import create_mock_class, is_mock
 from btcore.registry.registration_checks import default_value_error
 from btcore.registry.registry import Registry
 from btcore.status import NodeType
@@ -118,12 +118,11 @@ def add_mock_nodes(nodes: Registry, models: Iterable[NodeModel], enums: Mapping[
 
 def _model_of(manifest: Manifest, format: int) -> NodeModel:
     file, line = _source_of(manifest)
-    has_no_text = is_mock(manifest.cls) and "A mock node" in manifest.description
     return NodeModel(
         manifest.id,
         manifest.type.name,
         tuple(_port_model(manifest, port) for port in manifest.ports.values()),
-        "" if has_no_text else manifest.description,
+        manifest.description,
         manifest.library,
         file,
         line,

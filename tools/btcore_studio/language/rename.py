@@ -7,7 +7,7 @@ from lsprotocol.types import LSPErrorCodes, PrepareRenamePlaceholder, WorkspaceE
 from pygls.exceptions import JsonRpcException
 
 from btcore.names import RESERVED_IDS, forbidden_in, port_name_error
-from btcore.registry.mock_nodes import is_mock
+from btcore.registry.nodes_without_code import is_mock
 from btcore.script import lexer
 from btcore.xml.edit.editor import Edit
 from btcore.xml.models.tree_nodes_model import quoted

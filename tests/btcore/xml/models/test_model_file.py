@@ -9,7 +9,7 @@ from btcore import Direction, NodeType, Registry, SimClock, Status, TreeError
 from btcore.entry_points import EntryPoint
 from btcore.errors import RegistrationError
 from btcore.lint.validate import validate_document
-from btcore.registry.mock_nodes import Outcomes
+from btcore.registry.mock_leaves import Outcomes
 from btcore.xml.models.model_file import add_explicit_nodes, add_models
 from btcore.xml.models.tree_nodes_model import write_models
 from btcore.xml.read.read import parse_file, parse_text

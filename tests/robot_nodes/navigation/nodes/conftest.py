@@ -7,6 +7,7 @@ import pytest
 
 import btcore
 from btcore import Registry, Status, Tree
+from btcore.registry.outcomes import LETTERS
 from btcore_navigation import nodes as nav2_nodes
 from btcore_navigation.costmap import GlobalCostmap
 from btcore_navigation.planner import Planner, PlannerServer
@@ -105,10 +106,11 @@ class NodeRig:
         return status
 
     def letters(self, tree: Tree, count: int, every: float = 0.0) -> str:
-        """Return the first letters of *count* results, below a parent that does not reset ended children."""
+        """Return *count* results as the letters of outcomes, below a parent that does not reset children."""
+        letter_of = {status: letter for letter, status in LETTERS.items()}
         letters = ""
         for _ in range(count):
-            letters += tree.root.execute_tick().name[0]
+            letters += letter_of[tree.root.execute_tick()]
             if every:
                 self.wait(every)
         return letters

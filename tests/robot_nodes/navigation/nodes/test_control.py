@@ -53,7 +53,7 @@ def test_pipeline_starts_at_the_first_child_after_a_halt(rig: NodeRig) -> None:
 
 
 def test_pipeline_is_skipped_only_with_all_children(rig: NodeRig) -> None:
-    assert rig.letters(rig.tree("<PipelineSequence>" + act("a", "K") * 2 + "</PipelineSequence>"), 1) == "S"
+    assert rig.letters(rig.tree("<PipelineSequence>" + act("a", "K") * 2 + "</PipelineSequence>"), 1) == "K"
     tree = rig.tree(f"<PipelineSequence>{act('a', 'K')}{act('b', 'S')}</PipelineSequence>")
     assert tree.tick_exactly_once() is Status.SUCCESS
 

@@ -67,7 +67,7 @@ def test_tags_of_nodes_come_with_their_mandatory_ports(items: Completer) -> None
     assert inserted(found["RunOnce"]) == "RunOnce>\n\t$0\n</RunOnce>"
     assert inserted(found["Precondition"]) == 'Precondition if="$1">\n\t$0\n</Precondition>'
     assert inserted(found["/Sequence>"]) == "/Sequence>"
-    assert "Navigate to *goal*" in found["Move"].documentation.value  # type: ignore[union-attr]
+    assert "Navigates to *goal*" in found["Move"].documentation.value  # type: ignore[union-attr]
     assert found["Move"].insert_text_format is types.InsertTextFormat.Snippet
 
 

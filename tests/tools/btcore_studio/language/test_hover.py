@@ -55,7 +55,7 @@ def test_a_tag_shows_the_specification_of_the_node(description: Describer) -> No
     assert "`failure_count` | → `int`, default `1` | failures that make the node fail" in shown
     assert "nodes/Parallel.html" in shown
     assert "**Parallel**" in description(HEAD + "<Parallel></Par¦allel>")
-    assert "Navigate to *goal*" in description(HEAD + '<Action ID="Mo¦ve"/>')
+    assert "Navigates to *goal*" in description(HEAD + '<Action ID="Mo¦ve"/>')
     assert description(HEAD + "<Unknown¦/>") == ""
 
 

@@ -1,100 +1,22 @@
-"""Mock leaves: leaves that return what a test or a user planned, in the order of their outcomes.
+"""Mock leaves, which do what their outcomes plan, and `Outcomes`, which plans and drives those of a tree."""
 
-Leaves without code, leaves that a test replaces, and leaves of random trees are mock leaves. The grammar of
-outcomes is described in `parse_outcomes`. Mock nodes are nodes without code of any type: mock leaves, and
-controls and decorators that have the ports of a model.
-"""
-
-import re
-from collections.abc import Iterable, Mapping, Sequence
-from functools import lru_cache
+from collections.abc import Iterable, Mapping
 from random import Random
-from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, Final
 
 from btcore.blackboard.ports import Output, Port
-from btcore.engine.control import DecoratorNode
 from btcore.engine.leaf import StatefulAction
-from btcore.engine.node import TreeNode
 from btcore.engine.node_spec import NodeSpec
-from btcore.nodes.sequences_and_fallbacks import Sequence as SequenceNode
-from btcore.status import FAILURE, RUNNING, SKIPPED, SUCCESS, NodeType, Status
+from btcore.registry.outcomes import LETTERS, Start, parse_outcomes
+from btcore.status import SUCCESS, NodeType, Status
 from btcore.suggestions import did_you_mean, join_names
 
 if TYPE_CHECKING:
     from btcore.tree.tree import Tree
 
-LETTERS: Final = {"R": RUNNING, "S": SUCCESS, "F": FAILURE, "K": SKIPPED}
-"""The statuses of the letters of outcomes, except X, which raises an exception."""
-
-_OUTCOME: Final = re.compile(r"([RSFKX])(?:\(((?:'(?:[^']|'')*'|[^'()])*)\))?(\|?)")
-_OUTPUT: Final = re.compile(r"\s*([^=,'\s]+)\s*=\s*(?:'((?:[^']|'')*)'|([^,']*?))\s*(?:,|$)")
-
 
 class MockLeafError(Exception):
     """Raised by a mock leaf whose outcome is X."""
-
-
-class Outcome(NamedTuple):
-    """What a mock leaf does in a tick.
-
-    Attributes:
-        letter: R (RUNNING), S (SUCCESS), F (FAILURE), K (SKIPPED) or X (raises `MockLeafError`).
-        outputs: The names and the values of the output ports that the leaf writes; the values as texts.
-    """
-
-    letter: str
-    outputs: tuple[tuple[str, str], ...] = ()
-
-    def __str__(self) -> str:
-        texts = [f"{port}={_quote(value)}" for port, value in self.outputs]
-        return f"{self.letter}({', '.join(texts)})" if texts else self.letter
-
-
-Start = tuple[Outcome, ...]
-"""The outcomes of a leaf from its start until it completes or is halted, one for each tick."""
-
-
-@lru_cache(maxsize=10_000)
-def parse_outcomes(text: str) -> tuple[Start, ...]:
-    """Return the outcomes of a text such as `RRS|F`: for each start of a leaf, an outcome for each tick.
-
-    The letters are R (RUNNING), S (SUCCESS), F (FAILURE), K (SKIPPED) and X (raises `MockLeafError`). A start
-    ends at the first letter other than R, or at a `|`, which may be omitted after such a letter. Output ports
-    that the leaf writes follow in parentheses: `S(cups=3, text='a, b')`. A quote in quotes is doubled.
-    """
-    starts: list[Start] = []
-    start: list[Outcome] = []
-    end = 0
-    while match := _OUTCOME.match(text, end):
-        letter, outputs, bar = match.groups()
-        end = match.end()
-        start.append(Outcome(letter, _parse_outputs(outputs, text)))
-        if letter != "R" or bar or end == len(text):
-            starts.append(tuple(start))
-            start.clear()
-    if not starts or end < len(text) or text.endswith("|"):
-        raise ValueError(
-            f"invalid outcomes '{text}': write for example RRS|F; the letters are R (RUNNING), S (SUCCESS), "
-            "F (FAILURE), K (SKIPPED) and X (an exception); | separates the starts of the leaf; "
-            "S(port=value) writes an output port"
-        )
-    return tuple(starts)
-
-
-def _parse_outputs(text: str | None, outcomes: str) -> tuple[tuple[str, str], ...]:
-    outputs: dict[str, str] = {}
-    end = 0
-    while match := _OUTPUT.match(text or "", end):
-        port, quoted, plain = match.groups()
-        outputs[port] = plain if quoted is None else quoted.replace("''", "'")
-        end = match.end()
-    if text is not None and (end < len(text) or not outputs):
-        raise ValueError(f"invalid outcomes '{outcomes}': write outputs as S(port=value, other='a, b')")
-    return tuple(outputs.items())
-
-
-def _quote(value: str) -> str:
-    return value if re.fullmatch(r"[^',()\s]+", value) else "'" + value.replace("'", "''") + "'"
 
 
 GivenOutputs = Mapping[str, Mapping[str, object]]
@@ -323,64 +245,3 @@ class MockCondition(MockAction):
     def tick(self) -> Status:
         """Return the result of the next outcome. Each tick is a start."""
         return self.on_start()
-
-
-# --- nodes without code
-
-
-class MockControl(SequenceNode):
-    """Ticks its children as a Sequence does."""
-
-    spec = NodeSpec(symbol="")
-
-
-class MockDecorator(DecoratorNode):
-    """Returns the result of its child."""
-
-    def tick(self) -> Status:
-        """Tick the child, and return its result."""
-        self.set_status(RUNNING)
-        status = self.child.execute_tick()
-        if status is SUCCESS or status is FAILURE:
-            self.reset_child()
-        return status
-
-
-_MOCK_CLASSES: Final[dict[NodeType, type[TreeNode]]] = {
-    NodeType.ACTION: MockAction,
-    NodeType.CONDITION: MockCondition,
-    NodeType.CONTROL: MockControl,
-    NodeType.DECORATOR: MockDecorator,
-}
-
-
-def is_mock(cls: type[TreeNode]) -> bool:
-    """Return whether *cls* is a mock node: its results and optional ports are unknown."""
-    return issubclass(cls, tuple(_MOCK_CLASSES.values()))
-
-
-def create_mock_class(
-    id: str,
-    node_type: NodeType,
-    ports: Sequence[Port],
-    description: str,
-    origin: str,
-    metadata: Mapping[str, str] | None = None,
-) -> type[TreeNode]:
-    """Return a new class of mock nodes, which have the ports of a model.
-
-    Args:
-        description: The docstring of the class, or "".
-        origin: The module name of the class, which names the source of the model.
-    """
-    listed, fields = list(ports), dict(metadata or {})
-    return type(
-        id,
-        (_MOCK_CLASSES[node_type],),
-        {
-            "provided_ports": staticmethod(lambda: listed),
-            "metadata": staticmethod(lambda: fields),
-            "__doc__": description or f"A mock node: the code of <{id}> is elsewhere.",
-            "__module__": origin,
-        },
-    )
