@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING
 from mypy_extensions import mypyc_attr
 
 from btcore.clock import NS_PER_S, Clock, SystemClock, TickSchedule
-from btcore.engine.node_config import NodeConfig
 from btcore.engine.observers import Observers
 
 if TYPE_CHECKING:
@@ -46,7 +45,7 @@ class TickLimit:
     """Ends a tick that repeats nodes: after a time, or by an interruption. Those nodes check it.
 
     Attributes:
-        is_set: Whether there is a limit, so that nodes check it after each repetition.
+        is_set: Whether there is a limit or an interruption, so that nodes check after each repetition.
         has_timed_out: Whether the time of `start` has ended the tick.
         is_interrupted: Whether ticks end as soon as possible, until `resume`.
     """
@@ -84,15 +83,15 @@ class TickLimit:
         if self.is_interrupted:
             self.is_interrupted = self.is_set = False
 
-    def is_reached(self) -> bool:
-        """Return whether the tick must end now."""
+    def check(self) -> bool:
+        """Return whether the tick must end now; set `has_timed_out`, and let Python handle signals."""
         if self.is_interrupted:
             return True
         if self._end and time.monotonic_ns() >= self._end:
             self.has_timed_out = True
             return True
-        # Python handles signals (Ctrl-C) only in interpreted functions, such as this method of Event. A tick
-        # of compiled nodes might call none.
+        # Python handles signals only in interpreted functions, such as this method of Event. A tick of
+        # compiled nodes might call none.
         self._event.is_set()
         return self.is_interrupted
 
@@ -107,8 +106,7 @@ class TreeContext:
         deadlines: For each node that requested a tick, by uid: the time (ns) at which the tick is due.
         on_wake_up: Called by each wake-up, on any thread; set by an event loop that runs the tree.
         lock: Held while the callbacks and counters of a node change, which any thread may do.
-        woken_by: The last node that requested another tick at once.
-        cause: The UID of the node that requested the next tick, −1 for `Tree.wake`, 0 for no request.
+        woken_by: The UID of the node that last requested a tick, −1 for `Tree.wake`, 0 for no request.
         limit: The limit of ticks that repeat nodes.
         stopped_ns: How long breakpoints have stopped the present tick (ns of real time).
         uses_time: Whether a node has read the clock, so that the tree reads it at the start of each tick.
@@ -125,8 +123,7 @@ class TreeContext:
         self.observers: Observers | None = None
         self.deadlines: dict[int, int] = {}
         self.on_wake_up: Callable[[], object] | None = None
-        self.woken_by: NodeConfig | None = None
-        self.cause = 0
+        self.woken_by = 0
         self.limit = TickLimit()
         self.stopped_ns = 0
         self.uses_time = False  # most trees without timers never read the clock, which takes time
@@ -144,15 +141,22 @@ class TreeContext:
         """Whether a wake-up is pending."""
         return self._is_woken
 
-    def wake_up(self, cause: int = -1) -> None:
+    def wake_up(self, woken_by: int = -1) -> None:
         """Request a tick as soon as possible. Thread-safe."""
-        self.cause = cause
+        self.woken_by = woken_by
         self._is_woken = True
         self.wake_event.set()
         # Read once: the event loop's thread may set it to None at any time.
         on_wake_up = self.on_wake_up
         if on_wake_up is not None:
             on_wake_up()
+
+    def take_woken_by(self) -> int:
+        """Return `woken_by` of the tick that begins, and forget it unless another request is pending."""
+        woken_by = self.woken_by
+        if not self._is_woken:
+            self.woken_by = 0
+        return woken_by
 
     def first_deadline(self, deadline: int) -> int:
         """Return the earlier of *deadline* (ns) and the first deadline of a node."""
@@ -212,10 +216,10 @@ class TreeContext:
         """
         if self.recorded_pause is not None:
             return self.recorded_pause(uid, count)
-        is_reached = self.limit.is_reached()
-        if is_reached and self.journal is not None:
+        must_end = self.limit.check()
+        if must_end and self.journal is not None:
             self.journal.add_pause(uid, count)
-        return is_reached
+        return must_end
 
     def _clear_wake_up(self) -> bool:
         # A wake-up that another thread sends between these lines may count twice, but is never lost.
@@ -229,6 +233,6 @@ class TreeContext:
         for uid in due:
             del self.deadlines[uid]
         if due:
-            self.cause = due[0]
+            self.woken_by = due[0]
             self._is_woken = True
             self.wake_event.set()

@@ -21,11 +21,11 @@ T = TypeVar("T")
 
 
 class TickBegan(NamedTuple):
-    """The root is ticked: the number of the tick, its time (ns), and what woke it, `TreeContext.cause`."""
+    """The root is ticked: the number of the tick, its time (ns), and what woke it, `TreeContext.woken_by`."""
 
     tick: int
     time: int
-    cause: int
+    woken_by: int
 
 
 class HaltBegan(NamedTuple):
@@ -187,6 +187,9 @@ class Journal(WriteRecorder):
         self._deliver = deliver
         self._records: list[object] = []
         self._lock = threading.Lock()
+        # Bound methods, which a compiled method calls faster than it finds them by name.
+        self._acquire: Callable[[], object] = self._lock.acquire
+        self._release: Callable[[], object] = self._lock.release
         self._inside = NO_THREAD  # the thread that is inside
         self._tick_thread = 0
         # The transitions when the thread went outside: further ones were made by external code.
@@ -207,9 +210,9 @@ class Journal(WriteRecorder):
 
     # --- steps: ticks of the root, and halts of the whole tree
 
-    def begin_tick(self, tick: int, time: int, cause: int) -> None:
+    def begin_tick(self, tick: int, time: int, woken_by: int) -> None:
         """Go inside for a tick of the root; see `TickBegan`."""
-        self._begin(TickBegan(tick, time, cause), time)
+        self._begin(TickBegan(tick, time, woken_by), time)
 
     def begin_halt(self) -> None:
         """Go inside for a halt of the whole tree, unless it is a part of a tick."""
@@ -243,7 +246,7 @@ class Journal(WriteRecorder):
 
     def enter(self) -> None:
         """Go inside: until `leave`, no other thread can write to the blackboard."""
-        self._lock.acquire()
+        self._acquire()
         self._inside = self._tick_thread
         transitions = self._observers.records
         if len(transitions) != self._transition_count or transitions is not self._transitions:
@@ -265,7 +268,7 @@ class Journal(WriteRecorder):
         self._transitions = transitions
         self._transition_count = len(transitions)
         self._inside = NO_THREAD
-        self._lock.release()
+        self._release()
 
     def _add_status_changes(self, transitions: list[object]) -> None:
         start = self._transition_count if transitions is self._transitions else 0
@@ -279,8 +282,9 @@ class Journal(WriteRecorder):
         self._records.append(None)
         self._records.append(event)
 
-    def add_result(self, config: NodeConfig, status: Status) -> None:
-        """Record that the tick of the external node with *config* returned *status*."""
+    def enter_with_result(self, config: NodeConfig, status: Status) -> None:
+        """Go inside, because the tick of the external node with *config* returned *status*; record it."""
+        self.enter()
         self._records.append(config)
         self._records.append(status)
 

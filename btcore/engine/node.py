@@ -305,7 +305,6 @@ class TreeNode:
 
     def wake_up(self) -> None:
         """Request another tick of the tree as soon as possible. Thread-safe."""
-        self._context.woken_by = self.config
         self._context.wake_up(self.config.uid)
 
     def wake_at(self, deadline: int) -> None:
@@ -614,8 +613,7 @@ def _tick_external(node: TreeNode, journal: "Journal") -> Status:
         journal.enter()
         journal.add_error(node.config.uid, error)
         raise
-    journal.enter()
-    journal.add_result(node.config, status)
+    journal.enter_with_result(node.config, status)
     return status
 
 

@@ -136,24 +136,40 @@ _ANNOTATE: Final = "annotate a port with In[…] or Put[…], or a resource with
 
 
 class Parameter:
-    """One parameter of a leaf: a *port*, or a resource of type *resource_type*.
+    """One parameter of a leaf, or one attribute that is a resource.
 
-    A *default* of UNSET means that the parameter has no default.
+    A parameter is a *port*, or a resource of type *resource_type*. A *default* of UNSET means that it has no
+    default.
     """
 
     def __init__(
-        self, name: str, keyword: bool, port: Port | None, resource_type: Any, default: object
+        self,
+        name: str,
+        keyword: bool,
+        port: Port | None,
+        resource_type: Any,
+        default: object,
+        is_attribute: bool = False,
     ) -> None:
         self.name = name
         self.keyword = keyword
         self.port = port
         self.resource_type = resource_type
         self.default = default
+        self.is_attribute = is_attribute
 
     @property
     def type_name(self) -> str:
         """The name of the resource's type, for messages."""
         return getattr(self.resource_type, "__name__", str(self.resource_type))
+
+    @property
+    def own_state_hint(self) -> str:
+        """What messages add for an attribute, which may be the leaf's own state instead of a resource."""
+        if not self.is_attribute:
+            return ""
+        value = f"{self.name}: {self.type_name} | None = None"
+        return f"; if it is the leaf's own state, give it a value in the class, such as {value}"
 
     @property
     def looks_like_port(self) -> bool:

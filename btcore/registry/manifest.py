@@ -249,13 +249,13 @@ def create_manifest(
         check_ports(id, ports, format)
         check_class(id, implementation)
         check_methods(id, implementation)
-        attributes = class_resources(implementation, names)
-        # After all checks, because it changes the class.
-        bind_class(implementation, ports)
-        bind_resources(implementation, attributes)
         parameters = []
         if _has_own_init(implementation):
             parameters = function_parameters(_initialiser(implementation), types, names, skip_first=True)
+        attributes = class_resources(implementation, names, {parameter.name for parameter in parameters})
+        # After all checks, because it changes the class.
+        bind_class(implementation, ports)
+        bind_resources(implementation, attributes)
         return Manifest(id, implementation, ports, parameters, library, resource_attributes=attributes)
     if inspect.isasyncgenfunction(implementation):
         raise RegistrationError(

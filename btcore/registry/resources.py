@@ -1,13 +1,11 @@
 """The resources of a tree: the objects that its leaves get by the types of their parameters and attributes.
 
-A node class declares a resource as an annotated attribute, such as `lamp: Lamp`.
+A node class declares a resource as an annotated attribute without a value, such as `lamp: Lamp`.
 """
 
-import dis
 import inspect
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from functools import cached_property, lru_cache
-from types import CodeType
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from functools import cached_property
 from typing import Any, Final, TypeGuard
 
 from btcore.blackboard.ports import UNSET
@@ -18,6 +16,8 @@ from btcore.names import PLUGIN_FILE_PREFIX
 from btcore.suggestions import with_article
 
 _ENGINE: Final = "btcore"
+_NEVER_RESOURCES: Final = frozenset({"builtins", "collections", "collections.abc", "typing"})
+"""The modules whose classes are types of values."""
 
 TypeRef = type | str
 """A class or protocol whose objects are provided or needed, or its full name, if it is not imported."""
@@ -70,7 +70,11 @@ class Resources(list[object]):
         """
         resource_type = parameter.resource_type
         if resource_type not in self._by_type:
-            resource = self.first_of(resource_type, f"the parameter '{parameter.name}' of <{id}>")
+            use = f"the {'attribute' if parameter.is_attribute else 'parameter'} '{parameter.name}' of <{id}>"
+            try:
+                resource = self.first_of(resource_type, use)
+            except NodeError as error:
+                raise NodeError(f"{error}{parameter.own_state_hint}") from None
             if resource is UNSET and is_tree_resource(resource_type):
                 resource = resource_type()
                 self.append(resource)
@@ -174,36 +178,32 @@ class ResourceAttribute:
         name, type_name = self.parameter.name, self.parameter.type_name
         raise MissingResourceError(
             f"<{node.config.id}> needs {with_article(type_name)} for its attribute '{name}': pass it in "
-            f"resources=[…], or assign it; if it is a port, mark it: {name}: In[{type_name}]"
+            f"resources=[…]; if it is a port, mark it: {name}: In[{type_name}]{self.parameter.own_state_hint}"
         )
 
 
-def class_resources(cls: type, names: Mapping[str, Any]) -> list[Parameter]:
+def class_resources(cls: type, names: Mapping[str, Any], given: Collection[str]) -> list[Parameter]:
     """Return the attributes of a node class that are filled with resources, by their types.
 
-    These are the public attributes that are annotated with a class, except for built-in classes such as
-    float, and that have no value: neither in the class nor by an assignment in one of its methods.
-
-    Assignments are found in the bytecode, because a class may have no source. They count whatever their
-    object is, as in `other.lamp = …`, and so does every text in a function that uses `setattr`: an attribute
-    `lamp` is then no resource, even if `self.lamp` is never assigned.
+    These are the public attributes that are annotated with a class and have no value in the class. Built-in
+    classes, and those of `typing` and `collections`, are types of values.
 
     Args:
+        cls: The class.
         names: Local names, for resolving annotations that are strings.
+        given: The names of the parameters of `__init__`, which are passed to it instead.
     """
     parents = [parent for parent in cls.__mro__ if parent.__module__.partition(".")[0] != _ENGINE]
     declared = {name for parent in parents for name in inspect.get_annotations(parent)}
-    candidates = {
-        name: resource_type
+    # A dataclass removes the values of its fields from the class.
+    declared.difference_update(given, getattr(cls, "__dataclass_fields__", ()))
+    return [
+        Parameter(name, True, None, resource_type, UNSET, is_attribute=True)
         for name, resource_type in class_annotations(cls, names).items()
-        if name in declared and isinstance(resource_type, type) and resource_type.__module__ != "builtins"
+        if name in declared and isinstance(resource_type, type)
+        if resource_type.__module__ not in _NEVER_RESOURCES
         if not name.startswith("_") and not _has_value(cls, name)
-    }
-    if candidates:
-        for code in _method_codes(parents):
-            for name in _assigned_names(code):
-                candidates.pop(name, None)
-    return [Parameter(name, True, None, resource_type, UNSET) for name, resource_type in candidates.items()]
+    ]
 
 
 def _has_value(cls: type, name: str) -> bool:
@@ -217,28 +217,3 @@ def bind_resources(cls: type, attributes: Iterable[Parameter]) -> None:
     """Make *attributes*, the result of `class_resources`, attributes of *cls* that report a missing value."""
     for parameter in attributes:
         setattr(cls, parameter.name, ResourceAttribute(parameter))
-
-
-def _method_codes(classes: list[type]) -> Iterator[CodeType]:
-    for cls in classes:
-        for member in vars(cls).values():
-            for function in (member, *(getattr(member, part, None) for part in ("fget", "fset", "__func__"))):
-                code = getattr(inspect.unwrap(function) if callable(function) else None, "__code__", None)
-                if isinstance(code, CodeType):
-                    yield code
-
-
-@lru_cache(maxsize=2048)  # a process with several registries adds the same classes to each
-def _assigned_names(code: CodeType) -> frozenset[str]:
-    """Return the names of attributes that *code* assigns, also in functions that it defines."""
-    names = {
-        str(instruction.argval)
-        for instruction in dis.get_instructions(code)
-        if instruction.opname == "STORE_ATTR"
-    }
-    for constant in code.co_consts:
-        if isinstance(constant, CodeType):
-            names |= _assigned_names(constant)
-        elif isinstance(constant, str) and "setattr" in code.co_names:
-            names.add(constant)
-    return frozenset(names)

@@ -264,8 +264,8 @@ class Tree:
                 forever = input.port.role is PortRole.REPETITIONS and input_or(node, name, 0) == -1
                 if forever and node._status is RUNNING:
                     return node
-        woken_by = self.context.woken_by
-        return self.root if woken_by is None else self.nodes[woken_by.uid - 1]
+        uid = self.context.woken_by
+        return self.nodes[uid - 1] if uid > 0 else self.root
 
     def _begin_loop(self) -> None:
         if self._in_loop:
@@ -498,8 +498,7 @@ def _tick(tree: Tree, repeat: bool) -> Status:
                 context.stopped_ns = 0
                 observers.begin_tick(tree.ticks)
                 if context.journal is not None:  # a journal needs observers
-                    context.journal.begin_tick(tree.ticks, context.tick_start, context.cause)
-                    context.cause = context.cause if context.is_woken else 0
+                    context.journal.begin_tick(tree.ticks, context.tick_start, context.take_woken_by())
             status = execute_tick(root)
             if status is SUCCESS or status is FAILURE:
                 reset_status(root)
@@ -509,7 +508,7 @@ def _tick(tree: Tree, repeat: bool) -> Status:
                 observers.end_tick(status, context.stopped_ns)
             if status is not RUNNING or not repeat or not context.consume_wake_up():
                 break
-            if context.limit.is_reached():
+            if context.limit.check():
                 break
         if limit is not None and context.limit.has_timed_out:
             raise tree._timeout_error()

@@ -19,11 +19,10 @@ from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.suggestions import join_names
 from btcore.xml.plan.key_uses import WRITING, find_name_uses, iter_subexpressions, parse_statements
 from btcore_recorder.inputs import Raised, Result, is_external
-from btcore_recorder.moments import value_text
 from btcore_recorder.replay import Replay
 from btcore_recorder.tick_trace import EntryName, Halt, Read, TickTrace, Visit, Write, scripts_of
-from btcore_recorder.values import NotReplayable
-from btcore_recorder.what_if import Change, HoldEntry, SetResult, keys_of
+from btcore_recorder.values import NotReplayable, value_text
+from btcore_recorder.what_if import Change, HoldEntry, SetResult, unique_paths
 
 MAX_CAUSES: Final = 300
 """Maximum number of causes that are considered for an answer."""
@@ -37,6 +36,7 @@ class Cause:
     """A part of an explanation; *causes* are its own causes, the most important first.
 
     Attributes:
+        step: The index of the step.
         because: What the node did, or why, for a sentence that begins with the node.
         details: With what values a leaf did it, and what it logged.
         changes: Other values of the input that the cause is; empty if it is none.
@@ -44,7 +44,7 @@ class Cause:
         is_context: Whether it only explains how the tick came to what follows it.
     """
 
-    position: int
+    step: int
     uid: int
     because: str
     details: str = ""
@@ -56,7 +56,7 @@ class Cause:
 
     def is_like(self, other: "Cause") -> bool:
         """Return whether *other* says the same."""
-        return (self.position, self.uid, self.because) == (other.position, other.uid, other.because)
+        return (self.step, self.uid, self.because) == (other.step, other.uid, other.because)
 
     def walk(self) -> "Iterator[Cause]":
         """Yield the cause and its own causes, each before the next."""
@@ -72,7 +72,7 @@ class CauseFinder:
         self._replay = replay
         self._nodes = replay.tree.nodes
         self._steps = replay.steps
-        self.keys = keys_of(replay.tree)
+        self.paths = unique_paths(replay.tree)
         self._parents = {child.config.uid: node for node in self._nodes for child in node.children}
         self._traces: dict[int, TickTrace] = {}
         self._count = 0
@@ -90,63 +90,60 @@ class CauseFinder:
         if not self._replay.seek(position):
             raise BtcoreError(f"the replay differs from the recording: {self._replay.difference}")
 
-    def trace(self, position: int) -> TickTrace:
-        """Return what happens in the step with the index *position*."""
-        if position not in self._traces:
-            self.seek(position)
+    def trace(self, index: int) -> TickTrace:
+        """Return what happens in the step with this index."""
+        if index not in self._traces:
+            self.seek(index)
             trace = TickTrace(self._replay.tree)
             is_same = self._replay.step()
             trace.close()
             if not is_same:
                 raise BtcoreError(f"the replay differs from the recording: {self._replay.difference}")
-            self._traces[position] = trace
-        return self._traces[position]
+            self._traces[index] = trace
+        return self._traces[index]
 
-    def tick(self, position: int) -> int:
+    def tick(self, index: int) -> int:
         """Return the number of a tick; for a halt that of the tick before it."""
-        return next((step.tick for step in self._steps[position::-1] if step.tick), 0)
+        tick = self._replay.recording.tick_at(index)
+        return 0 if tick is None else tick.tick
 
-    def time(self, position: int) -> float:
+    def time(self, index: int) -> float:
         """Return the time of a tick (s since the recording began); for a halt that of the tick before it."""
-        head = self._replay.recording.head
-        time = next((step.time for step in self._steps[position::-1] if step.tick), head.time)
-        return (time - head.time) / NS_PER_S
+        return self._replay.recording.time_at(index) / NS_PER_S
 
     def path(self, uid: int) -> str:
         """Return the path of a node; "" for 0."""
-        return self.keys[uid - 1] if uid else ""
+        return self.paths[uid - 1] if uid else ""
 
     def _names(self, visits: Iterable[Visit]) -> str:
-        names = dict.fromkeys(f"'{self.keys[visit.uid - 1]}'" for visit in visits)
+        names = dict.fromkeys(f"'{self.paths[visit.uid - 1]}'" for visit in visits)
         return join_names(list(names), most=4)
 
     # --- explanations
 
-    def _new(self, position: int, uid: int, because: str, changes: Sequence[Change] = ()) -> Cause:
+    def _new(self, index: int, uid: int, because: str, changes: Sequence[Change] = ()) -> Cause:
         self._count += 1
-        return Cause(position, uid, because, changes=changes)
+        return Cause(index, uid, because, changes=changes)
 
     @property
     def _is_full(self) -> bool:
         return self._count >= MAX_CAUSES
 
-    def explain_result(self, position: int, visit: Visit) -> Cause:
+    def explain_result(self, index: int, visit: Visit) -> Cause:
         """Explain the result of a tick of a node."""
         node = self._nodes[visit.uid - 1]
         if visit.decided_by == "condition" and node.config.conditions:
-            return self._explain_condition(position, visit)
+            return self._explain_condition(index, visit)
         children = visit.children
         if visit.decided_by == "callback":
-            cause = self._new(
-                position, visit.uid, f"a callback of the program forced {name_of(visit.result)}"
-            )
+            cause = self._new(index, visit.uid, f"a callback of the program forced {name_of(visit.result)}")
         elif is_external(type(node)):
-            cause = self._explain_external(position, visit)
+            cause = self._explain_external(index, visit)
         elif visit.result is None and not children:
-            cause = self._new(position, visit.uid, self._describe_error(position))
+            cause = self._new(index, visit.uid, self._describe_error(index))
         else:
             own = [read for read in visit.reads if read.by not in node.config.conditions]
-            cause = self._new(position, visit.uid, self._describe(node, visit, own))
+            cause = self._new(index, visit.uid, self._describe(node, visit, own))
             cause.is_passed_on = bool(children) and not own
             self._add_children(cause, children, visit.result)
             self._add_earlier_child(cause, visit)
@@ -166,7 +163,7 @@ class CauseFinder:
         for child in ordered:
             if not self._is_full and (child.uid, child.result) not in seen:
                 seen.add((child.uid, child.result))
-                cause.causes.append(self.explain_result(cause.position, child))
+                cause.causes.append(self.explain_result(cause.step, child))
                 cause.causes[-1].is_context = is_context or child.result is not ordered[0].result
 
     def _add_earlier_child(self, cause: Cause, visit: Visit) -> None:
@@ -175,7 +172,7 @@ class CauseFinder:
         if visit.before is not RUNNING or not visit.children or self._is_full:
             return
         first = next(i for i, each in enumerate(siblings) if each.config.uid == visit.children[0].uid)
-        at = self._replay.find_end(siblings[first - 1].config.uid, cause.position) if first else None
+        at = self._replay.find_end(siblings[first - 1].config.uid, cause.step) if first else None
         if at is None:
             return
         end = self.trace(at).visits_of(siblings[first - 1].config.uid)[-1]
@@ -185,20 +182,20 @@ class CauseFinder:
     def _add_halted_children(self, cause: Cause, visit: Visit) -> None:
         """Add the last results of children that the node halted and did not tick, as a Timeout does."""
         ticked = {child.uid for child in visit.children}
-        for halt in self.trace(cause.position).halts:
+        for halt in self.trace(cause.step).halts:
             parent = self._parents.get(halt.uid)
             if halt.by is not visit or halt.uid in ticked or parent is None or parent.config.uid != visit.uid:
                 continue
             cause.details += f"; it halted '{self.path(halt.uid)}', which was RUNNING"
-            for at in range(cause.position - 1, max(-1, cause.position - _MAX_STEPS_BACK), -1):
+            for at in range(cause.step - 1, max(-1, cause.step - _MAX_STEPS_BACK), -1):
                 visits = self.trace(at).visits_of(halt.uid)
                 if visits:
                     cause.causes.append(self.explain_result(at, visits[-1]))
                     break
 
-    def _describe_error(self, position: int) -> str:
+    def _describe_error(self, index: int) -> str:
         """Return the exception that ended a tick, for a sentence."""
-        error = self.trace(position).error
+        error = self.trace(index).error
         if error is None:
             return "raised an exception"
         return f"raised {type(error.cause).__name__}: {_one_line(str(error.cause))}"
@@ -224,10 +221,10 @@ class CauseFinder:
             who = f"its children {self._names(same)}"
         return f"{who} {verb}{f', with {values}' if values else ''}"
 
-    def _explain_condition(self, position: int, visit: Visit) -> Cause:
+    def _explain_condition(self, index: int, visit: Visit) -> Cause:
         """Explain a result that a pre-condition determined."""
         if visit.result is None:
-            return self._new(position, visit.uid, f"in its conditions, {self._describe_error(position)}")
+            return self._new(index, visit.uid, f"in its conditions, {self._describe_error(index)}")
         conditions = self._nodes[visit.uid - 1].config.conditions
         names: tuple[str, ...] = {FAILURE: ("_failureIf",), SUCCESS: ("_successIf",)}.get(
             visit.result, ("_while",) if visit.before is RUNNING else ("_skipIf", "_while")
@@ -238,13 +235,13 @@ class CauseFinder:
         truth = "is false" if given == ["_while"] else "is true" if len(given) == 1 else "decide"
         values = _describe_reads(reads)
         because = f"its condition {texts} {truth}{f': {values}' if values else ''}"
-        cause = self._new(position, visit.uid, because)
+        cause = self._new(index, visit.uid, because)
         self._add_reads(cause, reads, is_input=True)
         return cause
 
-    def _explain_external(self, position: int, visit: Visit) -> Cause:
+    def _explain_external(self, index: int, visit: Visit) -> Cause:
         """Explain the result of an external node: an input."""
-        step = self._steps[position]
+        step = self._steps[index]
         node = self._nodes[visit.uid - 1]
         key = self.path(visit.uid)
         error = next(
@@ -257,16 +254,16 @@ class CauseFinder:
         values = ", ".join(filter(None, (_describe_literals(node), _describe_reads(visit.reads))))
         others = {SUCCESS: (FAILURE,), RUNNING: (SUCCESS, FAILURE)}.get(visit.result or IDLE, (SUCCESS,))
         changes = [SetResult(step.tick, key, status) for status in others] if step.tick else []
-        cause = self._new(position, visit.uid, because, changes)
-        cause.details = f"{f', with {values}' if values else ''}{self._messages(position, visit.uid)}"
+        cause = self._new(index, visit.uid, because, changes)
+        cause.details = f"{f', with {values}' if values else ''}{self._messages(index, visit.uid)}"
         self._add_reads(cause, visit.reads, is_input=False)
         return cause
 
-    def _messages(self, position: int, uid: int) -> str:
+    def _messages(self, index: int, uid: int) -> str:
         """Return what the last tick of an external node in a step logged, for a sentence."""
         found: list[str] = []
         since: list[str] = []
-        for event in self._steps[position].inputs:
+        for event in self._steps[index].inputs:
             if isinstance(event, MessageLogged):
                 since.append(event.text)
             elif isinstance(event, (Result, Raised)):
@@ -274,26 +271,26 @@ class CauseFinder:
                 since = []
         return "".join(f'; it logged "{_one_line(text)}"' for text in found[-2:])
 
-    def explain_halt(self, position: int, halt: Halt) -> Cause:
+    def explain_halt(self, index: int, halt: Halt) -> Cause:
         """Explain why a node was halted."""
         uid = halt.uid
         if halt.by is None:
-            return self._new(position, uid, "the whole tree was halted from outside, between two ticks")
+            return self._new(index, uid, "the whole tree was halted from outside, between two ticks")
         by = halt.by
         if by.uid == uid:
-            return self._explain_condition(position, by)
-        cause = self._new(position, uid, f"'{self.path(by.uid)}' halted it")
+            return self._explain_condition(index, by)
+        cause = self._new(index, uid, f"'{self.path(by.uid)}' halted it")
         if is_external(type(self._nodes[by.uid - 1])):
-            own = self._new(position, by.uid, "its own code halted the child")
+            own = self._new(index, by.uid, "its own code halted the child")
             cause.causes.append(own)
         # What was ticked before the halt decided: the parent halts children after the result of another one.
         decided = by if by.result is not RUNNING or not by.children else by.children[-1]
-        cause.causes.append(self.explain_result(position, decided))
+        cause.causes.append(self.explain_result(index, decided))
         return cause
 
-    def explain_no_tick(self, position: int, uid: int) -> Cause:
+    def explain_no_tick(self, index: int, uid: int) -> Cause:
         """Explain why a node was not ticked."""
-        trace = self.trace(position)
+        trace = self.trace(index)
         child = uid
         while (parent := self._parents.get(child)) is not None:
             visits = trace.visits_of(parent.config.uid)
@@ -301,11 +298,11 @@ class CauseFinder:
                 visit = visits[-1]
                 above = self.path(parent.config.uid)
                 if visit.decided_by == "condition" and parent.config.conditions:
-                    cause = self._new(position, uid, f"'{above}' above it was not started")
-                    cause.causes.append(self._explain_condition(position, visit))
+                    cause = self._new(index, uid, f"'{above}' above it was not started")
+                    cause.causes.append(self._explain_condition(index, visit))
                     return cause
                 before = visit.children
-                earlier = self._explain_earlier_end(position, uid, child, visit)
+                earlier = self._explain_earlier_end(index, uid, child, visit)
                 if earlier is not None:
                     return earlier
                 if before:
@@ -317,21 +314,21 @@ class CauseFinder:
                         because = f"'{above}' waits for '{self.path(last.uid)}', which is RUNNING"
                 else:
                     because = f"'{above}' returned {name_of(visit.result)} without ticking it"
-                cause = self._new(position, uid, because)
+                cause = self._new(index, uid, because)
                 for each in reversed(before):
                     if not self._is_full:
-                        cause.causes.append(self.explain_result(position, each))
+                        cause.causes.append(self.explain_result(index, each))
                 if not before:
-                    cause.causes.append(self.explain_result(position, visit))
+                    cause.causes.append(self.explain_result(index, visit))
                 return cause
             child = parent.config.uid
-        return self._new(position, uid, "the tree was not ticked")
+        return self._new(index, uid, "the tree was not ticked")
 
-    def _explain_earlier_end(self, position: int, uid: int, child: int, visit: Visit) -> Cause | None:
+    def _explain_earlier_end(self, index: int, uid: int, child: int, visit: Visit) -> Cause | None:
         """Explain that *child*, in which the node is, had ended in an earlier tick; None if it had not."""
         if not visit.children or visit.children[0].uid <= child:
             return None
-        at = self._replay.find_end(child, position)
+        at = self._replay.find_end(child, index)
         if at is None:
             return None
         end = self.trace(at).visits_of(child)[-1]
@@ -339,7 +336,7 @@ class CauseFinder:
         because = (
             f"'{above}' goes on after '{ended}', which returned {name_of(end.result)} in tick {self.tick(at)}"
         )
-        cause = self._new(position, uid, because)
+        cause = self._new(index, uid, because)
         cause.causes.append(self.explain_result(at, end))
         return cause
 
@@ -349,38 +346,36 @@ class CauseFinder:
         for read in reads:
             if not self._is_full:
                 others = [other.value for other in reads if other.script and other.script == read.script]
-                cause.causes.append(self.explain_value(cause.position, read, is_input, others))
+                cause.causes.append(self.explain_value(cause.step, read, is_input, others))
 
-    def explain_value(
-        self, position: int, read: Read, is_input: bool, others: Sequence[object] = ()
-    ) -> Cause:
+    def explain_value(self, index: int, read: Read, is_input: bool, others: Sequence[object] = ()) -> Cause:
         """Explain the value of an entry.
 
         Args:
-            position: The step in which it is read.
+            index: The step in which it is read.
             is_input: Whether the engine read it, so that another value can be tried.
             others: The values that the same script has read.
         """
         if read.entry is None or not read.sequence_id:
-            return self._new(position, 0, f"had not written {read.key}, nor had any node")
-        tick = self._steps[position].tick
-        trace = self.trace(position)
+            return self._new(index, 0, f"had not written {read.key}, nor had any node")
+        tick = self._steps[index].tick
+        trace = self.trace(index)
         write = trace.last_write(read.entry, read.sequence_id)
-        at: int | None = position
+        at: int | None = index
         if write is None:
-            at = self._replay.find_write(*read.entry, position)
+            at = self._replay.find_write(*read.entry, index)
             if at is not None:
                 write = self.trace(at).last_write(read.entry, read.sequence_id)
         if at is None or write is None:
             because = f"had written {read.key} = {short_text(read.value)} when the recording began"
-            cause = self._new(position, 0, because)
-            cause.details = self._describe_other_entries(position, -1, read.entry)
+            cause = self._new(index, 0, because)
+            cause.details = self._describe_other_entries(index, -1, read.entry)
             if is_input and tick:
                 cause.changes = self._other_values(tick, read, None, others)
             return cause
-        cause = self._new(at, write.uid, self._describe_write(position, at, read, write))
-        if at != position:
-            cause.details = self._describe_other_entries(position, at, read.entry)
+        cause = self._new(at, write.uid, self._describe_write(index, at, read, write))
+        if at != index:
+            cause.details = self._describe_other_entries(index, at, read.entry)
         visit = next((each for each in reversed(self.trace(at).visits) if each.uid == write.uid), None)
         is_outside = not write.uid or is_external(type(self._nodes[write.uid - 1]))
         if is_outside and is_input and tick:
@@ -388,29 +383,29 @@ class CauseFinder:
         if visit is not None and not self._is_full:
             self._add_reads(cause, visit.reads, is_input and not is_outside)
             if visit.parent is not None and not is_outside:  # why it was ticked
-                index = next(i for i, each in enumerate(visit.parent.children) if each is visit)
-                self._add_children(cause, visit.parent.children[:index], None, is_context=True)
+                count = next(i for i, each in enumerate(visit.parent.children) if each is visit)
+                self._add_children(cause, visit.parent.children[:count], None, is_context=True)
         return cause
 
-    def _describe_write(self, position: int, at: int, read: Read, write: Write) -> str:
+    def _describe_write(self, index: int, at: int, read: Read, write: Write) -> str:
         key = write.entry.key
         what = f"{key} = {short_text(read.value)}"
         if key != read.key.removeprefix("@"):
             what += f", which is {read.key} here"
         script = self._writing_script(write.uid, {read.key, write.entry.key}) if write.uid else ""
-        if at == position:
+        if at == index:
             return f"wrote {what}{script} {'in' if write.uid else 'before'} this tick"
-        ticks = self.tick(position) - self.tick(at)
-        seconds = self.time(position) - self.time(at)
+        ticks = self.tick(index) - self.tick(at)
+        seconds = self.time(index) - self.time(at)
         before = f"{ticks:,} {'tick' if ticks == 1 else 'ticks'} ({seconds:g} s) before it was read"
         return f"wrote {what}{script}, {before}"
 
-    def _describe_other_entries(self, position: int, at: int, entry: EntryName) -> str:
+    def _describe_other_entries(self, index: int, at: int, entry: EntryName) -> str:
         """Return which entries of the same key were written later in other trees, for a sentence."""
-        others = [name for name in self.trace(position).entries if name.key == entry.key and name != entry]
+        others = [name for name in self.trace(index).entries if name.key == entry.key and name != entry]
         later = []
         for name in others[:3]:
-            written = self._replay.find_write(*name, position + 1)
+            written = self._replay.find_write(*name, index + 1)
             if written is not None and written > at:
                 later.append(f"'{self.path_of(name)}' in tick {self.tick(written)}")
         return f"; another entry was written later: {join_names(later, 'and')}" if later else ""
@@ -434,9 +429,9 @@ class CauseFinder:
     def _value_before(self, at: int, entry: EntryName, write: Write) -> object:
         """Return the value that an entry had before a write in step *at*; None if it is not known."""
         earlier = [each for each in self.trace(at).writes if each.entry == entry]
-        index = next(i for i, each in enumerate(earlier) if each is write)
-        if index:
-            return earlier[index - 1].value
+        count = next(i for i, each in enumerate(earlier) if each is write)
+        if count:
+            return earlier[count - 1].value
         self.seek(at)
         held = self._replay.external.boards[entry.scope].local_entries().get(entry.key)
         return None if held is None else held.value
@@ -505,8 +500,7 @@ def _literals(script: str) -> Iterator[object]:
 
 def short_text(value: object) -> str:
     """Return *value* as a text of at most 60 characters."""
-    text = value_text(value)
-    return text if len(text) <= _MAX_VALUE else text[: _MAX_VALUE - 1] + "…"
+    return value_text(value, _MAX_VALUE)
 
 
 def name_of(status: Status | None) -> str:

@@ -81,8 +81,8 @@ def cut(recording: RunRecording, from_s: float | None = None, to_s: float | None
             f"the ticks are at {ticks[0][1]:.3f} s to {ticks[-1][1]:.3f} s" if ticks else "there is no tick"
         )
         raise LogError(f"there are no ticks in this time range; {known}")
-    gaps = {segment.position: segment for segment in recording.segments if segment.gap}
-    inner = next((steps[at].tick for at in sorted(gaps) if first < at < last), None)
+    gaps = [segment.position for segment in recording.segments if segment.gap]
+    inner = next((steps[at].tick for at in gaps if first < at < last), None)
     if inner is not None:
         raise LogError(f"steps are missing before tick {inner}: choose a range on one side of this gap")
     return Replay(recording).cut(first, last)

@@ -14,7 +14,7 @@ from btcore.extras import describe_missing
 from btcore.logs.files import LogError, read_bytes
 from btcore.output_files import numbered_file, write_file
 from btcore.suggestions import suggestion
-from btcore_recorder.inputs import RunRecording
+from btcore_recorder.inputs import Head, RunRecording
 from btcore_recorder.lines import Line, read_lines, recording_lines
 from btcore_recorder.text_form import MAGIC, TextForm, TextLines
 
@@ -89,13 +89,16 @@ def read_recording(path: Path) -> RunRecording:
         recording = read_lines(TextLines(data), str(path))
     else:
         raise LogError(f"{path}: this is not a recording: it does not begin with 'btrec'; {_OF_A_LOG}")
-    if (log := recording.head.versions.get(RECONSTRUCTED)) is not None:
-        _log.warning("%s: %s", path, describe_reconstruction(log))
+    if text := describe_reconstruction(recording.head):
+        _log.warning("%s: %s", path, text)
     return recording
 
 
-def describe_reconstruction(log: str) -> str:
-    """Return what a recording lacks that was reconstructed from *log*."""
+def describe_reconstruction(head: Head) -> str:
+    """Return what a recording lacks if it was reconstructed from a log, or ""."""
+    log = head.versions.get(RECONSTRUCTED)
+    if log is None:
+        return ""
     name = escape_controls(log[:_MAX_NAME], one_line=True)
     return (
         f"reconstructed from the statuses in '{name}': results of leaves are derived, and ticks without a "

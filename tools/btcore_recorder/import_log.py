@@ -37,7 +37,7 @@ from btcore_recorder.inputs import (
     Step,
     TreeState,
 )
-from btcore_recorder.recorded_tree import ExternalCode, Inputs, StandInClock, load_recorded
+from btcore_recorder.recorded_tree import ExternalCode, Inputs, StepClock, load_recorded
 from btcore_recorder.tree_state import capture, restore_nodes
 from btcore_recorder.values import Encoder
 
@@ -231,7 +231,7 @@ class _Import:
             log.start,
             {"btcore": btcore.__version__, RECONSTRUCTED: log.path.name},
         )
-        tree = self._tree = load_recorded(self._head, self._code, StandInClock())
+        tree = self._tree = load_recorded(self._head, self._code, StepClock())
         encode = Encoder(lambda name, description: None).encode
         state = capture(tree, self._code.boards, encode)
         begin = [NodeState(uid, status, IDLE, {}) for uid, status in sorted(shape.begin.items()) if status]
@@ -456,15 +456,12 @@ class _LoggedCode(ExternalCode):
 
 
 def _class(node: RecordedNode, ports: Iterable[tuple[str, str, str, str | None]]) -> RecordedClass:
-    count = len(node.children)
-    kind = (
-        "leaf" if not count else "decorator" if node.type is NodeType.DECORATOR and count == 1 else "control"
-    )
-    fallback = NodeType.CONTROL if count else NodeType.ACTION
-    node_type = node.type if (kind == "leaf") == (node.type in _LEAF_TYPES) else fallback
+    kind, others = "leaf", NodeType.ACTION
+    if node.children:
+        is_decorator = node.type is NodeType.DECORATOR and len(node.children) == 1
+        kind, others = "decorator" if is_decorator else "control", NodeType.CONTROL
+    is_leaf_type = node.type in (NodeType.ACTION, NodeType.CONDITION)
+    node_type = node.type if is_leaf_type is (kind == "leaf") else others
     known = {port[0]: port for port in ports}
     known.update({name: (name, "IN", "std::string", None) for name in _ports(node)})
     return RecordedClass(node.id, kind, node_type.name, False, tuple(known.values()))
-
-
-_LEAF_TYPES: Final = (NodeType.ACTION, NodeType.CONDITION)

@@ -287,6 +287,15 @@ class RunRecording(NamedTuple):
     segments: tuple[Segment, ...] = ()
     damage: str = ""
 
+    def tick_at(self, index: int) -> Step | None:
+        """Return the tick with this index among the steps; for a halt, the tick before it, or None."""
+        return next((self.steps[at] for at in range(index, -1, -1) if self.steps[at].tick), None)
+
+    def time_at(self, index: int) -> int:
+        """Return the time of `tick_at` (ns since the recording began), or 0."""
+        tick = self.tick_at(index)
+        return 0 if tick is None else tick.time - self.head.time
+
 
 def is_external(cls: type[TreeNode]) -> bool:
     """Return whether the results of *cls* are recorded: it is not built in, or a person decides them."""

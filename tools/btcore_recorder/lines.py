@@ -5,8 +5,10 @@ The lines of the head describe the tree, up to `head`. A step is what happened b
 the tree, up to `state_end`; its value says why steps are missing before it.
 """
 
-from collections.abc import Iterable, Iterator, Mapping
-from typing import Any, Final, Protocol
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import cache, partial
+from types import UnionType
+from typing import Any, Final, Protocol, cast, get_args, get_origin, get_type_hints
 
 from btcore.engine.journal import (
     ChildHalted,
@@ -26,12 +28,10 @@ from btcore_recorder.inputs import (
     Facts,
     Head,
     Input,
-    LeafCode,
     NodeState,
     Raised,
     RecordedClass,
     RecordedEntry,
-    RecordedError,
     Removed,
     Replaced,
     Result,
@@ -50,7 +50,7 @@ END_WORDS: Final = ("head", "end", "state_end")
 Line = list[Any]
 """A word, and its values as data of JSON."""
 
-_INPUTS: Final[dict[str, type[Input]]] = {
+_INPUTS: Final[dict[str, Any]] = {
     "result": Result,
     "raised": Raised,
     "halt_began": ExternalHaltBegan,
@@ -68,6 +68,9 @@ _INPUTS: Final[dict[str, type[Input]]] = {
     "script": ScriptRun,
 }
 _WORDS: Final = {cls: word for word, cls in _INPUTS.items()}
+_STATUSES: Final = dict(Status.__members__)
+_KINDS: Final = ("leaf", "control", "decorator", "built-in")
+_DIRECTIONS: Final = {"IN", "OUT", "INOUT"}
 
 
 # --- writing
@@ -262,8 +265,8 @@ class _Reader:
                     tree = id, format
                 case "clock", [int(time), int(wall_time)]:
                     clock = time, wall_time
-                case "versions", [dict(named)] if all(isinstance(text, str) for text in named.values()):
-                    versions = named
+                case "versions", [named]:
+                    versions = _converter(Mapping[str, str])(named)
                 case "facts", [dict(values)]:
                     facts = _facts(values)
                 case "document", [str(file), str(text), bool(is_shared)]:
@@ -278,10 +281,8 @@ class _Reader:
                     replaced[uid] = _class(values)
                 case "node", [int(), str()]:
                     pass  # for people who read the file
-                case "outer", [bool(autoremap), dict(remaps)] if all(
-                    isinstance(key, str) for key in remaps.values()
-                ):
-                    outer.append((autoremap, remaps))
+                case "outer", values:
+                    outer.append(_converter(tuple[bool, Mapping[str, str]])(values))
                 case "head", []:
                     break
                 case None:
@@ -328,11 +329,11 @@ class _Reader:
             match self._next():
                 case "type", [str(name), dict(description)]:
                     types[name] = description
-                case "tick", [int(number), int(at), *cause] if before is None and number > 0:
+                case "tick", [int(number), int(at), *rest] if before is None and number > 0 and len(rest) < 2:
                     before, inputs, tick, time = inputs, [], number, at
-                    woken_by = _cause(cause)
+                    woken_by = _check(rest[0], int) if rest else None
                 case "transitions", [list(pairs)] if before is not None and transitions is None:
-                    transitions = tuple(map(_transition, pairs))
+                    transitions = _converter(tuple[tuple[int, Status], ...])(pairs)
                 case "segment", [str(gap)] if before is None and not inputs:
                     return self._segment(gap)
                 case "halt", [] if before is None:
@@ -353,7 +354,7 @@ class _Reader:
                         raise DamageError("the file is truncated within a step")
                     return None
                 case word, values if word in _INPUTS:
-                    inputs.append(_input(word, values))
+                    inputs.append(_converter(_INPUTS[word])(values))
                 case word, _:
                     raise DamageError(f"'{word}' does not belong here, or its values are invalid")
 
@@ -371,11 +372,11 @@ class _StateReader:
         """Take a line; return False if it is not a line of a state."""
         match word, values:
             case "entry", _:
-                self._entries.append(_entry(values))
+                self._entries.append(_converter(RecordedEntry)(values))
             case "scope", [dict(keys)] if all(_is_index(index, self._entries) for index in keys.values()):
                 self._scopes.append(keys)
-            case "state", [int(uid), str(status), str(before), dict(fields)]:
-                self._nodes.append(NodeState(uid, _status(status), _status(before), fields))
+            case "state", _:
+                self._nodes.append(_converter(NodeState)(values))
             case "ticks", [int(count)] if count >= 0:
                 self._ticks = count
             case _:
@@ -391,114 +392,56 @@ def _is_index(index: object, entries: list[RecordedEntry]) -> bool:
     return isinstance(index, int) and 0 <= index < len(entries)
 
 
-def _entry(values: object) -> RecordedEntry:
-    match values:
-        case [value, str(declared), bool(inferred), None | str() as value_type, int(sequence_id)]:
-            return RecordedEntry(value, declared, inferred, value_type, sequence_id)
-    raise DamageError("an entry is invalid")
-
-
 def _facts(values: dict[str, Any]) -> Facts:
-    match {**Facts()._asdict(), **values}:
-        case {
-            "run": str(run),
-            "tree": str(tree),
-            "code": dict(code),
-            "libraries": dict(libraries),
-            "resources": list(resources) | tuple(resources),
-        } if all(isinstance(text, str) for text in (*libraries.values(), *resources)):
-            return Facts(run, tree, _codes(code), libraries, tuple(resources))
-    raise DamageError("the facts are invalid")
+    fields = get_type_hints(Facts)
+    known = {name: value for name, value in values.items() if name in fields}
+    return Facts(**{name: _converter(fields[name])(value) for name, value in known.items()})
 
 
-def _codes(values: dict[str, Any]) -> dict[str, LeafCode]:
-    codes = {}
-    for id, code in values.items():
-        match code:
-            case [str(place), str(hash)]:
-                codes[id] = LeafCode(place, hash)
-            case _:
-                raise DamageError("the facts are invalid")
-    return codes
-
-
-def _cause(values: list[Any]) -> int | None:
-    match values:
-        case []:
-            return None
-        case [int(cause)]:
-            return cause
-    raise DamageError("the values of 'tick' are invalid")
-
-
-def _transition(values: object) -> tuple[int, Status]:
-    match values:
-        case [int(uid), str(status)]:
-            return uid, _status(status)
-    raise DamageError("a transition is invalid")
-
-
-def _class(values: object) -> RecordedClass:
-    match values:
-        case [
-            str(id),
-            ("leaf" | "control" | "decorator" | "built-in") as kind,
-            str(node_type),
-            bool(must_complete),
-            list(ports),
-        ] if node_type in NodeType.__members__:
-            return RecordedClass(id, kind, node_type, must_complete, tuple(map(_port, ports)))
+def _class(values: list[Any]) -> RecordedClass:
+    recorded = cast(RecordedClass, _converter(RecordedClass)(values))
+    directions = {port[1] for port in recorded.ports}
+    if recorded.kind in _KINDS and recorded.node_type in NodeType.__members__ and directions <= _DIRECTIONS:
+        return recorded
     raise DamageError("a class is invalid")
 
 
-def _port(values: object) -> tuple[str, str, str, str | None]:
-    match values:
-        case [str(name), ("IN" | "OUT" | "INOUT") as direction, str(type_name), None | str() as default]:
-            return name, direction, type_name, default
-    raise DamageError("a port is invalid")
+@cache
+def _converter(form: Any) -> Callable[[Any], Any]:
+    """Return a function that returns data of JSON as a value of the type *form*, or raises `DamageError`."""
+    if form is Any:
+        return lambda data: data
+    if form is Status:
+        return _status
+    items = [_converter(item) for item in get_args(form) if item is not ...]
+    origin = get_origin(form) or form
+    if origin is UnionType:  # X | None
+        return lambda data: None if data is None else items[0](data)
+    if origin is Mapping:
+        return lambda data: {key: items[1](item) for key, item in _check(data, dict).items()}
+    if origin is tuple and ... in get_args(form):
+        return lambda data: tuple([items[0](item) for item in _check(data, list)])
+    if issubclass(origin, tuple):  # also the named tuples of `inputs`
+        make = tuple if origin is tuple else partial(tuple.__new__, origin)
+        items = items or [_converter(field) for field in get_type_hints(origin).values()]
+        return lambda data: make([item(value) for item, value in _pairs(items, data)])
+    return lambda data: _check(data, origin)
 
 
-def _input(word: str, values: list[Any]) -> Input:
-    match word, values:
-        case "result", [int(uid), str(status)]:
-            return Result(uid, _status(status))
-        case "raised", [int(uid), [str(name), str(text)]]:
-            return Raised(uid, RecordedError(name, text))
-        case "halt_began", [int(uid)]:
-            return ExternalHaltBegan(uid)
-        case "halt_ended", [int(uid), None]:
-            return ExternalHaltEnded(uid, None)
-        case "halt_ended", [int(uid), [str(name), str(text)]]:
-            return ExternalHaltEnded(uid, RecordedError(name, text))
-        case "child_ticked", [int(uid)]:
-            return ChildTicked(uid)
-        case "child_halted", [int(uid)]:
-            return ChildHalted(uid)
-        case "status_set", [int(uid), str(status)]:
-            return StatusSet(uid, _status(status))
-        case "status_forced", [int(uid), bool(is_pre_tick), str(status)]:
-            return StatusForced(uid, is_pre_tick, _status(status))
-        case "paused", [int(uid), int(count)]:
-            return Paused(uid, count)
-        case "time", [int(time), int(repeats)]:
-            return TimeRead(time, repeats)
-        case "message", [str(level), str(text)]:
-            return MessageLogged(level, text)
-        case "written", [int(scope), str(key), value, None | str() as declared]:
-            return Written(scope, key, value, declared)
-        case "script", [int(scope), str(text), dict(enums)] if all(
-            isinstance(number, int) for number in enums.values()
-        ):
-            return ScriptRun(scope, text, enums)
-        case "removed", [int(scope), str(key)]:
-            return Removed(scope, key)
-        case "replaced", [int(scope), dict(entries)]:
-            return Replaced(scope, {key: _entry(entry) for key, entry in entries.items()})
-    raise DamageError(f"the values of '{word}' are invalid")
+def _check(data: Any, cls: type) -> Any:
+    if not isinstance(data, cls):
+        raise DamageError(f"a value of the type {cls.__name__} is expected here")
+    return data
 
 
-def _status(name: str) -> Status:
+def _pairs(items: list[Callable[[Any], Any]], data: Any) -> Iterator[tuple[Callable[[Any], Any], Any]]:
+    if len(_check(data, list)) != len(items):
+        raise DamageError(f"{len(items)} values are expected here")
+    return zip(items, data, strict=True)
+
+
+def _status(name: Any) -> Status:
     try:
-        return Status[name]
-    except KeyError:
+        return _STATUSES[name]
+    except (KeyError, TypeError):
         raise DamageError(f"'{name}' is not a status") from None

@@ -15,12 +15,11 @@ from typing import Any, Final
 from lz4.frame import LZ4FrameDecompressor
 from mcap.records import Channel, Chunk, Footer, Header, McapRecord, Message, Statistics
 from mcap.stream_reader import StreamReader, breakup_chunk
-from mcap.writer import Writer
+from mcap.writer import MCAP0_MAGIC, Writer
 from zstandard import decompress, frame_content_size
 
 from btcore_recorder.lines import DamageError, Line, encode_text, load_data
 
-MAGIC: Final = b"\x89MCAP0\r\n"
 TOPIC: Final = "/btcore/recording"
 _LIBRARY: Final = "btcore_recorder"
 _SCHEMA: Final = {
@@ -138,10 +137,10 @@ class McapLines:
     def _read_record(self) -> bool:
         """Read a record; return False at the end of the file."""
         start = self._stream.tell()
-        if start == len(self._data) and not self._data.endswith(MAGIC):
+        if start == len(self._data) and not self._data.endswith(MCAP0_MAGIC):
             return False  # its process was killed between two records
         try:
-            if start >= len(MAGIC):
+            if start >= len(MCAP0_MAGIC):
                 self._check_length(start)
             record = next(self._records)
             self._add_records(_break_up(record) if isinstance(record, Chunk) else [record])

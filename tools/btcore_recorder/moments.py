@@ -1,35 +1,29 @@
 """The moments of a recording: the tree after each step, and what its leaves read and wrote in that step."""
 
-import json
 import math
 import os
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import fields, is_dataclass
-from enum import Enum
 from itertools import islice
 from typing import Any, Final, NamedTuple
 
 from btcore.blackboard.blackboard import Blackboard
-from btcore.blackboard.ports import SCRIPT_ROLES
 from btcore.engine.journal import MessageLogged
 from btcore.engine.node import TreeNode
 from btcore.status import IDLE, RUNNING, Status
 from btcore.xml.plan.key_uses import READING, WRITING, find_name_uses
 from btcore.xml.plan.plan import Plans
-from btcore_recorder.files import RECONSTRUCTED, describe_reconstruction
+from btcore_recorder.files import describe_reconstruction
 from btcore_recorder.inputs import Input, RunRecording, is_external
 from btcore_recorder.recorded_tree import ExternalCode, Inputs
 from btcore_recorder.replay import STATE_INTERVAL, Replay
-from btcore_recorder.values import NotReplayable
+from btcore_recorder.tick_trace import scripts_of
+from btcore_recorder.values import MAX_SHOWN, value_text
 
-MAX_VALUE: Final = 200
-"""Maximum number of characters of a value."""
 MAX_ENTRIES: Final = 1_000
 MAX_LEAVES: Final = 200
 """Maximum number of leaves that are described in a moment."""
-_MAX_ITEMS: Final = 30
-_MAX_DEPTH: Final = 8
+_MAX_MESSAGES: Final = 30
 _MAX_OBSERVATIONS: Final = 10_000
 """Maximum number of ticks of leaves in a step that are observed: a tick may repeat a leaf very often."""
 
@@ -108,7 +102,7 @@ class _ObservedCode(ExternalCode):
         try:
             status = super().tick(node)
         except Exception as error:
-            self._add(node, IDLE, before, self._logged(), str(error)[:MAX_VALUE])
+            self._add(node, IDLE, before, self._logged(), str(error)[:MAX_SHOWN])
             raise
         written = {
             name: text
@@ -119,12 +113,12 @@ class _ObservedCode(ExternalCode):
         return status
 
     def apply(self, event: Input | None, now: str) -> None:
-        if isinstance(event, MessageLogged) and len(self._messages) < _MAX_ITEMS:
+        if isinstance(event, MessageLogged) and len(self._messages) < _MAX_MESSAGES:
             self._messages.append(event.text)
         super().apply(event, now)
 
     def _logged(self) -> Values:
-        return {"logged": "; ".join(self._messages)[:MAX_VALUE]} if self._messages else {}
+        return {"logged": "; ".join(self._messages)[:MAX_SHOWN]} if self._messages else {}
 
     def post_tick(self, node: TreeNode, status: Status) -> Status:
         if not node.children and not is_external(type(node)) and self._may_observe():
@@ -179,7 +173,6 @@ class Moments:
             if not node.children and not is_external(type(node)):
                 node.set_post_tick_function(code.post_tick)
         self._reached = 0
-        self._start_time = self.replay.recording.head.time
 
     @property
     def count(self) -> int:
@@ -201,9 +194,7 @@ class Moments:
     def warnings(self) -> Sequence[str]:
         """What the recording lacks, as sentences."""
         recording = self.replay.recording
-        log = recording.head.versions.get(RECONSTRUCTED)
-        reconstruction = "" if log is None else describe_reconstruction(log)
-        return [*filter(None, (recording.damage, reconstruction))]
+        return [*filter(None, (recording.damage, describe_reconstruction(recording.head)))]
 
     def at(self, position: int, limit: float = math.inf) -> Moment:
         """Return the moment after *position* steps.
@@ -235,12 +226,10 @@ class Moments:
         replay = self.replay
         tree, position = replay.tree, replay.position
         tick = replay.steps[position - 1].tick if position else 0
-        before = (replay.steps[index] for index in reversed(range(position)))
-        began = next((step.time for step in before if step.tick), self._start_time)
         return Moment(
             position,
             tick,
-            began - self._start_time,
+            replay.recording.time_at(position - 1),
             tree.status,
             tuple(node._status for node in tree.nodes),
             tuple(_result(node) for node in tree.nodes),
@@ -261,24 +250,23 @@ def _result(node: TreeNode) -> Status:
 
 def _input_values(node: TreeNode) -> Values:
     return {
-        name: _entry_text(port.blackboard, port.key) if port.key is not None else port.text[:MAX_VALUE]
+        name: port.text[:MAX_SHOWN] if port.key is None else _entry_text(port.blackboard, port.key)
         for name, port in node.config.inputs.items()
     }
 
 
 def _output_values(node: TreeNode) -> Values:
     return {
-        name: _entry_text(port.blackboard, port.key) if port.key is not None else "–"
+        name: "–" if port.key is None else _entry_text(port.blackboard, port.key)
         for name, port in node.config.outputs.items()
     }
 
 
 def _script_values(node: TreeNode) -> tuple[Values, Values]:
     """Return the values of the entries that the scripts in the ports of *node* read, and write."""
-    scripts = [
-        port for port in node.config.inputs.values() if port.port.role in SCRIPT_ROLES and port.key is None
-    ]
-    uses = [use for port in scripts for use in find_name_uses(port.text, node.config.enums)]
+    config = node.config
+    scripts = [text for by, text in scripts_of(node) if by not in config.conditions]
+    uses = [use for text in scripts for use in find_name_uses(text, config.enums)]
     written = {use.name for use in uses if use.access in WRITING}
     read = {use.name for use in uses if use.access in READING} - written
     board = node.blackboard
@@ -294,51 +282,3 @@ def _entry_text(board: Blackboard, key: str) -> str:
 def _entry_number(node: TreeNode, key: str | None) -> int:
     entry = None if key is None else node.blackboard.find(key)
     return 0 if entry is None else entry.sequence_id
-
-
-def value_text(value: object) -> str:
-    """Return *value* as a text of at most MAX_VALUE characters; "–" if there is none.
-
-    Examples:
-        >>> from btcore_recorder.moments import value_text
-        >>> value_text({"door": [1.5, True, "open"]})
-        '{"door": [1.5, true, "open"]}'
-    """
-    text = "–" if value is None else _text(value, 0)
-    return text if len(text) <= MAX_VALUE else text[: MAX_VALUE - 1] + "…"
-
-
-def _text(value: object, depth: int) -> str:
-    if isinstance(value, NotReplayable):
-        return f"{value.text[:MAX_VALUE]} (not replayable)"
-    if isinstance(value, Enum):
-        return value.name
-    if value is None or isinstance(value, bool):
-        return json.dumps(value)
-    if isinstance(value, str):
-        return json.dumps(value[:MAX_VALUE], ensure_ascii=False)
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    if depth == _MAX_DEPTH:
-        return "…"
-    if isinstance(value, Mapping):
-        pairs = (
-            f"{_text(key, depth + 1)}: {_text(item, depth + 1)}"
-            for key, item in islice(value.items(), _MAX_ITEMS)
-        )
-        return f"{{{', '.join(pairs)}{_rest(len(value))}}}"
-    if is_dataclass(value) and not isinstance(value, type):
-        members = (f"{field.name}={_text(getattr(value, field.name), depth + 1)}" for field in fields(value))
-        return f"{type(value).__name__}({', '.join(islice(members, _MAX_ITEMS))})"
-    if isinstance(value, bytes):
-        return f"{len(value):,} bytes"
-    try:
-        items = list(islice(iter(value), _MAX_ITEMS))  # type: ignore[call-overload]
-        count = len(value)  # type: ignore[arg-type]
-    except TypeError:
-        return str(value)[:MAX_VALUE] if isinstance(value, int) else type(value).__name__
-    return f"[{', '.join(_text(item, depth + 1) for item in items)}{_rest(count)}]"
-
-
-def _rest(count: int) -> str:
-    return f", … {count} items" if count > _MAX_ITEMS else ""

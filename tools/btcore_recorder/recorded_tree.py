@@ -60,7 +60,7 @@ MAX_REPETITIONS: Final = 5_000_000
 """Maximum number of repetitions in a step without a pause. A recording may be a stranger's."""
 
 
-class StandInClock:
+class StepClock:
     """The clock of the external nodes, of entries and of observers: the time at which the step began."""
 
     def __init__(self) -> None:
@@ -102,7 +102,7 @@ class Inputs:
         return iter(self._left)
 
 
-class RecordedTimes(StandInClock):
+class RecordedTimes(StepClock):
     """The clock of the built-in nodes: the times that they have read, which are among *inputs*."""
 
     def __init__(self, inputs: Inputs) -> None:
@@ -334,7 +334,7 @@ class _RecordedRule(SubstitutionRule):
         return config.uid == self._uid
 
 
-def load_recorded(head: Head, external: ExternalCode, clock: StandInClock) -> Tree:
+def load_recorded(head: Head, external: ExternalCode, clock: StepClock) -> Tree:
     """Return the tree of a recording, whose external nodes call *external*, in its state at the start.
 
     Raises:

@@ -170,7 +170,7 @@ class Recorder(Observer):
         for board in self._boards:
             board.recorder = self._journal
         tree.context.uses_time = True  # each tick has a time
-        tree.context.cause = 0
+        tree.context.woken_by = 0
         tree.context.journal = self._journal
         self.head = self._create_head(types)
         self._encoder.found = found

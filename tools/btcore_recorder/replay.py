@@ -20,7 +20,7 @@ from btcore_recorder.recorded_tree import (
     ExternalCode,
     Inputs,
     RecordedTimes,
-    StandInClock,
+    StepClock,
     add_callbacks,
     load_recorded,
 )
@@ -133,7 +133,7 @@ class Replay:
         self._start_time = head.time
         self._inputs = Inputs()
         self.external = external = external_class(self._inputs, head.types)
-        self._stamps = StandInClock()
+        self._stamps = StepClock()
         self.tree = load_recorded(head, external, self._stamps)
         _check_numbers(recording, len(external.nodes), len(external.boards))
         self._checksum = _Checksum()
@@ -303,8 +303,8 @@ class Replay:
         if begin in self._segments and self._segments[begin].gap:
             state = self._segments[begin].state
         head = self.recording.head
-        time = next((step.time for step in self.steps[begin::-1] if step.time >= 0), head.time)
-        head = head._replace(state=state, time=time, wall_time=head.wall_time + time - head.time)
+        time = self.recording.time_at(begin)
+        head = head._replace(state=state, time=head.time + time, wall_time=head.wall_time + time)
         segments = {each.position: each for each in self.recording.segments if begin < each.position < end}
         steps = []
         checksum = _Checksum()

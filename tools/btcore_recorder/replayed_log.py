@@ -13,7 +13,7 @@ from btcore.logs.files import read_bytes
 from btcore.logs.formats import LogFormat
 from btcore.logs.log import Log
 from btcore.logs.recording import LoggedTransition, parse_nodes
-from btcore.status import IDLE, Status, Transition
+from btcore.status import IDLE, Transition
 from btcore.tree.tree import Tree
 from btcore_bags.log import BagLog, read_bag
 from btcore_recorder.file_recorder import FileRecorder
@@ -51,14 +51,11 @@ class _Collector(Observer):
     """Collects transitions, with their times by the wall clock of the recorded run."""
 
     def __init__(self, wall_time: int) -> None:
-        self.transitions_of_run: list[LoggedTransition] = []
+        self.found: list[LoggedTransition] = []
         self.wall_time = wall_time
 
     def transition(self, change: Transition) -> None:
-        self.add(change.uid, change.previous, change.status)
-
-    def add(self, uid: int, previous: Status, status: Status) -> None:
-        self.transitions_of_run.append(LoggedTransition(self.wall_time, uid, previous, status))
+        self.found.append(LoggedTransition(self.wall_time, change.uid, change.previous, change.status))
 
 
 def read_as_log(path: Path) -> ReplayedLog:
@@ -73,7 +70,7 @@ def read_as_log(path: Path) -> ReplayedLog:
     collector = _Collector(head.wall_time)
     for node in head.state.nodes:  # of a recording that begins within the run
         if node.status is not IDLE:
-            collector.add(node.uid, IDLE, node.status)
+            collector.found.append(LoggedTransition(head.wall_time, node.uid, IDLE, node.status))
     replay.tree.subscribe(collector)
     for step in replay.steps:
         if step.tick:
@@ -85,9 +82,7 @@ def read_as_log(path: Path) -> ReplayedLog:
     if replay.difference is not None:
         damage = f"the replay differs from the recording at {replay.difference}"
     nodes = parse_nodes(xml, str(path))
-    return ReplayedLog(
-        path, xml, head.wall_time, nodes, collector.transitions_of_run, damage, run=replay.recording
-    )
+    return ReplayedLog(path, xml, head.wall_time, nodes, collector.found, damage, run=replay.recording)
 
 
 def read_mcap(path: Path) -> Recording:

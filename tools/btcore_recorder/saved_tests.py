@@ -7,7 +7,6 @@ import textwrap
 import warnings
 from collections.abc import Mapping
 from datetime import UTC, datetime
-from os import PathLike
 from pathlib import Path
 from typing import Final
 
@@ -15,14 +14,12 @@ from btcore.clock import NS_PER_S
 from btcore.logs.files import LogError
 from btcore.status import FAILURE, IDLE
 from btcore.suggestions import join_names
-from btcore.xml.read.read import parse_file
 from btcore_recorder.files import read_recording
 from btcore_recorder.inputs import RunRecording
-from btcore_recorder.what_if import ChangedRun, run_changed
+from btcore_recorder.what_if import ChangedRun, File, read_document, run_changed
 
 _LINE_LENGTH: Final = 88
 """The line length of the tests, which is ruff's default."""
-File = str | PathLike[str]
 
 
 def assert_does_not_fail(
@@ -60,9 +57,8 @@ def assert_does_not_fail(
     """
     __tracebackhide__ = True  # pytest shows the test instead of this function
     recorded = _read(recording)
-    run = run_with_tree(recorded, tree, matches)
-    problem = find_failure(recorded, run)
-    if problem:
+    run = run_changed(recorded, document=read_document(tree), matches=matches)
+    if problem := describe_failure(recorded, run):
         raise AssertionError(problem)
     if run.end == "no result is recorded":
         warnings.warn(
@@ -102,20 +98,12 @@ def assert_runs_as_recorded(
     """
     __tracebackhide__ = True
     recorded = _read(recording)
-    problem = find_difference(recorded, run_with_tree(recorded, tree, matches))
-    if problem:
-        raise AssertionError(problem)
+    run = run_changed(recorded, document=read_document(tree), matches=matches)
+    if not run.is_same:
+        raise AssertionError(str(run))
 
 
-def run_with_tree(
-    recording: RunRecording, tree: File | None, matches: Mapping[str, str] | None = None
-) -> ChangedRun:
-    """Run a recording with the tree in a file, by default the recorded tree."""
-    document = None if tree is None else (os.fspath(tree), parse_file(tree).text)
-    return run_changed(recording, (), document, matches)
-
-
-def find_failure(recording: RunRecording, run: ChangedRun) -> str:
+def describe_failure(recording: RunRecording, run: ChangedRun) -> str:
     """Return why a run does not show that the tree does not fail, or ""."""
     if run.failure is not None:
         return str(run.failure)
@@ -130,11 +118,6 @@ def find_failure(recording: RunRecording, run: ChangedRun) -> str:
             "matches={old path: new path}; otherwise record the run again"
         )
     return ""
-
-
-def find_difference(recording: RunRecording, run: ChangedRun) -> str:
-    """Return how a run differs from its recording, or ""."""
-    return "" if run.is_same else str(run)
 
 
 def _read(path: File) -> RunRecording:

@@ -11,8 +11,7 @@ import zlib
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
-from btcore_recorder.inputs import RunRecording
-from btcore_recorder.lines import END_WORDS, DamageError, Line, encode_text, load_data, recording_lines
+from btcore_recorder.lines import END_WORDS, DamageError, Line, encode_text, load_data
 
 MAGIC: Final = b"btrec "
 
@@ -51,14 +50,6 @@ class TextForm:
     def take_end(self) -> bytes:
         """Return the text since the last call, and the end of the file."""
         return self.take()
-
-
-def to_text(recording: RunRecording, paths: Iterable[str] = ()) -> str:
-    """Return a recording as text; *paths* are the paths of the nodes, for readers."""
-    form = TextForm()
-    for lines in recording_lines(recording, paths):
-        form.add(lines)
-    return form.take().decode("utf-8", "surrogatepass")
 
 
 def _json(values: Sequence[object]) -> str:

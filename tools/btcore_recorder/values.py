@@ -11,6 +11,7 @@ from collections import deque
 from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass, make_dataclass
 from enum import Enum, IntEnum, StrEnum
+from itertools import islice
 from typing import Any, Final, NamedTuple
 
 from btcore.status import NodeType, Status
@@ -20,6 +21,10 @@ MAX_ITEMS: Final = 100_000
 """Maximum length of a text, list or dictionary that is replayable."""
 MAX_TEXT: Final = 1_000
 """Maximum length of the text of a value that is not replayable."""
+MAX_SHOWN: Final = 200
+"""Maximum number of characters of a value that is shown."""
+_ITEMS_SHOWN: Final = 30
+_DEPTH_SHOWN: Final = 8
 _SIZED: Final = (str, bytes, list, tuple, dict, deque, set)
 EXCLUDED: Final = {"__text": "excluded"}
 """Stands for the value of an entry that is not recorded."""
@@ -177,3 +182,51 @@ class Decoder:
             case {"fields": list(names)}:
                 return make_dataclass(name, [(str(field), object) for field in names])
         return type(name, (), {})
+
+
+def value_text(value: object, most: int = MAX_SHOWN) -> str:
+    """Return *value* as a text of at most *most* characters; "–" if there is none.
+
+    Examples:
+        >>> from btcore_recorder.values import value_text
+        >>> value_text({"door": [1.5, True, "open"]})
+        '{"door": [1.5, true, "open"]}'
+    """
+    text = "–" if value is None else _text(value, 0)
+    return text if len(text) <= most else text[: most - 1] + "…"
+
+
+def _text(value: object, depth: int) -> str:
+    if isinstance(value, NotReplayable):
+        return f"{value.text[:MAX_SHOWN]} (not replayable)"
+    if isinstance(value, Enum):
+        return value.name
+    if value is None or isinstance(value, bool):
+        return json.dumps(value)
+    if isinstance(value, str):
+        return json.dumps(value[:MAX_SHOWN], ensure_ascii=False)
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if depth == _DEPTH_SHOWN:
+        return "…"
+    if isinstance(value, Mapping):
+        pairs = (
+            f"{_text(key, depth + 1)}: {_text(item, depth + 1)}"
+            for key, item in islice(value.items(), _ITEMS_SHOWN)
+        )
+        return f"{{{', '.join(pairs)}{_rest(len(value))}}}"
+    if is_dataclass(value) and not isinstance(value, type):
+        members = (f"{field.name}={_text(getattr(value, field.name), depth + 1)}" for field in fields(value))
+        return f"{type(value).__name__}({', '.join(islice(members, _ITEMS_SHOWN))})"
+    if isinstance(value, bytes):
+        return f"{len(value):,} bytes"
+    try:
+        items = list(islice(iter(value), _ITEMS_SHOWN))  # type: ignore[call-overload]
+        count = len(value)  # type: ignore[arg-type]
+    except TypeError:
+        return str(value)[:MAX_SHOWN] if isinstance(value, int) else type(value).__name__
+    return f"[{', '.join(_text(item, depth + 1) for item in items)}{_rest(count)}]"
+
+
+def _rest(count: int) -> str:
+    return f", … {count} items" if count > _ITEMS_SHOWN else ""

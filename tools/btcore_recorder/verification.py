@@ -10,7 +10,7 @@ from btcore.engine.transition_records import Transitions
 from btcore_recorder.facts import hash_documents, hash_file
 from btcore_recorder.replay import Difference, Replay
 
-Cause = Literal[
+ProbableCause = Literal[
     "the tree changed",
     "steps are missing",
     "a value is not replayable",
@@ -38,7 +38,7 @@ class Verification(NamedTuple):
     damage: str
     difference: Difference | None
     time: float
-    cause: Cause | None
+    cause: ProbableCause | None
 
     @property
     def is_same(self) -> bool:
@@ -110,14 +110,13 @@ def verify(path: Path) -> Verification:
     recording, difference = replay.recording, replay.difference
     time, cause = 0.0, None
     if difference is not None:
-        began = max((step.time for step in replay.steps[: difference.step]), default=0)
-        time = (began - recording.head.time) / NS_PER_S
+        time = recording.time_at(difference.step - 1) / NS_PER_S
         cause = _find_cause(replay, difference)
     return Verification(ticks, transitions, recording.damage, difference, time, cause)
 
 
-def _find_cause(replay: Replay, difference: Difference) -> Cause:
-    """Return the first cause in the order of `Cause` that the recording shows.
+def _find_cause(replay: Replay, difference: Difference) -> ProbableCause:
+    """Return the first cause in the order of `ProbableCause` that the recording shows.
 
     The tree of a recording may have been edited in its text form. The code of a leaf has changed if its file
     is on this machine and has another hash; it is only read.

@@ -5,10 +5,11 @@ activations, each from a start to its end or its halt, which are taken in their 
 begins in another tick than the recorded one is an assumption: the robot might have behaved differently.
 """
 
+import os
 from collections import Counter, defaultdict, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import cycle
+from itertools import cycle, zip_longest
 from typing import Any, Literal, NamedTuple
 
 from btcore.blackboard.ports import Port
@@ -23,7 +24,7 @@ from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status, Tran
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree
 from btcore.xml.models.model_file import collect_ports
-from btcore.xml.read.read import parse_text, read
+from btcore.xml.read.read import parse_file, parse_text, read
 from btcore_recorder.failures import Failure, FailureObserver
 from btcore_recorder.inputs import (
     ExternalHaltEnded,
@@ -42,13 +43,14 @@ from btcore_recorder.recorded_tree import (
     ExternalCode,
     Inputs,
     RecordedTimes,
-    StandInClock,
+    StepClock,
     add_callbacks,
     load_recorded,
 )
 from btcore_recorder.replay import Replay
 from btcore_recorder.tree_state import restore_entries, restore_nodes
 
+File = str | os.PathLike[str]
 EndReason = Literal["the tree ended", "the recording ended", "no result is recorded", "a node raised"]
 """Why a changed run ended."""
 
@@ -167,37 +169,37 @@ class _Activation:
     halt: list[Input] = field(default_factory=list)
 
 
-def keys_of(tree: Tree) -> list[str]:
-    """Return a key for each node: its path, with a number if an earlier node has the same path."""
+def unique_paths(tree: Tree) -> list[str]:
+    """Return the path of each node, with a number if an earlier node has the same path."""
     seen: Counter[str] = Counter()
-    keys = []
+    paths = []
     for node in tree.nodes:
         seen[node.path] += 1
-        keys.append(node.path if seen[node.path] == 1 else f"{node.path}#{seen[node.path]}")
-    return keys
+        paths.append(node.path if seen[node.path] == 1 else f"{node.path}#{seen[node.path]}")
+    return paths
 
 
 class _PathTransition(NamedTuple):
     tick: int
-    key: str
+    path: str
     status: Status
 
     def text(self, has_tick: bool) -> str:
         """Return the transition for a sentence, with or without its tick."""
         moment = f" in tick {self.tick}" if has_tick else ""
-        return f"'{self.key}' becomes {self.status.name}{moment}"
+        return f"'{self.path}' becomes {self.status.name}{moment}"
 
 
 class PathTransitions(Observer):
-    """Collects transitions with the keys of the nodes."""
+    """Collects transitions with the paths of the nodes."""
 
     def __init__(self, tree: Tree) -> None:
         self.found: list[_PathTransition] = []
-        self._keys = keys_of(tree)
+        self._paths = unique_paths(tree)
 
     def transition(self, change: Transition) -> None:
         """Add a transition."""
-        self.found.append(_PathTransition(change.tick, self._keys[change.uid - 1], change.status))
+        self.found.append(_PathTransition(change.tick, self._paths[change.uid - 1], change.status))
 
 
 class _Tracer(ExternalCode):
@@ -222,7 +224,9 @@ class _Tracer(ExternalCode):
 
     def halt(self, node: TreeNode) -> None:
         known = self.activations[node.config.uid]
-        if not known and node.status is RUNNING:  # since before the recording
+        head = self._inputs.next
+        is_recorded = isinstance(head, ExternalHaltBegan) and head.uid == node.config.uid
+        if not known and (is_recorded or node.status is RUNNING):  # since before the recording
             known.append(_Activation(self.present_tick))
         self._taken.append(known[-1].halt if known else [])
         try:
@@ -246,9 +250,9 @@ class _Activations(ExternalCode):
 
     Args:
         types: The descriptions of the recorded types.
-        activations: What each node did, by its key in the changed tree.
-        results: The changed results, by tick and key.
-        outcomes: Outcomes of nodes for which no activation is left, by key, as in `parse_outcomes`.
+        activations: What each node did, by its path in the changed tree.
+        results: The changed results, by tick and path.
+        outcomes: Outcomes of nodes for which no activation is left, by path, as in `parse_outcomes`.
         missing: The result of other nodes for which no activation is left; None = the run ends there.
     """
 
@@ -265,16 +269,16 @@ class _Activations(ExternalCode):
         self.used: set[tuple[int, str]] = set()  # the nodes that were ticked, by tick
         self.invented: list[str] = []  # the nodes that had *missing* as their result
         self._missing = missing
-        self._outcomes = {key: cycle(parse_outcomes(text)) for key, text in outcomes.items()}
+        self._outcomes = {path: cycle(parse_outcomes(text)) for path, text in outcomes.items()}
         self._mocked: dict[str, Iterator[Outcome]] = {}
         self.present_tick = 0
         self.assumed_from: int | None = None
-        self.keys: Sequence[str] = ()
+        self.paths: Sequence[str] = ()
         self.uids: Mapping[int, int] = {}  # of the recorded tree → of the changed tree
         self.scopes: Mapping[int, int] = {}
         self.forced: dict[tuple[int, bool], Status] = {}
         self.pauses: set[tuple[int, int]] = set()
-        self._left = {key: deque(known) for key, known in activations.items()}
+        self._left = {path: deque(known) for path, known in activations.items()}
         self._results = results
         self._present: dict[str, tuple[_Activation, int]] = {}
 
@@ -284,69 +288,71 @@ class _Activations(ExternalCode):
             self.assumed_from = self.present_tick
 
     def tick(self, node: TreeNode) -> Status:
-        key = self.keys[node.config.uid - 1]
-        if node.status is not RUNNING or key not in self._present:
-            left = self._left.get(key)
+        path = self.paths[node.config.uid - 1]
+        if node.status is not RUNNING or path not in self._present:
+            left = self._left.get(path)
             if not left:
-                self.node = node
-                changed = self._changed_result(key)
-                if changed is not None:
-                    self.assume()
-                    return changed
-                if key in self._outcomes:
-                    return self._tick_mock(node, key)
-                if self._missing is None:
-                    raise _NoResultError
-                self.assume()
-                if node.status is RUNNING:  # it was halted here, or the recording ended
-                    return RUNNING
-                self.invented.append(key)
-                is_invalid = self._missing is RUNNING and node._must_complete
-                return SUCCESS if is_invalid else self._missing
+                return self._tick_unrecorded(node, path)
             activation = left.popleft()
-            self._present[key] = activation, 0
+            self._present[path] = activation, 0
             if activation.tick != self.present_tick:
                 self.assume()
-        activation, index = self._present[key]
+        activation, index = self._present[path]
         last: Input | None = None
         if index == len(activation.ticks):  # the node was halted here, or the recording ended
             self.assume()
         else:
-            self._present[key] = activation, index + 1
+            self._present[path] = activation, index + 1
             *events, last = activation.ticks[index]
             for event in events:
                 self.apply(event, "")
-        changed = self._changed_result(key)
+        changed = self._changed_result(path)
         if changed is not None:
             return changed
         if isinstance(last, Raised):
             self.raise_error(last.error)
         return last.status if isinstance(last, Result) else RUNNING
 
-    def _tick_mock(self, node: TreeNode, key: str) -> Status:
-        """Do the next outcome of a node for which no activation is left."""
+    def _tick_unrecorded(self, node: TreeNode, path: str) -> Status:
+        """Tick a node for which no activation is left."""
+        self.node = node
+        changed = self._changed_result(path)
+        if changed is not None or path in self._outcomes:
+            self.assume()
+            return self._tick_mock(node, path) if changed is None else changed
+        if self._missing is None:
+            raise _NoResultError
         self.assume()
-        if node.status is not RUNNING:
-            self._mocked[key] = iter(next(self._outcomes[key]))
-        outcome = next(self._mocked[key], Outcome("R"))
+        if node.status is RUNNING:  # it was halted here, or the recording ended
+            return RUNNING
+        self.invented.append(path)
+        is_invalid = self._missing is RUNNING and node._must_complete
+        return SUCCESS if is_invalid else self._missing
+
+    def _tick_mock(self, node: TreeNode, path: str) -> Status:
+        """Do the next outcome of a node for which no activation is left."""
+        if node.status is not RUNNING or path not in self._mocked:
+            self._mocked[path] = iter(next(self._outcomes[path]))
+        outcome = next(self._mocked[path], Outcome("R"))
         for port, text in outcome.outputs:
             node.set_output(port, text)
         if outcome.letter == "X":
             raise MockLeafError("the outcome is X")
         return LETTERS[outcome.letter]
 
-    def _changed_result(self, key: str) -> Status | None:
+    def _changed_result(self, path: str) -> Status | None:
         """Return the result of `SetResult` for the present tick of a node, or None."""
-        self.used.add((self.present_tick, key))
-        return self._results.get((self.present_tick, key))
+        self.used.add((self.present_tick, path))
+        return self._results.get((self.present_tick, path))
 
     def halt(self, node: TreeNode) -> None:
-        key = self.keys[node.config.uid - 1]
-        present = self._present.pop(key, None)
+        path = self.paths[node.config.uid - 1]
+        present = self._present.pop(path, None)
         activation = None if present is None else present[0]
-        left = self._left.get(key)
-        if activation is None and node.status is RUNNING and left and not left[0].ticks:
-            activation = left.popleft()
+        left = self._left.get(path)
+        if activation is None and left and not left[0].ticks:
+            is_due = node.status is RUNNING or left[0].tick == self.present_tick
+            activation = left.popleft() if is_due else None
         for event in () if activation is None else activation.halt:
             if isinstance(event, ExternalHaltEnded):
                 if event.error is not None:
@@ -388,7 +394,7 @@ class _Activations(ExternalCode):
 
 
 class RecordedRun:
-    """A recorded run: what its external nodes did, by key, and its transitions.
+    """A recorded run: what its external nodes did, by path, and its transitions.
 
     Args:
         recording: The recording.
@@ -410,9 +416,9 @@ class RecordedRun:
         replay.tree.flush_observers()
         self.recording = recording
         self.tree = replay.tree
-        self.keys = keys_of(replay.tree)
+        self.paths = unique_paths(replay.tree)
         self.transitions = collected.found
-        self.activations = {self.keys[uid - 1]: known for uid, known in tracer.activations.items()}
+        self.activations = {self.paths[uid - 1]: known for uid, known in tracer.activations.items()}
 
 
 class ChangedReplay:
@@ -459,26 +465,23 @@ class ChangedReplay:
             head = head._replace(classes=(*head.classes, *_new_leaves(head, run.tree)))
         matches = matches or {}
         for old in matches:
-            _check_node(old, run.keys, "the recorded tree")
+            _check_node(old, run.paths, "the recorded tree")
         changes = list(changes)
-        results = {
-            (change.tick, change.node): change.status for change in changes if isinstance(change, SetResult)
-        }
-        activations = {matches.get(key, key): known for key, known in run.activations.items()}
+        results = {(each.tick, each.node): each.status for each in changes if isinstance(each, SetResult)}
+        activations = {matches.get(path, path): known for path, known in run.activations.items()}
         external = _Activations(head.types, activations, results, outcomes or {}, missing)
-        self.tree = tree = load_recorded(head, external, StandInClock())
-        external.keys = keys_of(tree)
-        leaves = [key for key, node in zip(external.keys, tree.nodes, strict=True) if is_external(type(node))]
-        for change in changes:
-            if isinstance(change, SetResult):
-                _check_node(change.node, leaves, "the tree, whose results are recorded")
-        for key in outcomes or ():
-            _check_node(key, leaves, "the tree, whose results are recorded")
+        self.tree = tree = load_recorded(head, external, StepClock())
+        external.paths = unique_paths(tree)
+        leaves = [
+            path for path, node in zip(external.paths, tree.nodes, strict=True) if is_external(type(node))
+        ]
+        for path in (*(node for _, node in results), *(outcomes or ())):
+            _check_node(path, leaves, "the tree, whose results are recorded")
         for new in matches.values():
-            _check_node(new, external.keys, "the tree")
-        uids = {key: uid for uid, key in enumerate(external.keys, start=1)}
-        recorded_uids = {uid: matches.get(key, key) for uid, key in enumerate(run.keys, start=1)}
-        external.uids = {uid: uids[key] for uid, key in recorded_uids.items() if key in uids}
+            _check_node(new, external.paths, "the tree")
+        uids = {path: uid for uid, path in enumerate(external.paths, start=1)}
+        recorded_uids = {uid: matches.get(path, path) for uid, path in enumerate(run.paths, start=1)}
+        external.uids = {uid: uids[path] for uid, path in recorded_uids.items() if path in uids}
         external.scopes = _match_scopes(run.tree, tree, len(head.outer))
         if document is None or _nodes(tree) == _nodes(run.tree):
             entries = restore_entries(head.state, external.boards, external.entry)
@@ -488,7 +491,7 @@ class ChangedReplay:
                 "the recording begins within a run: it has no start for a tree with other nodes; use a "
                 "recording that begins earlier"
             )
-        self.unmatched = [key for key in activations if key not in external.keys]
+        self.unmatched = [path for path in activations if path not in external.paths]
         self.position = 0
         self.status = IDLE
         self.end: EndReason = "the recording ended"
@@ -496,7 +499,7 @@ class ChangedReplay:
         self.other_result: tuple[int, Status, Status] | None = None
         self._recording = recording
         self._external = external
-        self._results = [each for each in changes if isinstance(each, SetResult)]
+        self._results = results
         self._entries = [each for each in changes if isinstance(each, SetEntry)]
         self._held = [each for each in changes if isinstance(each, HoldEntry)]
         tree.context.clock = self._clock = RecordedTimes(Inputs())
@@ -515,7 +518,7 @@ class ChangedReplay:
         entries = [each for each in set_entries if each.tick not in ticks]
         return [f"{each.key}={each.value}@{each.tick}" for each in entries] + [
             f"{node}={status.name}@{tick}"
-            for tick, node, status in self._results
+            for (tick, node), status in self._results.items()
             if (tick, node) not in self._external.used
         ]
 
@@ -589,16 +592,16 @@ def run_changed(
         pass
     changed.tree.flush_observers()
     matches = matches or {}
-    transitions = [each._replace(key=matches.get(each.key, each.key)) for each in run.transitions]
-    found = transitions, collected.found
-    index = _first_difference(*found, changed.end == "the recording ended")
+    transitions = [each._replace(path=matches.get(each.path, each.path)) for each in run.transitions]
+    is_whole = changed.end == "the recording ended"
+    pairs = zip_longest(transitions, collected.found)
+    differing = (pair for pair in pairs if pair[0] != pair[1] and (is_whole or pair[1] is not None))
     differs_from: int | None = None
     recorded = now = ""
-    if index is not None:
-        sides = [each[index] if index < len(each) else None for each in found]
-        ticks = {side.tick for side in sides if side is not None}
+    if (pair := next(differing, None)) is not None:
+        ticks = {side.tick for side in pair if side is not None}
         differs_from = min(ticks)
-        recorded, now = ["" if side is None else side.text(len(ticks) > 1) for side in sides]
+        recorded, now = ["" if side is None else side.text(len(ticks) > 1) for side in pair]
     elif changed.other_result is not None:
         differs_from, before, after = changed.other_result
         recorded, now = f"the result is {before.name}", f"the result is {after.name}"
@@ -615,6 +618,11 @@ def run_changed(
         changed.unmatched,
         changed.unused,
     )
+
+
+def read_document(file: File | None) -> tuple[str, str] | None:
+    """Return the name and the text of a file for `ChangedReplay`; None for none."""
+    return None if file is None else (os.fspath(file), parse_file(file).text)
 
 
 def _exchange(head: Head, document: tuple[str, str]) -> tuple[tuple[str, str, bool], ...]:
@@ -646,13 +654,13 @@ def _new_leaves(head: Head, recorded: Tree) -> Iterator[RecordedClass]:
 
 
 def _nodes(tree: Tree) -> list[tuple[str, str]]:
-    """Return the keys and the IDs of the nodes."""
-    return [(key, node.config.id) for key, node in zip(keys_of(tree), tree.nodes, strict=True)]
+    """Return the paths and the IDs of the nodes."""
+    return [(path, node.config.id) for path, node in zip(unique_paths(tree), tree.nodes, strict=True)]
 
 
-def _check_node(key: str, keys: Sequence[str], where: str) -> None:
-    if key not in keys:
-        raise BtcoreError(f"there is no node '{key}' in {where}{did_you_mean(key, keys)}")
+def _check_node(path: str, paths: Sequence[str], where: str) -> None:
+    if path not in paths:
+        raise BtcoreError(f"there is no node '{path}' in {where}{did_you_mean(path, paths)}")
 
 
 def _match_scopes(recorded: Tree, changed: Tree, outer: int) -> dict[int, int]:
@@ -666,14 +674,3 @@ def _match_scopes(recorded: Tree, changed: Tree, outer: int) -> dict[int, int]:
 
     indices = {key: index for index, key in enumerate(keys(changed))}
     return {index: indices[key] for index, key in enumerate(keys(recorded)) if key in indices}
-
-
-def _first_difference(
-    recorded: Sequence[_PathTransition], now: Sequence[_PathTransition], is_whole: bool
-) -> int | None:
-    """Return the index of the first transition that differs, or None."""
-    for index, (first, second) in enumerate(zip(recorded, now, strict=False)):
-        if first != second:
-            return index
-    shorter = min(len(recorded), len(now))
-    return shorter if len(now) > shorter or (len(recorded) > shorter and is_whole) else None

@@ -97,7 +97,7 @@ class _Question(NamedTuple):
 
     kind: Literal["result", "halt", "no tick"]
     uid: int
-    position: int
+    step: int
     result: Status | None = None
 
     def is_same(self, trace: TickTrace) -> bool:
@@ -169,21 +169,21 @@ class Explainer:
             BtcoreError: There is no such node or tick, or the replay differs from the recording.
         """
         uid = self._find_node(node) if node else 1
-        position = self._find_step(tick, time, prefers_failure=not node)
+        index = self._find_step(tick, time, prefers_failure=not node)
         self._causes.begin()
         self._trials = 0
-        trace = self._causes.trace(position)
+        trace = self._causes.trace(index)
         visits = trace.visits_of(uid)
         halt = trace.halt_of(uid)
         if halt is not None and (not visits or visits[-1].result is RUNNING or halt.by is visits[-1]):
-            question = _Question("halt", uid, position)
-            cause = self._causes.explain_halt(position, halt)
+            question = _Question("halt", uid, index)
+            cause = self._causes.explain_halt(index, halt)
         elif visits:
-            question = _Question("result", uid, position, visits[-1].result)
-            cause = self._causes.explain_result(position, visits[-1])
+            question = _Question("result", uid, index, visits[-1].result)
+            cause = self._causes.explain_result(index, visits[-1])
         else:
-            question = _Question("no tick", uid, position)
-            cause = self._causes.explain_no_tick(position, uid)
+            question = _Question("no tick", uid, index)
+            cause = self._causes.explain_no_tick(index, uid)
         found = self._find_smallest_set(question, cause)
         return self._answer(question, cause, found)
 
@@ -202,8 +202,8 @@ class Explainer:
         Raises:
             BtcoreError: There is no such entry or tick, or the replay differs from the recording.
         """
-        position = self._find_step(tick, time, prefers_failure=False)
-        self._causes.seek(position + 1)
+        index = self._find_step(tick, time, prefers_failure=False)
+        self._causes.seek(index + 1)
         found = next(self._find_entries(key), None)
         if found is None:
             keys = [key for board in self._replay.external.boards for key in board.visible_keys()]
@@ -211,9 +211,9 @@ class Explainer:
         entry = found
         name = find_name(self._replay.external.boards, entry)
         read = Read(key.rpartition("/")[2], "", "", name, entry.value, entry.sequence_id)
-        cause = self._causes.explain_value(position, read, is_input=False)
+        cause = self._causes.explain_value(index, read, is_input=False)
         value = short_text(entry.value)
-        question = f"who wrote {{{key}}} = {value}, as it was after tick {self._causes.tick(position)}?"
+        question = f"who wrote {{{key}}} = {value}, as it was after tick {self._causes.tick(index)}?"
         return Answer(question, f"{self._describe_cause(cause)}.", self._chain(cause, ()))
 
     def _find_entries(self, key: str) -> Iterator[Entry]:
@@ -242,34 +242,34 @@ class Explainer:
             found.append(PathTransitions(side._replay.tree))
             side._replay.tree.subscribe(found[-1])
         length = min(len(side._steps) for side in sides)
-        position = 0
-        while position < length and found[0].found == found[1].found:
+        index = 0
+        while index < length and found[0].found == found[1].found:
             for side, transitions in zip(sides, found, strict=True):
                 transitions.found.clear()
                 side._replay.step()
                 side._replay.tree.flush_observers()
-            position += 1
+            index += 1
         if found[0].found == found[1].found:
             text = f"The runs are the same in all {length:,} ticks and halts"
             longer = [word for word, side in zip(_RUNS, sides, strict=True) if len(side._steps) > length]
             text += f"; then only the {longer[0]} goes on" if longer else ""
             return Answer(question, f"{text}.", ())
-        position -= 1
-        traces = [side._causes.trace(position) for side in sides]
+        index -= 1
+        traces = [side._causes.trace(index) for side in sides]
         for visits in zip_longest(*[trace.ended for trace in traces]):
             results = [
                 None if visit is None else (side._causes.path(visit.uid), visit.result)
                 for side, visit in zip(sides, visits, strict=True)
             ]
             if results[0] != results[1]:
-                return self._describe_difference(question, position, other, visits)
-        text = f"In tick {self._causes.tick(position)} all nodes have the same results, but other statuses."
+                return self._describe_difference(question, index, other, visits)
+        text = f"In tick {self._causes.tick(index)} all nodes have the same results, but other statuses."
         return Answer(question, text, ())
 
     def _describe_difference(
         self,
         question: str,
-        position: int,
+        index: int,
         other: "Explainer",
         visits: Sequence[Visit | None],
     ) -> Answer:
@@ -280,17 +280,17 @@ class Explainer:
                 texts.append(f"nothing more happens in the {word}")
                 continue
             texts.append(f"'{side._causes.path(visit.uid)}' returned {name_of(visit.result)} in the {word}")
-            links = side._chain(side._causes.explain_result(position, visit), ())[: MAX_LINKS // 2]
+            links = side._chain(side._causes.explain_result(index, visit), ())[: MAX_LINKS // 2]
             chain += [link._replace(because=f"{link.because} [{word}]") for link in links]
-        answer = f"The runs differ from tick {self._causes.tick(position)} on: {' and '.join(texts)}."
+        answer = f"The runs differ from tick {self._causes.tick(index)} on: {' and '.join(texts)}."
         return Answer(question, answer, chain)
 
     # --- moments
 
     def _find_node(self, node: str) -> int:
-        if node in self._causes.keys:
-            return self._causes.keys.index(node) + 1
-        raise BtcoreError(f"the recorded tree has no node '{node}'{did_you_mean(node, self._causes.keys)}")
+        if node in self._causes.paths:
+            return self._causes.paths.index(node) + 1
+        raise BtcoreError(f"the recorded tree has no node '{node}'{did_you_mean(node, self._causes.paths)}")
 
     def _find_step(self, tick: int | None, time: float | None, prefers_failure: bool) -> int:
         """Return the index of a step."""
@@ -324,7 +324,7 @@ class Explainer:
         for each in cause.walk():
             if each is cause or not each.changes:  # a leaf's own result is what is asked for
                 continue
-            is_near = question.position - each.position <= MAX_DISTANCE
+            is_near = question.step - each.step <= MAX_DISTANCE
             if is_near and not any(other.changes == each.changes for other in inputs):
                 inputs.append(each)
         for size, most, values in _MOST_OF_A_SET:
@@ -347,15 +347,15 @@ class Explainer:
         self._trials += 1
         ticks = {change.tick for change in changes}
         start = min(index for index, step in enumerate(self._steps) if step.tick in ticks)
-        run = self._run_from(start, question.position)
+        run = self._run_from(start, question.step)
         guesses = (RUNNING, FAILURE, SUCCESS) if question.result is SUCCESS else (RUNNING, SUCCESS, FAILURE)
         for missing in (*guesses, None):  # what nodes return for which nothing is recorded
             try:
                 changed = ChangedReplay(run, changes, missing=missing)
-                outcome = self._outcome(question, changed, question.position - start)
+                outcome = self._outcome(question, changed, question.step - start)
             except BtcoreError:  # the entry has another type
                 return "", True
-            is_reached = changed.position > question.position - start
+            is_reached = changed.position > question.step - start
             if missing is None and changed.end == "no result is recorded":
                 ended_at = changed.ended_at
                 text = f"the run would have gone on to '{ended_at}', for which nothing is recorded"
@@ -400,8 +400,8 @@ class Explainer:
     # --- the answer
 
     def _answer(self, question: _Question, cause: Cause, found: _SmallestSet | None) -> Answer:
-        path, tick = self._causes.path(question.uid), self._causes.tick(question.position)
-        moment = f"in tick {tick} ({self._causes.time(question.position):g} s)"
+        path, tick = self._causes.path(question.uid), self._causes.tick(question.step)
+        moment = f"in tick {tick} ({self._causes.time(question.step):g} s)"
         match question:
             case _Question(kind="halt"):
                 asked = f"why was '{path}' halted {moment}?"
@@ -453,9 +453,9 @@ class Explainer:
         code = None if config is None else self._replay.recording.head.facts.code.get(config.id)
         if code is not None:
             place += f" ({PurePath(code.place).name})"
-        time = round(self._causes.time(cause.position), 9)
+        time = round(self._causes.time(cause.step), 9)
         return Link(
-            self._causes.tick(cause.position),
+            self._causes.tick(cause.step),
             time,
             self._causes.path(cause.uid),
             place,

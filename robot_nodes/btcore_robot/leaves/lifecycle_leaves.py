@@ -36,7 +36,7 @@ class _KeepActive(StatefulAction):
 
     spec = NodeSpec(results=frozenset())
 
-    server: HeadTrackerProtocol
+    _server: HeadTrackerProtocol
 
     def on_start(self) -> Status:
         """Activate the server."""
@@ -44,14 +44,14 @@ class _KeepActive(StatefulAction):
 
     def on_running(self) -> Status:
         """Activate the server if it is inactive, for example because another program deactivated it."""
-        if self.server.state is LifecycleState.INACTIVE:
-            self.server.activate()
+        if self._server.state is LifecycleState.INACTIVE:
+            self._server.activate()
         return RUNNING
 
     def on_halted(self) -> None:
         """Deactivate the server."""
-        if self.server.state is LifecycleState.ACTIVE:
-            self.server.deactivate()
+        if self._server.state is LifecycleState.ACTIVE:
+            self._server.deactivate()
 
 
 class TrackObjects(_KeepActive):
@@ -60,7 +60,7 @@ class TrackObjects(_KeepActive):
     spec = NodeSpec(state_fields=())
 
     def __init__(self, tracker: HeadTrackerProtocol) -> None:
-        self.server = tracker
+        self._server = tracker
 
 
 class LocateObjects(_KeepActive):
@@ -79,7 +79,7 @@ class LocateObjects(_KeepActive):
         return {"writes": "boxes"}
 
     def __init__(self, locator: ObjectLocatorProtocol) -> None:
-        self.server = self.locator = locator
+        self._server = self.locator = locator
         self.written_boxes: Sequence[object] | None = None
 
     def on_start(self) -> Status:

@@ -4,18 +4,18 @@ import os
 from random import Random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from btcore import SimClock
 from btcore_recorder import Replay, assert_does_not_fail, assert_runs_as_recorded
 from btcore_recorder.excerpts import cut, shrink
 from btcore_recorder.failures import Failure, FailureObserver
+from btcore_recorder.files import save_recording
 from btcore_recorder.inputs import RunRecording
-from btcore_recorder.text_form import to_text
 from btcore_recorder.what_if import run_changed
 from tests.tools.btcore_recorder.test_replay import DOCUMENTS, Run, act, random_tree
-from tests.tools.btcore_recorder.test_what_if import ACTIONS
+from tests.tools.btcore_recorder.test_what_if import ACTIONS, HELD
 
 RUNS = os.environ.get("BTCORE_RUNS")
 
@@ -42,7 +42,7 @@ def test_saved_test_passes_or_fails_as_the_run_did(
     window = cut(recording, first, last)
     assert Replay(window).verify() is None
     file = tmp_path_factory.mktemp("run") / "run.btrec.txt"
-    file.write_text(to_text(window), encoding="utf-8", errors="surrogatepass")
+    save_recording(file, window, ())
     assert_runs_as_recorded(file)
     kept = {step.tick for step in window.steps}
     failed = [failure for failure in failures if failure.tick in kept]
@@ -60,6 +60,7 @@ def size(recording: RunRecording) -> int:
 
 @settings(max_examples=int(RUNS) // 4 if RUNS else settings().max_examples)
 @given(DOCUMENTS, ACTIONS, st.integers(0, 2**32))
+@example(HELD, ["tick", "halt"], 4)  # the halt raises, also without the tick before it
 def test_shrunk_run_fails_at_the_same_node(xml: str, actions: list[str], seed: int) -> None:
     run = Run(random_tree(xml, seed, SimClock()))
     observer = FailureObserver(run.tree)

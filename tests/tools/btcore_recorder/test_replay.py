@@ -33,11 +33,11 @@ from btcore.testing import xml_documents
 from btcore.testing.tree_generator import BUILTIN_MANIFESTS, SCRIPT_KEYS
 from btcore.tree.hooks import Hook, HookMode, HookPosition
 from btcore_recorder import Replay
-from btcore_recorder.files import form_for, read_recording
+from btcore_recorder.files import form_for, read_recording, save_recording
 from btcore_recorder.inputs import RunRecording, scopes_of
 from btcore_recorder.lines import head_lines, read_lines, recording_lines
 from btcore_recorder.recorder import Recorder, RecorderOptions
-from btcore_recorder.text_form import TextForm, TextLines, to_text
+from btcore_recorder.text_form import TextForm, TextLines
 from tests.conformance.recorded_cases import CallLog, conformance_registry, read_cases
 from tests.tools.btcore_recorder.random_leaves import NODE_IDS, Spot, random_registry
 
@@ -336,7 +336,8 @@ def recorded_door() -> RunRecording:
 )
 def test_the_first_difference_is_found(tmp_path: Path, old: str, new: str, difference: str) -> None:
     path = tmp_path / "door.btrec.txt"
-    text = re.sub(r"^transitions .*\n", "", to_text(recorded_door()), flags=re.MULTILINE)
+    save_recording(path, recorded_door(), ())
+    text = re.sub(r"^transitions .*\n", "", path.read_text(), flags=re.MULTILINE)
     assert old in text
     # Without the checksums of lines, as in a file that was written by hand.
     path.write_text(

@@ -127,6 +127,10 @@ def test_included_files_are_those_of_the_project() -> None:
     [
         (["--save-test", "door.py"], "pytest finds tests in files test_….py"),
         (["--save-test", "test_x.py", "--verify"], "--save-test and --verify exclude each other"),
+        (
+            ["--save-test", "test_x.py", "--tree", "door.xml", "--outcomes", "IsOpen=S"],
+            "--save-test and --outcomes exclude each other",
+        ),
         (["--shrink"], "--shrink needs --save-test"),
         (["--save-test", "test_old.py"], "test_old.py exists already"),
         (["--save-test", "test_x.py", "--from", "5"], "the ticks are at 0.000 s to 2.000 s"),

@@ -5,7 +5,7 @@ from collections import deque
 from random import Random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import btcore
@@ -16,6 +16,7 @@ from tests.tools.btcore_recorder.test_replay import DOCUMENTS, Run, act, random_
 
 RUNS = os.environ.get("BTCORE_RUNS")
 ACTIONS = st.lists(st.sampled_from(["tick"] * 6 + ["tick once", "halt", "write"]), min_size=1, max_size=10)
+HELD = '<root BTCPP_format="4"><BehaviorTree ID="Main"><Hold out="{out}"/></BehaviorTree></root>'
 PATROL = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
     <Measure name="scan" distance="{d}"/>
     <Fallback><ScriptCondition name="near" code="d &lt; 1.0"/><Drive name="drive"/></Fallback>
@@ -26,6 +27,7 @@ PATROL = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
 
 @settings(max_examples=int(RUNS) // 2 if RUNS else settings().max_examples)
 @given(DOCUMENTS, ACTIONS, st.integers(0, 2**32))
+@example(HELD, ["tick", "halt"], 4)  # the halt raises
 def test_without_a_change_the_run_is_the_same(xml: str, actions: list[str], seed: int) -> None:
     run = Run(random_tree(xml, seed, SimClock()))
     for action in actions:

@@ -128,7 +128,7 @@ def replay(
 
 def _save(log: Recording, file: Path) -> None:
     """Write a log as a recording to *file*."""
-    from btcore_recorder.files import RECONSTRUCTED, describe_reconstruction, save_recording
+    from btcore_recorder.files import describe_reconstruction, save_recording
     from btcore_recorder.import_log import import_log
     from btcore_recorder.replay import Replay
     from btcore_recorder.replayed_log import ReplayedLog
@@ -137,7 +137,7 @@ def _save(log: Recording, file: Path) -> None:
     save_recording(file, run, [node.path for node in Replay(run).tree.nodes])
     click.echo(f"{file}: {sum(step.tick > 0 for step in run.steps):,} ticks of {log.path}")
     if not isinstance(log, ReplayedLog):
-        terminal.print_warning(f"{file}: {describe_reconstruction(run.head.versions[RECONSTRUCTED])}")
+        terminal.print_warning(f"{file}: {describe_reconstruction(run.head)}")
 
 
 def _find_window(recording: Recording, from_s: float | None, to_s: float | None) -> range:

@@ -12,19 +12,16 @@ from btcore.errors import BtcoreError, SettingsError
 from btcore.escaping import escape_controls
 from btcore.exit_codes import ExitCode
 from btcore.json_text import load_json
-from btcore.options import Options, option
+from btcore.options import Options, changed_option_names, option
 from btcore.registry.outcomes import LETTERS, parse_outcomes
 from btcore.suggestions import join_names
-from btcore.xml.read.read import parse_file
 from btcore_recorder.excerpts import cut, shrink
-from btcore_recorder.files import EXTENSIONS, TEXT, read_recording
+from btcore_recorder.files import EXTENSIONS, TEXT, read_recording, save_recording
 from btcore_recorder.inputs import RunRecording
-from btcore_recorder.lines import encode_text
 from btcore_recorder.replay import Replay
-from btcore_recorder.saved_tests import find_difference, find_failure, run_with_tree, source_of_test
-from btcore_recorder.text_form import to_text
+from btcore_recorder.saved_tests import describe_failure, source_of_test
 from btcore_recorder.verification import Verification, verify
-from btcore_recorder.what_if import Change, ChangedRun, SetEntry, SetResult, run_changed
+from btcore_recorder.what_if import Change, ChangedRun, SetEntry, SetResult, read_document, run_changed
 
 
 class RerunOptions(Options):
@@ -99,11 +96,13 @@ class RerunOptions(Options):
     ] = False
 
     def __post_init__(self) -> None:
-        changes = [f"--{name}" for name in ("tree", "result", "set") if getattr(self, name)]
+        given = changed_option_names(self)
+        changes = [name for name in given if name in ("--tree", "--result", "--set")]
         if self.verify and changes:
             raise SettingsError(f"--verify and {changes[0]} exclude each other: choose one.")
         if self.save_test is not None:
-            others = [f"--{name}" for name in ("verify", "result", "set", "json") if getattr(self, name)]
+            not_in_tests = ("--verify", "--result", "--set", "--outcomes", "--json")
+            others = [name for name in given if name in not_in_tests]
             if others:
                 raise SettingsError(f"--save-test and {others[0]} exclude each other: choose one.")
             if not (self.save_test.name.startswith("test_") and self.save_test.suffix == ".py"):
@@ -120,8 +119,9 @@ class RerunOptions(Options):
     @property
     def mode(self) -> str:
         """The first given option that runs a recording again, or ""."""
-        given = (name for name in ("save_test", "verify", "tree", "result", "set") if getattr(self, name))
-        return next((f"--{name.replace('_', '-')}" for name in given), "")
+        given = changed_option_names(self)
+        modes = ("--save-test", "--verify", "--tree", "--result", "--set")
+        return next((name for name in modes if name in given), "")
 
     def run(self, log: Path, from_s: float | None, to_s: float | None) -> ExitCode:
         """Run the recording *log*, or each in this folder, again, and print what happens.
@@ -171,8 +171,7 @@ class RerunOptions(Options):
     def _run_file(self, log: Path) -> Verification | ChangedRun:
         if self.verify:
             return verify(log)
-        document = None if self.tree is None else (str(self.tree), parse_file(self.tree).text)
-        outcomes = dict(_outcomes(text) for text in self.outcomes)
+        document, outcomes = read_document(self.tree), dict(_outcomes(text) for text in self.outcomes)
         return run_changed(read_recording(log), list(self._changes()), document, self._matches, outcomes)
 
     def _save_test(self, log: Path, test: Path, from_s: float | None, to_s: float | None) -> ExitCode:
@@ -191,11 +190,13 @@ class RerunOptions(Options):
             click.echo(str(shrunk))
         recorded = run_changed(recording)
         tree = self.tree or _find_tree(recording)
-        run = recorded if tree is None else run_with_tree(recording, tree, self._matches)
-        has_failed = recorded.failure is not None
-        problem = find_failure(recording, run) if has_failed else find_difference(recording, run)
+        document = read_document(tree)
+        run = recorded if document is None else run_changed(recording, (), document, self._matches)
+        problem = "" if run.is_same else str(run)
+        if recorded.failure is not None:
+            problem = describe_failure(recording, run)
         paths = [node.path for node in Replay(recording).tree.nodes]
-        files.write(file, encode_text(to_text(recording, paths)))
+        save_recording(file, recording, paths)
         files.write(test, source_of_test(recording, recorded, test, file, tree, self._matches).encode())
         names = escape_controls(f"wrote {test} and {file}", one_line=True)
         tried = "the recorded tree" if tree is None else str(tree)
