@@ -122,7 +122,7 @@ _HOMES = {
 }  # fmt: skip
 _MODULE_OF = {name: module for module, names in _HOMES.items() for name in names}
 
-__all__ = [*_MODULE_OF, "builds", "values"]
+__all__ = [*_MODULE_OF, "builds", "values"]  # with the public submodules
 
 
 def __getattr__(name: str) -> object:

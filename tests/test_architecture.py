@@ -388,6 +388,18 @@ def test_documented_imports_of_the_packages_are_those_of_the_source() -> None:
     assert {package: names_in(cell) for package, _, cell in rows} == found
 
 
+def test_diagram_and_its_omissions_show_the_imports_of_the_table() -> None:
+    [diagram] = re.findall(r"^  bags .*", PAGE, re.MULTILINE)
+    words = re.findall(r"\w+|◄─|─►", diagram)
+    shown = {(words[i - 1], words[i + 1]) for i, word in enumerate(words) if word == "─►"}
+    shown |= {(words[i + 1], words[i - 1]) for i, word in enumerate(words) if word == "◄─"}
+    omissions = re.findall(r"^- `(\w+)` also imports (.*)\.$", PAGE, re.MULTILINE)
+    shown |= {(package, name) for package, names in omissions for name in names_in(names)}
+    rows = re.findall(r"^\| `btcore_(\w+)` \| `\w+/` \|(.*?)\|", PAGE, re.MULTILINE)
+    listed = {(package, name.removeprefix("btcore_")) for package, cell in rows for name in names_in(cell)}
+    assert shown == {(package, name) for package, name in listed if name not in ("btcore", "scene")}
+
+
 def test_documented_methods_exist() -> None:
     words = {word for path in SOURCES.values() for word in re.findall(r"\w+", path.read_text("utf-8"))}
     named = re.findall(r"`([A-Z]\w+)\.(\w+)`", PAGE)

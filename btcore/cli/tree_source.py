@@ -113,7 +113,7 @@ class TreeReader:
         path: The XML file, or `STDIN`.
         options: The options that select the tree.
         libraries: The available nodes; by default those that *options* name, as far as the tree needs them.
-        adapt_registry: Returns the nodes for the tree, made of the available nodes; None: these.
+        adapt_registry: Returns the nodes for the tree, made of the available nodes; None = no change.
     """
 
     def __init__(

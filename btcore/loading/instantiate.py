@@ -35,7 +35,6 @@ from btcore.values import parse_constant, type_of
 from btcore.xml.plan.plan import Plans, report_invalid_scripts
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.read.document import DiagnosticCollector
-from btcore.xml.read.read import Sources
 
 _SCRIPT_EXAMPLES: Final = {PortRole.SCRIPT: "", PortRole.CONDITION: "true"}
 """The texts with which fixes add a missing port with a script."""
@@ -65,6 +64,7 @@ def instantiate(
     creator = NodeCreator(plans, resources, clock or _find_clock(resources), blackboard)
     creator.create_nodes(main)
     creator.collector.diagnostics.raise_errors()
+    sources = plans.definitions.sources
     return Tree(
         main.id,
         creator.format,
@@ -73,7 +73,7 @@ def instantiate(
         creator.context,
         plans.registry,
         tick_limit,
-        _list_documents(plans.definitions.sources),
+        [TreeDocument(each.file, each.text, each in sources.shared_documents) for each in sources.documents],
     )
 
 
@@ -87,11 +87,6 @@ def list_resources(resources: object) -> Sequence[object]:
     if isinstance(resources, (str, bytes)) or not isinstance(resources, Iterable):
         raise TypeError(f"resources={reprlib.repr(resources)} is not a list: write resources=[…]")
     return resources if isinstance(resources, Sequence) else list(resources)
-
-
-def _list_documents(sources: Sources) -> list[TreeDocument]:
-    shared = sources.shared_documents
-    return [TreeDocument(document.file, document.text, document in shared) for document in sources.documents]
 
 
 def create_leaf_tree(leaf: type[TreeNode], id: str, clock: Clock) -> Tree:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping
 from random import Random
-from typing import TYPE_CHECKING, ClassVar, Final
+from typing import TYPE_CHECKING, ClassVar
 
 from btcore.blackboard.ports import Output, Port
 from btcore.engine.leaf import StatefulAction
@@ -166,15 +166,11 @@ class Outcomes:
         return results
 
 
-SUCCEED: Final = Outcomes()
-"""The outcomes of mock leaves for which nothing is planned."""
-
-
 class MockAction(StatefulAction):
     """An action that follows outcomes; by default it succeeds.
 
     Args:
-        tree_outcomes: The outcomes of the tree.
+        tree_outcomes: The outcomes of the tree; None = each start succeeds.
 
     Attributes:
         given_outputs: The values that the mock leaves of the tree write when they succeed.
@@ -186,9 +182,8 @@ class MockAction(StatefulAction):
     spec = NodeSpec(state_fields=("tree_outcomes", "starts", "remaining"), uses=frozenset())
     given_outputs: ClassVar[GivenOutputs] = {}
 
-    def __init__(self, tree_outcomes: Outcomes = SUCCEED) -> None:
-        # Leaves of different trees do not share the source of random values.
-        self.tree_outcomes = tree_outcomes if tree_outcomes is not SUCCEED else Outcomes()
+    def __init__(self, tree_outcomes: Outcomes | None = None) -> None:
+        self.tree_outcomes = tree_outcomes or Outcomes()
         self.starts = 0
         self.remaining: Start = ()
 

@@ -9,7 +9,7 @@ from btcore.engine.node import TreeNode
 from btcore.engine.node_spec import NodeSpec
 from btcore.nodes.sequences_and_fallbacks import Sequence as SequenceNode
 from btcore.registry.mock_leaves import MockAction, MockCondition
-from btcore.status import FAILURE, RUNNING, SUCCESS, NodeType, Status
+from btcore.status import RUNNING, NodeType, Status
 
 
 class MockControl(SequenceNode):
@@ -24,10 +24,7 @@ class MockDecorator(DecoratorNode):
     def tick(self) -> Status:
         """Tick the child, and return its result."""
         self.set_status(RUNNING)
-        status = self.child.execute_tick()
-        if status is SUCCESS or status is FAILURE:
-            self.reset_child()
-        return status
+        return self.child.execute_tick()
 
 
 _MOCK_CLASSES: Final[dict[NodeType, type[TreeNode]]] = {

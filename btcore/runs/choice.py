@@ -16,6 +16,9 @@ criterion in which they differ decides:
 The other candidates are rejected. They are used for no other type either, and neither is a provider that
 needs what only they provide: the map of a simulated world does not fit another robot.
 
+If no used provider is a clock, a provider of nothing but a clock is used, too, if everything that it needs is
+provided anyway. A run with providers of the core alone does not search for such a provider.
+
 The choice consists of rounds. Each round follows the needs from the leaves, through types with a single
 candidate, to a type with several candidates, and rejects all but the best of them. In the last round each
 needed type has a single candidate.
@@ -295,11 +298,7 @@ class _Round:
         return choice._replace(order=order)
 
     def _add_clock(self) -> None:
-        """Use a provider that provides nothing but a clock, if no used provider is a clock.
-
-        What it needs must be provided anyway: `ros_clock` needs the session of ROS leaves, which wait on this
-        clock for messages. A run with nothing but providers of the core uses none, and imports none.
-        """
+        """Use a provider of nothing but a clock, such as `ros_clock`; the module's docstring has the rule."""
         clocks = [provider for provider in self._used if provider.provides_clock]
         if len(clocks) > 1:
             names = join_names(map(repr, clocks))

@@ -92,7 +92,10 @@ class OpenedProvider:
         return [value for value in values if value is not None] if self.provider.types else []
 
     def object_for(self, name: str) -> object:
-        """Return the object of the type with the full *name*."""
+        """Return the object of the type with the full *name*.
+
+        A protocol that no object of a tuple names as a base class is that of the first object.
+        """
         if not self.provider.provides_several:
             return self.value
         fitting = (provided for provided in self.objects if fits(provided, name))

@@ -267,7 +267,11 @@ def _resolve(function: Callable[..., Any]) -> dict[str, Any]:
 
 
 def _create_placeholders(module: ModuleType) -> dict[str, Any]:
-    """Return placeholders for the classes that *module* imports, by their names there."""
+    """Return placeholders for the classes that *module* imports, by their names there.
+
+    `from btcore_robot.robot import Robot` under TYPE_CHECKING imports nothing at run time. In `-> Robot`, a
+    class with the full name "btcore_robot.robot.Robot" replaces it.
+    """
     source = ast.parse(Path(str(module.__file__)).read_bytes())
     return {
         alias.asname or alias.name: type(

@@ -21,6 +21,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Sequence
+from itertools import cycle
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Final, NamedTuple
@@ -128,7 +129,7 @@ def paths(secret: Path) -> list[Attack]:
         "bumpgo.xml",
     ]
     tools = ["validate", "show", "run", "prove"]
-    attacks = [call(f"path {name[:30]!a}", tools[i % 4], tree=name) for i, name in enumerate(names)]
+    attacks = [call(f"path {name[:30]!a}", tool, tree=name) for name, tool in zip(names, cycle(tools))]
     attacks.append(call("path in sweep", "sweep", tree="../secret.xml", seeds=1))
     attacks += [
         call(f"model {name!a}", "nodes", models=[name])

@@ -1,4 +1,4 @@
-"""The process of a command: its imports, installed packages, Ctrl-C, and terminals with little encoding."""
+"""The process of a command: imports, installed packages, Ctrl-C, full disks, terminals limited to ASCII."""
 
 import json
 import os
@@ -311,3 +311,11 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         f'<root BTCPP_format="4"><BehaviorTree ID="Main">{tree}</BehaviorTree></root>', encoding="utf-8"
     )
     CliRunner().invoke(main, ["run", "tree.xml", "--fast", "--log", "a.db3"])
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+def test_output_on_a_full_disk_is_an_error_with_the_exit_code_4() -> None:
+    command = [sys.executable, "-m", "btcore", "show", "bumpgo"]
+    with Path("/dev/full").open("wb") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert (done.returncode, done.stderr) == (4, "error: cannot write the output: No space left on device\n")

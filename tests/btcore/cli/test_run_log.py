@@ -69,11 +69,3 @@ def test_log_that_is_cut_short_makes_the_exit_code_4(tree_file: TreeFile, tmp_pa
         assert f"the log {log} is incomplete, writing failed" in done.stderr.replace("\n", " ")
     assert "Traceback" not in done.stderr
     assert len(read_log(logs[0]).transitions) > 1000
-
-
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
-def test_output_on_a_full_disk_is_an_error_with_the_exit_code_4() -> None:
-    command = [sys.executable, "-m", "btcore", "show", "bumpgo"]
-    with Path("/dev/full").open("wb") as full:
-        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True)
-    assert (done.returncode, done.stderr) == (4, "error: cannot write the output: No space left on device\n")

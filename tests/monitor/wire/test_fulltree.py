@@ -1,4 +1,4 @@
-"""The XML of a tree whose names XML cannot contain, as the names of Groot 1's protocol may be."""
+"""Trees of Groot 1's protocol are written as XML, also if XML does not allow characters of their names."""
 
 import pytest
 

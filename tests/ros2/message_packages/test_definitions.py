@@ -1,6 +1,6 @@
 """Packages of message definitions are found, checked and ordered."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 import pytest
@@ -9,6 +9,7 @@ pytest.importorskip("rosidl_adapter")
 
 from btcore_ros2.errors import RosError
 from btcore_ros2.message_packages.definitions import (
+    MessagePackage,
     bundled_packages,
     find_packages,
     leave_out_incomplete,
@@ -26,8 +27,8 @@ def write(folder: Path, files: Mapping[str, str]) -> str:
     return str(folder)
 
 
-def names(packages: object) -> dict[str, list[str]]:
-    return {package.name: [interface.name for interface in package.interfaces] for package in packages}  # type: ignore[attr-defined]
+def names(packages: Iterable[MessagePackage]) -> dict[str, list[str]]:
+    return {package.name: [interface.name for interface in package.interfaces] for package in packages}
 
 
 def test_bundled_definitions_need_only_messages_of_the_extra_ros2() -> None:
