@@ -162,9 +162,10 @@ def written_docstring(cls: type) -> str:
 
     It is needed because mypyc drops the docstrings of classes.
     """
-    module = sys.modules[cls.__module__]
-    file = Path(module.__file__ or "")
-    if not cls.__module__.startswith("btcore.") or file.suffix == ".py":
+    if not cls.__module__.startswith("btcore."):
+        return ""
+    file = Path(sys.modules[cls.__module__].__file__ or "")
+    if file.suffix == ".py":
         return ""
     return _docstrings(file.with_name(cls.__module__.rpartition(".")[2] + ".py")).get(cls.__name__, "")
 
