@@ -162,8 +162,8 @@ def written_docstring(cls: type) -> str:
 
     It is needed because mypyc drops the docstrings of classes.
     """
-    module = sys.modules[cls.__module__]
-    file = Path(module.__file__ or "")
+    module = sys.modules.get(cls.__module__)  # None for a mock node, whose class names the file of a model
+    file = Path(getattr(module, "__file__", None) or "")
     if not cls.__module__.startswith("btcore.") or file.suffix == ".py":
         return ""
     return _docstrings(file.with_name(cls.__module__.rpartition(".")[2] + ".py")).get(cls.__name__, "")

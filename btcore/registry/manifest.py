@@ -91,8 +91,7 @@ class Manifest:
         """The description of the node: the docstring of its class or function."""
         if self.function is not None:
             return inspect.cleandoc(self.function.__doc__ or "")
-        text = self.cls.__doc__  # None in a compiled class, "" in a mock node without a description
-        return inspect.cleandoc(builds.written_docstring(self.cls) if text is None else text)
+        return inspect.cleandoc(self.cls.__doc__ or builds.written_docstring(self.cls))
 
     @property
     def resource_parameters(self) -> list[Parameter]:
