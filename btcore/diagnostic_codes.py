@@ -8,14 +8,14 @@ from typing import Final, Literal
 
 Severity = Literal["error", "warning", "change"]
 """An error or a warning about a document, or a change in its conversion to format 4."""
-Kind = Literal[
+DiagnosticKind = Literal[
     "file error", "document error", "tree error", "unknown node", "port error",
     "warning",
     "same meaning", "new meaning", "manual step",
 ]  # fmt: skip
 """The kind of an error, from which the exception follows, or "warning", or the effect of a change."""
 
-_SEVERITIES: Final[dict[Kind, Severity]] = {
+_SEVERITIES: Final[dict[DiagnosticKind, Severity]] = {
     "warning": "warning",
     "same meaning": "change",
     "new meaning": "change",
@@ -38,17 +38,17 @@ class DiagnosticCode(str):
 
     # A subclass of str, and not an Enum: a hundred members of an Enum would slow down `import btcore`.
     __slots__ = ("kind", "summary")
-    kind: Kind
+    kind: DiagnosticKind
     summary: str
 
-    def __new__(cls, text: str, kind: Kind, summary: str) -> "DiagnosticCode":
+    def __new__(cls, text: str, kind: DiagnosticKind, summary: str) -> "DiagnosticCode":
         """Create an entry of the table; other modules use the constants below."""
         code = super().__new__(cls, text)
         code.kind = kind
         code.summary = summary
         return code
 
-    def __getnewargs__(self) -> tuple[str, Kind, str]:  # type: ignore[override]
+    def __getnewargs__(self) -> tuple[str, DiagnosticKind, str]:  # type: ignore[override]
         """Return the arguments of `__new__`, for copies and pickles."""
         return str(self), self.kind, self.summary
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Final, NamedTuple, TypedDict, Unpack
 
-from btcore.diagnostic_codes import DiagnosticCode, Kind
+from btcore.diagnostic_codes import DiagnosticCode, DiagnosticKind
 from btcore.diagnostics import Diagnostic
 from btcore.errors import PortError, TreeError, UnknownNodeError, XmlSyntaxError
 from btcore.fixes import Fix
@@ -22,7 +22,7 @@ MAX_COMPARISONS: Final = 50_000
 MAX_PER_CODE: Final = 50_000
 """Maximum number of diagnostics that are collected with the same code."""
 
-_EXCEPTIONS: Final[dict[Kind, type[TreeError]]] = {
+_EXCEPTIONS: Final[dict[DiagnosticKind, type[TreeError]]] = {
     "document error": XmlSyntaxError,
     "unknown node": UnknownNodeError,
     "port error": PortError,

@@ -9,7 +9,7 @@ from rich.text import Text
 from btcore import bundled_trees
 from btcore.cli import files, terminal
 from btcore.cli.node_libraries import LibraryOptions, load_libraries
-from btcore.diagnostic_codes import Kind
+from btcore.diagnostic_codes import DiagnosticKind
 from btcore.diagnostics import Diagnostic
 from btcore.exit_codes import ExitCode
 from btcore.field_options import pass_options
@@ -101,5 +101,5 @@ def _print_summary(result: Conversion) -> None:
     console.print(mark)
 
 
-def _count(diagnostics: Sequence[Diagnostic], kind: Kind) -> int:
+def _count(diagnostics: Sequence[Diagnostic], kind: DiagnosticKind) -> int:
     return sum(diagnostic.code.kind == kind for diagnostic in diagnostics)

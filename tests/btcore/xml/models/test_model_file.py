@@ -58,6 +58,7 @@ def test_the_models_of_a_file_become_nodes_with_their_ports(models: Path) -> Non
         ("left", Direction.OUT, "int", None),
     ]
     assert ports["speed"].description == "in m/s"
+    assert {nodes.manifests[id].description for id in kinds} == {""}
     assert nodes.manifests["Guard"].ports["count"].type.name == "unsigned int"
 
 
