@@ -4,11 +4,12 @@ import logging
 import platform
 import time
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from fnmatch import fnmatchcase
 from itertools import chain
 from typing import Any, Final, NamedTuple, cast
 from uuid import uuid4
-from weakref import WeakMethod
+from weakref import WeakSet
 
 import btcore
 from btcore.blackboard.blackboard import Blackboard
@@ -89,20 +90,30 @@ class RecorderOptions(NamedTuple):
 NO_OPTIONS: Final = RecorderOptions()
 
 
-class _MessageHandler(logging.Handler):
-    """Calls the method *add* with the level and the text of each message, as long as its object exists."""
+class _LogRecordFactory:
+    """The factory of log records, while trees are recorded: the recorders record the messages.
 
-    def __init__(self, add: Callable[[str, str], object]) -> None:
-        super().__init__()
-        self._add = WeakMethod(add)
+    It is no handler: if the root logger has a handler, logging does not print warnings by itself, and
+    `logging.basicConfig` has no effect.
+    """
 
-    def emit(self, record: logging.LogRecord) -> None:
-        add = self._add()
-        if add is not None:
-            try:
-                add(record.levelname, record.getMessage()[:MAX_TEXT])
-            except Exception:  # the message does not fit its arguments
-                self.handleError(record)
+    def __init__(self) -> None:
+        self.recorders: WeakSet[Recorder] = WeakSet()
+        self._create = logging.getLogRecordFactory()
+
+    def __call__(self, *args: Any, **arguments: Any) -> logging.LogRecord:
+        record = self._create(*args, **arguments)
+        for recorder in list(self.recorders):
+            recorder.add_message(record)
+        return record
+
+
+def _log_record_factory() -> _LogRecordFactory:
+    factory = logging.getLogRecordFactory()
+    if not isinstance(factory, _LogRecordFactory):
+        factory = _LogRecordFactory()
+        logging.setLogRecordFactory(factory)
+    return factory
 
 
 class Recorder(Observer):
@@ -174,8 +185,8 @@ class Recorder(Observer):
         tree.context.journal = self._journal
         self.head = self._create_head(types)
         self._encoder.found = found
-        self._message_handler = _MessageHandler(self._add_message)
-        logging.getLogger().addHandler(self._message_handler)
+        self._log_records = _log_record_factory()
+        self._log_records.recorders.add(self)
 
     def close(self) -> None:
         """End the recording. Call it while no tick is in progress."""
@@ -183,7 +194,7 @@ class Recorder(Observer):
         if context.journal is not self._journal:
             return
         context.journal = None
-        logging.getLogger().removeHandler(self._message_handler)
+        self._log_records.recorders.discard(self)
         for board in self._boards:
             board.recorder = None
         for node in self._tree.nodes:
@@ -257,8 +268,10 @@ class Recorder(Observer):
 
     # --- steps
 
-    def _add_message(self, level: str, text: str) -> None:
-        self._journal.add_message(level, text)
+    def add_message(self, record: logging.LogRecord) -> None:
+        """Record a message that external code logs."""
+        with suppress(Exception):  # the message does not fit its arguments, which logging reports
+            self._journal.add_message(record.levelname, record.getMessage()[:MAX_TEXT])
 
     def transitions(self, changes: Transitions) -> None:
         """Add the transitions to the checksum."""

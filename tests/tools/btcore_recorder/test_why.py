@@ -3,8 +3,11 @@
 import logging
 import os
 import re
+import subprocess
+import sys
 from collections.abc import Sequence
 from itertools import combinations
+from pathlib import Path
 from random import Random
 
 from hypothesis import given, settings
@@ -93,6 +96,19 @@ def test_the_link_of_a_leaf_has_its_ports_and_messages() -> None:
     assert gripped.because == "returned SUCCESS, with d = 2.1"
     assert (wrote.node, wrote.because) == ("Sense::2", "wrote d = 2.1 in this tick")
     assert explainer.who_wrote("d").answer == "'Sense::2' wrote d = 2.1 in this tick."
+
+
+def test_a_recording_does_not_change_what_logging_prints(tmp_path: Path) -> None:
+    code = """import logging, btcore
+from btcore_recorder import record
+b = btcore.Builder()
+with record(b.build(b.AlwaysSuccess()), "run.btrec.txt"):
+    logging.getLogger("leaf").warning("printed without a handler")
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=True
+    )
+    assert done.stderr.splitlines()[-1] == "printed without a handler"
 
 
 # --- seeded faults
