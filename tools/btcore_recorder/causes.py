@@ -95,10 +95,9 @@ class CauseFinder:
         if index not in self._traces:
             self.seek(index)
             trace = TickTrace(self._replay.tree)
-            is_same = self._replay.step()
+            self._replay.step()
             trace.close()
-            if not is_same:
-                raise BtcoreError(f"the replay differs from the recording: {self._replay.difference}")
+            self.seek(index + 1)
             self._traces[index] = trace
         return self._traces[index]
 
@@ -172,12 +171,16 @@ class CauseFinder:
         if visit.before is not RUNNING or not visit.children or self._is_full:
             return
         first = next(i for i, each in enumerate(siblings) if each.config.uid == visit.children[0].uid)
-        at = self._replay.find_end(siblings[first - 1].config.uid, cause.step) if first else None
-        if at is None:
-            return
-        end = self.trace(at).visits_of(siblings[first - 1].config.uid)[-1]
-        cause.causes.append(self.explain_result(at, end))
-        cause.causes[-1].is_context = end.result is not visit.result
+        found = self._find_end(siblings[first - 1].config.uid, cause.step) if first else None
+        if found is not None:
+            at, end = found
+            cause.causes.append(self.explain_result(at, end))
+            cause.causes[-1].is_context = end.result is not visit.result
+
+    def _find_end(self, uid: int, index: int) -> tuple[int, Visit] | None:
+        """Return the last step before *index* in which a node ended, and its last tick there, or None."""
+        at = self._replay.find_end(uid, index)
+        return None if at is None else (at, self.trace(at).visits_of(uid)[-1])
 
     def _add_halted_children(self, cause: Cause, visit: Visit) -> None:
         """Add the last results of children that the node halted and did not tick, as a Timeout does."""
@@ -290,48 +293,47 @@ class CauseFinder:
 
     def explain_no_tick(self, index: int, uid: int) -> Cause:
         """Explain why a node was not ticked."""
-        trace = self.trace(index)
         child = uid
         while (parent := self._parents.get(child)) is not None:
-            visits = trace.visits_of(parent.config.uid)
+            visits = self.trace(index).visits_of(parent.config.uid)
             if visits:
-                visit = visits[-1]
-                above = self.path(parent.config.uid)
-                if visit.decided_by == "condition" and parent.config.conditions:
-                    cause = self._new(index, uid, f"'{above}' above it was not started")
-                    cause.causes.append(self._explain_condition(index, visit))
-                    return cause
-                before = visit.children
-                earlier = self._explain_earlier_end(index, uid, child, visit)
-                if earlier is not None:
-                    return earlier
-                if before:
-                    last = before[-1]
-                    because = (
-                        f"'{above}' ended at '{self.path(last.uid)}', which returned {name_of(last.result)}"
-                    )
-                    if last.result is RUNNING:
-                        because = f"'{above}' waits for '{self.path(last.uid)}', which is RUNNING"
-                else:
-                    because = f"'{above}' returned {name_of(visit.result)} without ticking it"
-                cause = self._new(index, uid, because)
-                for each in reversed(before):
-                    if not self._is_full:
-                        cause.causes.append(self.explain_result(index, each))
-                if not before:
-                    cause.causes.append(self.explain_result(index, visit))
-                return cause
+                return self._explain_not_reached(index, uid, child, visits[-1])
             child = parent.config.uid
         return self._new(index, uid, "the tree was not ticked")
+
+    def _explain_not_reached(self, index: int, uid: int, child: int, visit: Visit) -> Cause:
+        """Explain why *visit* of the parent of *child*, in which the node is, did not tick *child*."""
+        above = self.path(visit.uid)
+        if visit.decided_by == "condition" and self._nodes[visit.uid - 1].config.conditions:
+            cause = self._new(index, uid, f"'{above}' above it was not started")
+            cause.causes.append(self._explain_condition(index, visit))
+            return cause
+        before = visit.children
+        earlier = self._explain_earlier_end(index, uid, child, visit)
+        if earlier is not None:
+            return earlier
+        if not before:
+            cause = self._new(index, uid, f"'{above}' returned {name_of(visit.result)} without ticking it")
+            cause.causes.append(self.explain_result(index, visit))
+            return cause
+        last = self.path(before[-1].uid)
+        because = f"'{above}' ended at '{last}', which returned {name_of(before[-1].result)}"
+        if before[-1].result is RUNNING:
+            because = f"'{above}' waits for '{last}', which is RUNNING"
+        cause = self._new(index, uid, because)
+        for each in reversed(before):
+            if not self._is_full:
+                cause.causes.append(self.explain_result(index, each))
+        return cause
 
     def _explain_earlier_end(self, index: int, uid: int, child: int, visit: Visit) -> Cause | None:
         """Explain that *child*, in which the node is, had ended in an earlier tick; None if it had not."""
         if not visit.children or visit.children[0].uid <= child:
             return None
-        at = self._replay.find_end(child, index)
-        if at is None:
+        found = self._find_end(child, index)
+        if found is None:
             return None
-        end = self.trace(at).visits_of(child)[-1]
+        at, end = found
         above, ended = self.path(visit.uid), self.path(child)
         because = (
             f"'{above}' goes on after '{ended}', which returned {name_of(end.result)} in tick {self.tick(at)}"

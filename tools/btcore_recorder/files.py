@@ -124,6 +124,12 @@ def save_recording(path: Path, recording: RunRecording, paths: Iterable[str]) ->
         raise LogError(f"{path}: cannot write the recording: {error.strerror or error}") from None
 
 
+def local_file(name: str) -> Path | None:
+    """Return the file of a recorded document, if it exists below the working directory."""
+    path = Path(name)
+    return path if path.is_file() and path.resolve().is_relative_to(Path.cwd()) else None
+
+
 class RecordingFiles:
     """The names of the recordings of a run.
 

@@ -8,9 +8,9 @@ again with other results and values (`btcore_recorder.what_if`).
 
 import os
 from collections.abc import Iterator, Sequence
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from itertools import combinations, product, zip_longest
-from pathlib import Path, PurePath
+from pathlib import PurePath
 from typing import Final, Literal, NamedTuple
 
 from btcore.blackboard.blackboard import Entry
@@ -20,6 +20,7 @@ from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
 from btcore.suggestions import did_you_mean, join_names
 from btcore.xml.read.read import parse_file
 from btcore_recorder.causes import Cause, CauseFinder, name_of, short_text
+from btcore_recorder.files import local_file
 from btcore_recorder.inputs import RunRecording
 from btcore_recorder.replay import Replay
 from btcore_recorder.tick_trace import Read, TickTrace, Visit, find_name
@@ -144,7 +145,6 @@ class Explainer:
         self._steps = self._replay.steps
         self._causes = CauseFinder(self._replay)
         self._runs: dict[tuple[int, int], RecordedRun] = {}
-        self._trials = 0
 
     def changed_files(self) -> list[str]:
         """Return the recorded files of the tree whose text differs from that of the present file."""
@@ -171,7 +171,6 @@ class Explainer:
         uid = self._find_node(node) if node else 1
         index = self._find_step(tick, time, prefers_failure=not node)
         self._causes.begin()
-        self._trials = 0
         trace = self._causes.trace(index)
         visits = trace.visits_of(uid)
         halt = trace.halt_of(uid)
@@ -203,12 +202,12 @@ class Explainer:
             BtcoreError: There is no such entry or tick, or the replay differs from the recording.
         """
         index = self._find_step(tick, time, prefers_failure=False)
+        self._causes.begin()
         self._causes.seek(index + 1)
-        found = next(self._find_entries(key), None)
-        if found is None:
+        entry = next(self._find_entries(key), None)
+        if entry is None:
             keys = [key for board in self._replay.external.boards for key in board.visible_keys()]
             raise BtcoreError(f"there is no entry '{key}'{did_you_mean(key, keys)}")
-        entry = found
         name = find_name(self._replay.external.boards, entry)
         read = Read(key.rpartition("/")[2], "", "", name, entry.value, entry.sequence_id)
         cause = self._causes.explain_value(index, read, is_input=False)
@@ -236,25 +235,13 @@ class Explainer:
         """
         question = "what is the first decision that differs between the runs?"
         sides = (self, other)
-        found = []
-        for side in sides:
-            side._causes.seek(0)
-            found.append(PathTransitions(side._replay.tree))
-            side._replay.tree.subscribe(found[-1])
-        length = min(len(side._steps) for side in sides)
-        index = 0
-        while index < length and found[0].found == found[1].found:
-            for side, transitions in zip(sides, found, strict=True):
-                transitions.found.clear()
-                side._replay.step()
-                side._replay.tree.flush_observers()
-            index += 1
-        if found[0].found == found[1].found:
+        index = self._find_difference(other)
+        if index is None:
+            length = min(len(side._steps) for side in sides)
             text = f"The runs are the same in all {length:,} ticks and halts"
             longer = [word for word, side in zip(_RUNS, sides, strict=True) if len(side._steps) > length]
             text += f"; then only the {longer[0]} goes on" if longer else ""
             return Answer(question, f"{text}.", ())
-        index -= 1
         traces = [side._causes.trace(index) for side in sides]
         for visits in zip_longest(*[trace.ended for trace in traces]):
             results = [
@@ -265,6 +252,25 @@ class Explainer:
                 return self._describe_difference(question, index, other, visits)
         text = f"In tick {self._causes.tick(index)} all nodes have the same results, but other statuses."
         return Answer(question, text, ())
+
+    def _find_difference(self, other: "Explainer") -> int | None:
+        """Return the index of the first step with other transitions than in *other*, or None."""
+        sides = (self, other)
+        followed: list[PathTransitions] = []
+        with ExitStack() as stack:
+            for side in sides:
+                side._causes.begin()
+                side._causes.seek(0)
+                followed.append(PathTransitions(side._replay.tree))
+                stack.callback(side._replay.tree.subscribe(followed[-1]))
+            for index in range(min(len(side._steps) for side in sides)):
+                for side, transitions in zip(sides, followed, strict=True):
+                    transitions.found.clear()
+                    side._replay.step()
+                    side._replay.tree.flush_observers()
+                if followed[0].found != followed[1].found:
+                    return index
+        return None
 
     def _describe_difference(
         self,
@@ -327,12 +333,14 @@ class Explainer:
             is_near = question.step - each.step <= MAX_DISTANCE
             if is_near and not any(other.changes == each.changes for other in inputs):
                 inputs.append(each)
+        trials = 0
         for size, most, values in _MOST_OF_A_SET:
             another: _SmallestSet | None = None  # the run ends before the tick in question
             for group in combinations(inputs[:most], size):
                 for changes in product(*[each.changes[:values] for each in group]):
-                    if self._trials >= MAX_TRIALS:
+                    if trials == MAX_TRIALS:
                         return another
+                    trials += 1
                     outcome, is_reached = self._try(question, changes)
                     if outcome and is_reached:
                         return _SmallestSet(group, changes, outcome)
@@ -344,7 +352,6 @@ class Explainer:
 
     def _try(self, question: _Question, changes: Sequence[Change]) -> tuple[str, bool]:
         """Return the other outcome of the run with changed inputs, or "", and whether it reaches the tick."""
-        self._trials += 1
         ticks = {change.tick for change in changes}
         start = min(index for index, step in enumerate(self._steps) if step.tick in ticks)
         run = self._run_from(start, question.step)
@@ -475,9 +482,9 @@ def _describe_change(change: Change) -> str:
 
 def _read(file: str) -> str | None:
     """Return the text of a tree's file below the working directory, or None."""
-    path = Path(file)
-    with suppress(OSError, ValueError, TreeError):
-        if path.resolve().is_relative_to(Path.cwd()) and path.is_file():
+    path = local_file(file)
+    if path is not None:
+        with suppress(OSError, TreeError):
             return parse_file(path).text
     return None
 

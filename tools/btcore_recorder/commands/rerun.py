@@ -16,8 +16,7 @@ from btcore.options import Options, changed_option_names, option
 from btcore.registry.outcomes import LETTERS, parse_outcomes
 from btcore.suggestions import join_names
 from btcore_recorder.excerpts import cut, shrink
-from btcore_recorder.files import EXTENSIONS, TEXT, read_recording, save_recording
-from btcore_recorder.inputs import RunRecording
+from btcore_recorder.files import EXTENSIONS, TEXT, local_file, read_recording, save_recording
 from btcore_recorder.replay import Replay
 from btcore_recorder.saved_tests import describe_failure, source_of_test
 from btcore_recorder.verification import Verification, verify
@@ -189,7 +188,7 @@ class RerunOptions(Options):
             recording = shrunk.recording
             click.echo(str(shrunk))
         recorded = run_changed(recording)
-        tree = self.tree or _find_tree(recording)
+        tree = self.tree or local_file(recording.head.documents[-1][0])
         document = read_document(tree)
         run = recorded if document is None else run_changed(recording, (), document, self._matches)
         problem = "" if run.is_same else str(run)
@@ -246,10 +245,3 @@ def _halves(text: str, option: str) -> tuple[str, str]:
     if not equals:
         raise click.UsageError(f"{option} {text}: '=' is missing")
     return name, value
-
-
-def _find_tree(recording: RunRecording) -> Path | None:
-    """Return the file of the recorded tree, if it is below the working directory."""
-    file = Path(recording.head.documents[-1][0])
-    is_here = file.is_file() and file.resolve().is_relative_to(Path.cwd())
-    return file if is_here else None
