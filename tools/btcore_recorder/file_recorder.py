@@ -197,13 +197,13 @@ class FileRecorder:
             if isinstance(item, RawStep):
                 values += len(item.records)
                 types = [["type", *found] for found in self._types.items()]
-                self._form.add(types + self._recorder.lines(item), self._wall_time(item.time))
+                self._form.add(types + self._recorder.lines(item), self._head.wall_time_at(item.time))
                 self._types.clear()
             elif isinstance(item, _TypeFound):
                 self._types[item.name] = item.description
                 self._head = self._head._replace(types={**self._head.types, item.name: item.description})
             elif not (item.begins_file and self._begin_file(item)):
-                self._form.add(segment_lines(item.gap, item.state), self._wall_time(item.time))
+                self._form.add(segment_lines(item.gap, item.state), self._head.wall_time_at(item.time))
         if self._write(self._form.take()):
             self._taken_values += self._unwritten_values + values
             self._unwritten_values = 0
@@ -220,7 +220,7 @@ class FileRecorder:
         try:
             path = self._rotation.next_file()
             form = form_for(path)
-            form.add(head_lines(self._head, self._paths), self._wall_time(segment.time))
+            form.add(head_lines(self._head, self._paths), self._head.wall_time_at(segment.time))
             data = form.take()
             file = create(path, data)
         except LogError as error:
@@ -232,10 +232,6 @@ class FileRecorder:
         self._size, self._unwritten = len(data), b""
         self._types.clear()
         return True
-
-    def _wall_time(self, time: int) -> int:
-        head = self._recorder.head
-        return head.wall_time + time - head.time
 
     def _write(self, data: bytes) -> bool:
         """Write *data*, and what could not be written before; return whether it was possible."""
@@ -282,9 +278,9 @@ class KeptSteps(NamedTuple):
         form.add(head_lines(head._replace(state=first.state), self.paths), head.wall_time)
         for segment in self.segments:
             if segment is not first:
-                form.add(segment_lines("", segment.state), head.wall_time + segment.time - head.time)
+                form.add(segment_lines("", segment.state), head.wall_time_at(segment.time))
             for step in segment.steps:
-                form.add(self.lines(step), head.wall_time + step.time - head.time)
+                form.add(self.lines(step), head.wall_time_at(step.time))
         try:
             write_file(path, form.take_end())
         except OSError as error:

@@ -117,7 +117,7 @@ def save_recording(path: Path, recording: RunRecording, paths: Iterable[str]) ->
     time = head.time
     for lines in recording_lines(recording, paths):
         time = next((line[2] for line in lines if line[0] == "tick"), time)
-        form.add(lines, head.wall_time + time - head.time)
+        form.add(lines, head.wall_time_at(time))
     try:
         write_file(path, form.take_end())
     except OSError as error:

@@ -257,6 +257,10 @@ class Head(NamedTuple):
     versions: Mapping[str, str]
     facts: Facts = Facts()
 
+    def wall_time_at(self, time: int) -> int:
+        """Return the time (ns since 1970) at a time (ns) of the tree's clock."""
+        return self.wall_time + time - self.time
+
 
 class Segment(NamedTuple):
     """A part of a recording after the first, which begins with the state of the tree.

@@ -74,7 +74,7 @@ def read_as_log(path: Path) -> ReplayedLog:
     replay.tree.subscribe(collector)
     for step in replay.steps:
         if step.tick:
-            collector.wall_time = head.wall_time + step.time - head.time
+            collector.wall_time = head.wall_time_at(step.time)
         if not replay.step():
             break
     xml = tree_to_xml(replay.tree)
