@@ -17,6 +17,7 @@ from lxml import etree
 import btcore
 from btcore import FAILURE, RUNNING, SUCCESS, Blackboard, In, Put, Registry, SimClock, Status
 from btcore_recorder import Answer, Explainer, Replay
+from btcore_recorder.causes import MAX_CAUSES
 from btcore_recorder.inputs import RunRecording
 from btcore_recorder.tick_trace import TickTrace
 from btcore_recorder.what_if import Change, ChangedReplay, RecordedRun, unique_paths
@@ -96,6 +97,17 @@ def test_the_link_of_a_leaf_has_its_ports_and_messages() -> None:
     assert gripped.because == "returned SUCCESS, with d = 2.1"
     assert (wrote.node, wrote.because) == ("Sense::2", "wrote d = 2.1 in this tick")
     assert explainer.who_wrote("d").answer == "'Sense::2' wrote d = 2.1 in this tick."
+
+
+def test_each_question_has_its_own_bound() -> None:
+    b = btcore.Builder()
+    run = Run(b.build(b.Sequence(b.Script(code="n := 1"), b.Script(code="m := n"))))
+    run.tree.tick_exactly_once()
+    explainer = Explainer(run.end())
+    answer = explainer.who_wrote("m")
+    assert len(answer.chain) == 2
+    for _ in range(MAX_CAUSES):
+        assert explainer.who_wrote("m") == answer
 
 
 def test_a_recording_does_not_change_what_logging_prints(tmp_path: Path) -> None:
