@@ -1,0 +1,188 @@
+// The requests of the studio beside those of the language server, and the data in them.
+// Positions are those of the Language Server Protocol: lines and UTF-16 units, both from 0.
+
+export interface Position { line: number; character: number }
+export interface Range { start: Position; end: Position }
+export interface TextEdit { range: Range; newText: string }
+export interface WorkspaceEdit { changes: Record<string, TextEdit[]> }
+export interface Document { textDocument: { uri: string } }
+
+/** An element of a document: *position* is where its start tag begins. */
+export interface Place { uri: string; position: Position }
+
+// --- btcore/drawing: DrawingParams → Drawing
+
+export interface DrawingParams extends Document {
+  /** The ID of the tree; null for the main tree, or the first. */
+  tree: string | null;
+  /** The keys of the nodes whose children are hidden. */
+  folded: string[];
+  /** Whether the drawing contains its style sheet, so that it can be saved. */
+  styled?: boolean;
+}
+
+export interface Drawing {
+  tree: string;
+  format: 3 | 4;
+  /** Groups of nodes have the attribute `data-uid`: 1 + the index in *nodes*. */
+  svg: string;
+  nodes: DrawnNode[];
+  /** The description of each node type in *nodes* by its ID. */
+  about: Record<string, string>;
+  trees: TreeSummary[];
+  /** Why the document ends early in the drawing, or "". */
+  broken: string;
+}
+
+export interface DrawnNode {
+  /** Identifies the node in drawings of later texts, too. */
+  key: string;
+  /** 1 + the index of the parent; 0 for the root. */
+  parent: number;
+  id: string;
+  name: string;
+  kind: "action" | "condition" | "control" | "decorator" | "subtree" | "undefined";
+  /** The ID of the called tree, or "". */
+  calls: string;
+  ports: [name: string, text: string][];
+  /** The element, and its range: that of the call's tree is in another document if it is included. */
+  place: Place;
+  end: Position;
+  /** The number of hidden nodes below, if the node is folded. */
+  hidden: number;
+  leaf: boolean;
+  disabled: boolean;
+  /** How many children the node may have: [minimum, maximum]; null is no limit. */
+  children: [number, number | null];
+}
+
+export interface TreeSummary { id: string; place: Place; callers: string[]; isMain: boolean }
+
+// --- btcore/palette: Document → Palette
+
+export interface Palette { items: PaletteItem[] }
+
+export interface PaletteItem {
+  id: string;
+  kind: DrawnNode["kind"];
+  /** The library, model file or document from which the node is known; "BehaviorTree.CPP" for built-in nodes. */
+  group: string;
+  about: string;
+  ports: { name: string; direction: "in" | "out" | "inout"; type: string; default: string; about: string }[];
+}
+
+// --- btcore/node: Place → NodeForm
+
+export interface NodeForm {
+  id: string;
+  name: string;
+  kind: DrawnNode["kind"];
+  about: string;
+  fields: Field[];
+  /** The IDs of node types that may replace the type of this node. */
+  types: string[];
+}
+
+export interface Field {
+  /** The attribute. */
+  name: string;
+  group: "name" | "port" | "condition" | "subtree" | "other";
+  /** The attribute's text; null if it is not written. */
+  text: string | null;
+  direction: "in" | "out" | "inout" | "";
+  type: string;
+  default: string | null;
+  isRequired: boolean;
+  about: string;
+  /** Keys in braces, members of enums, IDs of trees. */
+  choices: string[];
+  /** Whether the text is a script. */
+  isScript: boolean;
+}
+
+// --- btcore/edit: EditParams → EditResult. An operation that cannot be applied is an error with the reason.
+
+export interface EditParams { command: Command }
+
+export type Command =
+  | { kind: "add"; parent: Place; index: number; id: string }
+  | { kind: "paste"; parent: Place; index: number; xml: string }
+  | { kind: "move"; nodes: Place[]; parent: Place; index: number }
+  | { kind: "remove"; nodes: Place[] }
+  | { kind: "duplicate"; nodes: Place[] }
+  | { kind: "wrap"; nodes: Place[]; id: string }
+  | { kind: "unwrap"; node: Place }
+  | { kind: "change_type"; node: Place; id: string }
+  | { kind: "set"; node: Place; name: string; text: string | null }
+  | { kind: "disable"; nodes: Place[] }
+  | { kind: "enable"; nodes: Place[] }
+  | { kind: "extract"; node: Place; id: string }
+  | { kind: "inline"; node: Place }
+  | { kind: "add_tree"; uri: string; id: string }
+  | { kind: "remove_tree"; uri: string; id: string }
+  | { kind: "set_main_tree"; uri: string; id: string }
+  | { kind: "set_model"; uri: string; id: string; type: "Action" | "Condition" | "Control" | "Decorator" | "SubTree";
+      ports: { name: string; direction: "in" | "out" | "inout"; type: string; default: string; about: string }[] };
+
+export interface EditResult {
+  edit: WorkspaceEdit;
+  /** The elements to select, in the text after the edit. */
+  select: Place[];
+  /** New warnings, and what a pasted text misses. */
+  notes: string[];
+}
+
+// --- btcore/copy: { nodes: Place[] } → { xml }: the elements, with the models that they need.
+
+// --- btcore/watch { address } ("" ends it), btcore/breakpoints { keys }, btcore/release: → null.
+// The notification btcore/live has the state of the running tree; *keys* only if the nodes have changed.
+
+export interface Live {
+  address: string;
+  connection: "" | "waiting" | "connected" | "lost" | "ended";
+  detail: string;
+  problem: string;
+  /** A digit for each node of the running tree: 0 idle, 1 running, 2 success, 3 failure, 4 skipped. */
+  statuses: string;
+  /** The same, for the last status other than idle and running. */
+  results: string;
+  entries: [path: string, key: string, value: string][];
+  wanted: string[];
+  breakpoints: string[];
+  stopped: string;
+  keys?: string[];
+}
+
+// --- btcore/moment { position } → Moment; only if the studio shows a recording (see Start.recording).
+
+// --- only in the browser: the shared files of all pages -------------------------------------------------------
+
+/** btcore/start: {} → Start. */
+export interface Start {
+  folder: string;
+  /** The document to show, and its tree. */
+  uri: string;
+  tree: string | null;
+  readOnly: boolean;
+  /** Whether running trees can be watched. */
+  live: boolean;
+  recording: unknown;
+}
+
+/** btcore/files: {} → SharedFile[]; the notification btcore/files has the same list, after a change. */
+export interface SharedFile { uri: string; name: string; unsaved: boolean }
+
+/** btcore/read: { uri } → SharedText. The page sends textDocument/didOpen itself. */
+export interface SharedText { text: string; version: number; unsaved: boolean }
+
+/**
+ * btcore/push: Pushed → { version }: the edits of a page, whose text has *version*. Fails with the code -32801
+ * (ContentModified) if another page or the disk was faster: the page receives btcore/pushed, rebases and repeats.
+ * The notification btcore/pushed has the edits of others.
+ */
+export interface Pushed { uri: string; version: number; edits: TextEdit[] }
+
+/** btcore/save: { uri } → null, or fails with a reason. btcore/create: { name, text } → { uri }. */
+/** The notification btcore/disk: a file changed on disk while it had unsaved changes that overlap. */
+export interface DiskConflict { uri: string; text: string }
+/** btcore/resolve: { uri, keep: "disk" | "page" } → null. */
