@@ -10,6 +10,17 @@ export interface Document { textDocument: { uri: string } }
 /** An element of a document: *position* is where its start tag begins. */
 export interface Place { uri: string; position: Position }
 
+// --- textDocument/publishDiagnostics
+
+export interface Diagnostic {
+  range: Range;
+  /** 1 error, 2 warning, 3 information, 4 hint. */
+  severity?: 1 | 2 | 3 | 4;
+  code?: string | number;
+  message: string;
+  relatedInformation?: { location: { uri: string; range: Range }; message: string }[];
+}
+
 // --- btcore/drawing: DrawingParams → Drawing
 
 export interface DrawingParams extends Document {
@@ -156,6 +167,8 @@ export interface Live {
 // --- btcore/moment { position } → Moment; only if the studio shows a recording (see Start.recording).
 
 // --- only in the browser: the shared files of all pages -------------------------------------------------------
+// The page's address is http://127.0.0.1:PORT/TOKEN/, with studio.js and studio.css beside it. "socket" beside it
+// is the WebSocket; each of its text messages is one message of JSON-RPC.
 
 /** btcore/start: {} → Start. */
 export interface Start {
