@@ -79,6 +79,8 @@ export interface PaletteItem {
   /** The library, model file or document from which the node is known; "BehaviorTree.CPP" for built-in nodes. */
   group: string;
   about: string;
+  /** The SVG path of the symbol in the node's badge, around (0, 0) within a radius of 9 units. */
+  symbol?: string;
   ports: { name: string; direction: "in" | "out" | "inout"; type: string; default: string; about: string }[];
 }
 
@@ -166,6 +168,35 @@ export interface Live {
 
 // --- btcore/moment { position } → Moment; only if the studio shows a recording (see Start.recording).
 
+export interface Recording {
+  /** The keys of the nodes, in the order of *statuses* in each moment. */
+  keys: string[];
+  /** The number of steps, and the position to show at first. */
+  count: number;
+  start: number;
+  /** The status of the root over time: a digit for every *width* steps. */
+  colours: string;
+  width: number;
+  warnings: string[];
+}
+
+export interface Moment {
+  position: number;
+  /** 0 for a halt, and before the first step. */
+  tick: number;
+  /** Seconds since the recording began. */
+  time: number;
+  root: number;
+  statuses: string;
+  results: string;
+  entries: [path: string, key: string, value: string][];
+  /** The leaves that were ticked in the step, by key. */
+  leaves: Record<string, {
+    status: number; inputs: Record<string, string>; outputs: Record<string, string>; error: string;
+  }>;
+  problem: string;
+}
+
 // --- only in the browser: the shared files of all pages -------------------------------------------------------
 // The page's address is http://127.0.0.1:PORT/TOKEN/, with studio.js and studio.css beside it. "socket" beside it
 // is the WebSocket; each of its text messages is one message of JSON-RPC.
@@ -179,7 +210,7 @@ export interface Start {
   readOnly: boolean;
   /** Whether running trees can be watched. */
   live: boolean;
-  recording: unknown;
+  recording: Recording | null;
 }
 
 /** btcore/files: {} → SharedFile[]; the notification btcore/files has the same list, after a change. */
