@@ -99,7 +99,7 @@ export class DropTargets {
     }
     if (parent >= 0 && this.takes(parent)) {
       if (across < (isTaking ? EDGE / 2 : 0.5)) return beside(false);
-      if (across > (isTaking ? 1 - EDGE / 2 : 0.5)) return beside(true);
+      if (across >= (isTaking ? 1 - EDGE / 2 : 0.5)) return beside(true);
     }
     if (!isTaking) return load.canWrap ? { kind: "around", node: index, mark: box } : null;
     return this.inside(index);

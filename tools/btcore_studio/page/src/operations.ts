@@ -10,7 +10,7 @@ import { view } from "./view";
 
 export type OperationId =
   | "insert" | "wrap" | "unwrap" | "type" | "rename" | "toggle" | "duplicate" | "copy" | "cut" | "paste" | "remove"
-  | "earlier" | "later" | "out" | "in" | "extract" | "inline" | "open" | "fold" | "breakpoint";
+  | "earlier" | "later" | "out" | "in" | "extract" | "inline" | "open" | "text" | "fold" | "breakpoint";
 
 export interface Operation {
   id: OperationId;
@@ -310,6 +310,11 @@ export const operations: readonly Operation[] = [
     id: "open", keys: "O", group: "tree", label: () => texts.operation.open,
     refusal: () => cursor() >= 0 && node(cursor()).calls ? "" : texts.refusal.noCall,
     run: () => openTree(node(cursor()).calls),
+  },
+  {
+    id: "text", keys: "Ctrl+Enter", group: "view", label: () => texts.operation.text,
+    refusal: () => cursor() >= 0 ? "" : texts.refusal.noSelection,
+    run: () => actions.reveal(node(cursor()).place),
   },
   {
     id: "fold", keys: "Space", group: "view",

@@ -53,6 +53,7 @@ export const tree = {
     extract: "Extract into a new tree",
     inline: "Replace the call by the tree's nodes",
     open: "Show the called tree alone",
+    text: "Show in the text",
     fold: "Fold or unfold",
     unfold: "Unfold",
     breakpoint: "Set or remove a breakpoint",

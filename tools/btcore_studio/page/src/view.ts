@@ -415,13 +415,9 @@ export class View {
   select(keys: readonly string[], isRevealing = false): void {
     selection.value = keys;
     const index = this.structure.at(keys.at(-1) ?? "");
-    const node = this.structure.nodes[index];
-    if (!node) return;
-    if (isRevealing) {
-      this.unfoldAbove(index);
-      this.reveal(index);
-    }
-    if (keys.length === 1) actions.reveal?.(node.place);
+    if (index < 0 || !isRevealing) return;
+    this.unfoldAbove(index);
+    this.reveal(index);
   }
 
   private unfoldAbove(index: number): void {
