@@ -121,6 +121,10 @@ class TreeServer(LanguageServer):
         self.checker = Checker(self.project, self._publish, self._show, self._refresh)
         self.was_shut_down = False
 
+    async def close(self) -> None:
+        """End the background checks and their process."""
+        await self.checker.close()
+
     def _publish(self, file: DocumentKey, version: int | None, reports: list[Report]) -> None:
         uri = file if isinstance(file, str) else self.project.uri(file)
         diagnostics = [report.diagnostic() for report in reports]
