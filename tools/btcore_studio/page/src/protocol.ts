@@ -10,6 +10,17 @@ export interface Document { textDocument: { uri: string } }
 /** An element of a document: *position* is where its start tag begins. */
 export interface Place { uri: string; position: Position }
 
+// --- textDocument/publishDiagnostics
+
+export interface Diagnostic {
+  range: Range;
+  /** 1 error, 2 warning, 3 information, 4 hint. */
+  severity?: 1 | 2 | 3 | 4;
+  code?: string | number;
+  message: string;
+  relatedInformation?: { location: { uri: string; range: Range }; message: string }[];
+}
+
 // --- btcore/drawing: DrawingParams → Drawing
 
 export interface DrawingParams extends Document {
@@ -68,6 +79,8 @@ export interface PaletteItem {
   /** The library, model file or document from which the node is known; "BehaviorTree.CPP" for built-in nodes. */
   group: string;
   about: string;
+  /** The SVG path of the symbol in the node's badge, around (0, 0) within a radius of 9 units. */
+  symbol?: string;
   ports: { name: string; direction: "in" | "out" | "inout"; type: string; default: string; about: string }[];
 }
 
@@ -155,7 +168,38 @@ export interface Live {
 
 // --- btcore/moment { position } → Moment; only if the studio shows a recording (see Start.recording).
 
+export interface Recording {
+  /** The keys of the nodes, in the order of *statuses* in each moment. */
+  keys: string[];
+  /** The number of steps, and the position to show at first. */
+  count: number;
+  start: number;
+  /** The status of the root over time: a digit for every *width* steps. */
+  colours: string;
+  width: number;
+  warnings: string[];
+}
+
+export interface Moment {
+  position: number;
+  /** 0 for a halt, and before the first step. */
+  tick: number;
+  /** Seconds since the recording began. */
+  time: number;
+  root: number;
+  statuses: string;
+  results: string;
+  entries: [path: string, key: string, value: string][];
+  /** The leaves that were ticked in the step, by key. */
+  leaves: Record<string, {
+    status: number; inputs: Record<string, string>; outputs: Record<string, string>; error: string;
+  }>;
+  problem: string;
+}
+
 // --- only in the browser: the shared files of all pages -------------------------------------------------------
+// The page's address is http://127.0.0.1:PORT/TOKEN/, with studio.js and studio.css beside it. "socket" beside it
+// is the WebSocket; each of its text messages is one message of JSON-RPC.
 
 /** btcore/start: {} → Start. */
 export interface Start {
@@ -166,7 +210,7 @@ export interface Start {
   readOnly: boolean;
   /** Whether running trees can be watched. */
   live: boolean;
-  recording: unknown;
+  recording: Recording | null;
 }
 
 /** btcore/files: {} → SharedFile[]; the notification btcore/files has the same list, after a change. */

@@ -1,7 +1,9 @@
 // What the parts of the page share. A part changes another only through these signals and functions.
 
 import { computed, signal } from "@preact/signals";
-import type { Command, Drawing, DrawnNode, EditResult, Live, Palette, Start } from "./protocol";
+import type {
+  Command, Diagnostic, Drawing, DrawnNode, EditResult, Live, Palette, Position, SharedFile, Start,
+} from "./protocol";
 
 export const start = signal<Start | null>(null);
 /** The document of the text pane and of the drawing. */
@@ -14,6 +16,10 @@ export const palette = signal<Palette>({ items: [] });
 export const live = signal<Live | null>(null);
 /** The keys of the selected nodes; the last one has the form and the cursor. */
 export const selection = signal<readonly string[]>([]);
+/** The errors and warnings of each document, by its URI. */
+export const diagnostics = signal<ReadonlyMap<string, readonly Diagnostic[]>>(new Map());
+/** The files of the folder. */
+export const files = signal<readonly SharedFile[]>([]);
 /** A sentence for the user, in the status line. */
 export const message = signal("");
 
@@ -27,6 +33,31 @@ export const selectedNodes = computed(() =>
   }),
 );
 export const selectedNode = computed<DrawnNode | null>(() => selectedNodes.value.at(-1) ?? null);
+
+const isBefore = (a: Position, b: Position) => a.line < b.line || (a.line === b.line && a.character <= b.character);
+
+/** The most severe problem of each node, by its key: 1 error, 2 warning. Problems of a child are not its parent's. */
+export const severities = computed(() => {
+  const found = new Map<string, 1 | 2>();
+  const nodes = drawing.value?.nodes ?? [];
+  for (const [uri, items] of diagnostics.value) {
+    for (const { range, severity } of items) {
+      if (severity !== 1 && severity !== 2) continue;
+      const around = nodes.filter(
+        ({ place, end }) => place.uri === uri && isBefore(place.position, range.start) && isBefore(range.start, end),
+      );
+      // The innermost element is the last that begins before the problem. Its tree may be drawn several times.
+      let innermost: Position | null = null;
+      for (const { place } of around) {
+        if (!innermost || isBefore(innermost, place.position)) innermost = place.position;
+      }
+      for (const { key, place } of around) {
+        if (innermost && isBefore(innermost, place.position)) found.set(key, severity === 1 ? 1 : (found.get(key) ?? 2));
+      }
+    }
+  }
+  return found;
+});
 
 /** What the page's home (browser or VS Code) and its documents offer to the parts; set by main.tsx. */
 export interface Actions {

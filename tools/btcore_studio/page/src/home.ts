@@ -1,0 +1,263 @@
+// Where the page lives: in a browser, or in a web view of VS Code.
+
+import { signal } from "@preact/signals";
+import { type Change, Documents, Mark, type Reply } from "./documents";
+import { type Done, History } from "./history";
+import type { Place, Pushed, SharedText, Start, WorkspaceEdit } from "./protocol";
+import { Connection, CONTENT_MODIFIED, RpcError, type Transport } from "./rpc";
+import { message, selection } from "./state";
+import { texts } from "./texts";
+
+const FIRST_WAIT_MS = 250;
+const LAST_WAIT_MS = 4000;
+
+/** What the page needs from its surroundings, besides the requests of the language server. */
+export interface Home {
+  readonly connection: Connection;
+  /** The texts of the page; null if an editor has them. */
+  readonly documents: Documents | null;
+  begin(): Promise<Start>;
+  /** Begin to note changes, so that an edit for the present texts can be applied to later ones. */
+  mark(): Mark;
+  /** Apply an edit as one step of undo. */
+  apply(edit: WorkspaceEdit, since: Mark): Promise<void>;
+  /** Resolves to null if there is nothing to undo, or if the editor shows what it has undone. */
+  undo(): Promise<Done | null>;
+  redo(): Promise<Done | null>;
+  save(uri: string): Promise<void>;
+  /** Offer a file to the user. */
+  export(name: string, content: Blob): Promise<void>;
+  /** Show a place in the editor; the browser's page shows it itself. */
+  reveal(place: Place): void;
+  /** Call *listener* after each change of a text. */
+  onChange(listener: (uri: string, origin: Change["origin"]) => void): void;
+}
+
+/** Whether the process of the page answers. */
+export const isConnected = signal(true);
+export const canUndo = signal(false);
+export const canRedo = signal(false);
+
+class SocketTransport implements Transport {
+  receive: Transport["receive"] = () => {};
+  lost: Transport["lost"] = () => {};
+  private socket: WebSocket | null = null;
+  private wait = FIRST_WAIT_MS;
+
+  /** @param opened Called after each connection. */
+  constructor(private readonly opened: () => void) {}
+
+  connect(): void {
+    const address = new URL("socket", location.href);
+    address.protocol = address.protocol === "https:" ? "wss:" : "ws:";
+    address.search = address.hash = "";
+    const socket = new WebSocket(address);
+    socket.onopen = () => {
+      this.socket = socket;
+      this.wait = FIRST_WAIT_MS;
+      this.opened();
+    };
+    socket.onmessage = ({ data }) => {
+      this.receive(JSON.parse(String(data)));
+    };
+    socket.onclose = () => {
+      this.socket = null;
+      isConnected.value = false;
+      this.lost();
+      setTimeout(() => this.connect(), this.wait);
+      this.wait = Math.min(LAST_WAIT_MS, 2 * this.wait);
+    };
+  }
+
+  send(message: object): void {
+    if (!this.socket) throw new Error("not connected");
+    this.socket.send(JSON.stringify(message));
+  }
+}
+
+const CAPABILITIES = {
+  general: { positionEncodings: ["utf-16"] },
+  textDocument: {
+    completion: { completionItem: { snippetSupport: true, documentationFormat: ["plaintext"] } },
+    hover: { contentFormat: ["plaintext"] },
+    codeAction: { codeActionLiteralSupport: { codeActionKind: { valueSet: ["quickfix", "refactor"] } } },
+    publishDiagnostics: { relatedInformation: true },
+    rename: { prepareSupport: true },
+    semanticTokens: { requests: { full: true }, tokenTypes: [], tokenModifiers: [], formats: ["relative"] },
+  },
+  workspace: { semanticTokens: { refreshSupport: true } },
+};
+
+/** The page of `btcore studio`: the texts are shared by all pages of its process. */
+export class BrowserHome implements Home {
+  readonly connection: Connection;
+  readonly documents: Documents;
+  readonly history: History;
+  private readonly transport: SocketTransport;
+  /** The documents that the language server of this connection knows. */
+  private known = new Set<string>();
+  private isFirst = true;
+  private started!: (start: Start) => void;
+  private failed!: (error: unknown) => void;
+  private readonly start = new Promise<Start>((resolve, reject) => {
+    this.started = resolve;
+    this.failed = reject;
+  });
+
+  constructor() {
+    this.transport = new SocketTransport(() => void this.opened());
+    this.connection = new Connection(this.transport, texts.lost);
+    this.documents = new Documents({
+      read: (uri) => this.connection.request<SharedText>("btcore/read", { uri }),
+      push: (pushed) => this.push(pushed),
+      opened: (uri, text, version) => {
+        this.known.add(uri);
+        this.connection.notify("textDocument/didOpen", { textDocument: { uri, languageId: "behaviortree", version, text } });
+      },
+      changed: (uri, contentChanges, version) => {
+        if (!this.known.has(uri)) return;
+        // The server applies one change after the other. From the last to the first, no change moves another.
+        const changes = contentChanges.toReversed().map(({ range, newText }) => ({ range, text: newText }));
+        this.connection.notify("textDocument/didChange", { textDocument: { uri, version }, contentChanges: changes });
+      },
+    });
+    this.history = new History(
+      this.documents,
+      () => {
+        canUndo.value = this.history.canUndo;
+        canRedo.value = this.history.canRedo;
+      },
+      () => selection.value,
+    );
+    this.connection.on<Pushed>("btcore/pushed", (pushed) => this.documents.receive(pushed));
+  }
+
+  begin(): Promise<Start> {
+    this.transport.connect();
+    return this.start;
+  }
+
+  mark(): Mark {
+    return this.documents.mark();
+  }
+
+  async apply(edit: WorkspaceEdit, since: Mark): Promise<void> {
+    this.history.apply(await this.documents.changesOf(edit, since));
+  }
+
+  undo(): Promise<Done | null> {
+    return Promise.resolve(this.history.undo());
+  }
+
+  redo(): Promise<Done | null> {
+    return Promise.resolve(this.history.redo());
+  }
+
+  async save(uri: string): Promise<void> {
+    await this.documents.pushed(uri);
+    await this.connection.request("btcore/save", { uri });
+    this.connection.notify("textDocument/didSave", { textDocument: { uri } });
+  }
+
+  export(name: string, content: Blob): Promise<void> {
+    const link = document.createElement("a");
+    link.href = URL.createObjectURL(content);
+    link.download = name;
+    link.click();
+    setTimeout(() => URL.revokeObjectURL(link.href), 1000);
+    return Promise.resolve();
+  }
+
+  reveal(): void {}
+
+  onChange(listener: (uri: string, origin: Change["origin"]) => void): void {
+    this.documents.listen(({ uri, origin }) => listener(uri, origin));
+  }
+
+  private async push(pushed: Pushed): Promise<Reply> {
+    try {
+      return (await this.connection.request<{ version: number }>("btcore/push", pushed)).version;
+    } catch (error) {
+      if (!isConnected.value) return "lost";
+      if (error instanceof RpcError && error.code === CONTENT_MODIFIED) return "behind";
+      message.value = texts.editRefused(String(error instanceof Error ? error.message : error));
+      return "refused";
+    }
+  }
+
+  private async opened(): Promise<void> {
+    this.known = new Set();
+    try {
+      const start = await this.connection.request<Start>("btcore/start", {});
+      // The studio's process chooses the folder and the settings.
+      await this.connection.request("initialize", {
+        processId: null, rootUri: null, workspaceFolders: null, capabilities: CAPABILITIES, clientInfo: { name: "btcore studio" },
+      });
+      this.connection.notify("initialized", {});
+      isConnected.value = true;
+      if (this.isFirst) this.started(start);
+      else await this.documents.reload();
+      this.isFirst = false;
+    } catch (error) {
+      if (isConnected.value) this.failed(error);
+    }
+  }
+}
+
+interface EditorApi { postMessage(message: unknown): void }
+declare const acquireVsCodeApi: undefined | (() => EditorApi);
+
+/** The page in VS Code, which has the texts, their undo and the language client. */
+class EditorHome implements Home {
+  readonly connection: Connection;
+  readonly documents = null;
+
+  constructor(api: EditorApi) {
+    const transport: Transport = { send: (message) => api.postMessage(message), receive: () => {}, lost: () => {} };
+    this.connection = new Connection(transport, texts.lost);
+    window.addEventListener("message", ({ data }) => transport.receive(data));
+    canUndo.value = canRedo.value = true;
+  }
+
+  begin(): Promise<Start> {
+    return this.connection.request("studio/start", {});
+  }
+
+  mark(): Mark {
+    return new Mark();
+  }
+
+  async apply(edit: WorkspaceEdit): Promise<void> {
+    await this.connection.request("studio/apply", { edit });
+  }
+
+  async undo(): Promise<null> {
+    await this.connection.request("studio/undo", {});
+    return null;
+  }
+
+  async redo(): Promise<null> {
+    await this.connection.request("studio/redo", {});
+    return null;
+  }
+
+  async save(uri: string): Promise<void> {
+    await this.connection.request("studio/save", { uri });
+  }
+
+  async export(name: string, content: Blob): Promise<void> {
+    const bytes = new Uint8Array(await content.arrayBuffer());
+    await this.connection.request("studio/export", { name, base64: btoa(Array.from(bytes, (byte) => String.fromCharCode(byte)).join("")) });
+  }
+
+  reveal(place: Place): void {
+    this.connection.notify("studio/reveal", place);
+  }
+
+  onChange(listener: (uri: string, origin: Change["origin"]) => void): void {
+    this.connection.on<{ uri: string }>("studio/changed", ({ uri }) => listener(uri, "remote"));
+  }
+}
+
+export const findHome = (): Home =>
+  (typeof acquireVsCodeApi === "function" ? new EditorHome(acquireVsCodeApi()) : new BrowserHome());

@@ -1,0 +1,350 @@
+// The page: its layout, and what its parts share.
+
+import "../studio.css";
+import { effect, signal, untracked } from "@preact/signals";
+import { render } from "preact";
+import { Canvas } from "./canvas";
+import { Mark } from "./documents";
+import { Breadcrumbs, Files } from "./files";
+import { Form } from "./form";
+import type { Done } from "./history";
+import { BrowserHome, findHome, isConnected } from "./home";
+import { Blackboard, LiveControls } from "./live";
+import { Palette } from "./palette";
+import { type CodeAction, Problems } from "./problems";
+import type {
+  Command, Diagnostic, DiskConflict, Drawing, EditResult, Live, Palette as PaletteData, Place, SharedFile,
+} from "./protocol";
+import {
+  actions, diagnostics, drawing, files, folded, live, message, palette, selection, start, tree, uri,
+} from "./state";
+import { revealText, TextPane } from "./text_pane";
+import { texts } from "./texts";
+import { Timeline } from "./timeline";
+import { fileName, Toolbar } from "./toolbar";
+
+const TYPING_WAIT_MS = 60;
+const PALETTE_WAIT_MS = 1000;
+
+const home = findHome();
+/** Why the picture is not that of the present text, or "". */
+const notice = signal("");
+const conflicts = signal<readonly DiskConflict[]>([]);
+
+const reason = (error: unknown) => (error instanceof Error ? error.message : String(error));
+
+// --- the drawing
+
+/** The changes since the texts of the drawing. */
+let sinceDrawing = new Mark();
+let requested = 0;
+let running: Promise<void> | null = null;
+/** The places to select when they are drawn. */
+let toSelect: Place[] = [];
+
+function redraw(): Promise<void> {
+  requested += 1;
+  running ??= drawAll().finally(() => { running = null; });
+  return running;
+}
+
+async function drawAll(): Promise<void> {
+  for (let seen = -1; seen !== requested;) {
+    seen = requested;
+    if (uri.value) await draw();
+  }
+}
+
+async function draw(): Promise<void> {
+  const [address, mark, wanted] = [uri.value, home.mark(), tree.value];
+  try {
+    await home.documents?.load(address);
+    const data = await actions.request<Drawing>("btcore/drawing", {
+      textDocument: { uri: address }, tree: wanted, folded: [...folded.value],
+    });
+    if (address !== uri.value || wanted !== tree.value) return;
+    sinceDrawing = mark;
+    drawing.value = data;
+    notice.value = data.broken && texts.broken(data.broken);
+    if (!mark.changes.size) selectPlaces(data);
+  } catch (error) {
+    if (isConnected.value) notice.value = texts.stale(reason(error));
+  }
+}
+
+function selectPlaces({ nodes }: Drawing): void {
+  const keys = toSelect.flatMap(({ uri: address, position }) => {
+    const node = nodes.find(({ place }) => place.uri === address
+      && place.position.line === position.line && place.position.character === position.character);
+    return node ? [node.key] : [];
+  });
+  if (keys.length) selection.value = keys;
+  toSelect = [];
+}
+
+// --- commands
+
+let commands: Promise<unknown> = Promise.resolve();
+
+/** Run commands one after the other, because each needs the text after the last. */
+function inOrder<T>(run: () => Promise<T>): Promise<T> {
+  const result = commands.then(run);
+  commands = result.catch(() => {});
+  return result;
+}
+
+/** Return the command with its places in the present text; null if an element is gone. */
+function present(command: Command): Command | null {
+  let isGone = false;
+  const move = (place: Place): Place => {
+    const position = home.documents ? home.documents.position(place.uri, place.position, sinceDrawing) : place.position;
+    if (!position) isGone = true;
+    return { uri: place.uri, position: position ?? place.position };
+  };
+  const moved = Object.fromEntries(Object.entries(command).map(([name, value]) => {
+    if (name === "parent" || name === "node") return [name, move(value as Place)];
+    return [name, name === "nodes" ? (value as Place[]).map(move) : value];
+  })) as Command;
+  return isGone ? null : moved;
+}
+
+function edit(command: Command): Promise<EditResult | null> {
+  return inOrder(async () => {
+    if (start.value?.readOnly) {
+      message.value = texts.readOnly;
+      return null;
+    }
+    const moved = present(command);
+    if (!moved) {
+      message.value = texts.gone;
+      return null;
+    }
+    try {
+      const mark = home.mark();
+      const result = await actions.request<EditResult>("btcore/edit", { command: moved });
+      toSelect = result.select;
+      await home.apply(result.edit, mark);
+      message.value = result.notes.join(" ");
+      await redraw();
+      return result;
+    } catch (error) {
+      message.value = reason(error);
+      return null;
+    }
+  });
+}
+
+const apply = (action: CodeAction) => void inOrder(async () => {
+  try {
+    if (action.edit) await home.apply(action.edit, home.mark());
+  } catch (error) {
+    message.value = reason(error);
+  }
+});
+
+async function move(step: () => Promise<Done | null>, nothing: string): Promise<void> {
+  await inOrder(async () => {
+    const done = await step();
+    if (!done) {
+      if (home.documents) message.value = nothing;
+      return;
+    }
+    message.value = "";
+    const [first] = done.uris;
+    if (first && !done.uris.includes(uri.value)) revealText({ uri: first, position: { line: 0, character: 0 } }, false);
+    await redraw();
+    selection.value = done.selection;
+  });
+}
+
+Object.assign(actions, {
+  request: (method, params) => home.connection.request(method, params),
+  edit,
+  undo: () => move(() => home.undo(), texts.nothingToUndo),
+  redo: () => move(() => home.redo(), texts.nothingToRedo),
+  save: () => inOrder(async () => {
+    try {
+      await home.save(uri.value);
+      message.value = texts.saved(fileName(uri.value));
+    } catch (error) {
+      message.value = texts.saveRefused(reason(error));
+    }
+  }),
+  redraw,
+  reveal: (place) => {
+    if (home.documents) revealText(place);
+    else home.reveal(place);
+  },
+} satisfies typeof actions);
+
+// --- what the server notifies
+
+home.connection.on<{ uri: string; diagnostics: Diagnostic[] }>("textDocument/publishDiagnostics", (params) => {
+  const all = new Map(diagnostics.value);
+  if (params.diagnostics.length) all.set(params.uri, params.diagnostics);
+  else all.delete(params.uri);
+  diagnostics.value = all;
+});
+home.connection.on<Live>("btcore/live", (state) => {
+  const keys = state.keys ?? live.value?.keys;
+  live.value = keys ? { ...state, keys } : state;
+});
+home.connection.on<SharedFile[]>("btcore/files", (list) => { files.value = list; });
+home.connection.on<DiskConflict>("btcore/disk", (conflict) => {
+  conflicts.value = [...conflicts.value.filter((other) => other.uri !== conflict.uri), conflict];
+});
+home.connection.on<{ message: string }>("window/showMessage", (params) => { message.value = params.message; });
+home.connection.on("workspace/semanticTokens/refresh", () => {
+  void redraw();
+  waitForPalette(0);
+});
+
+async function resolve(conflict: DiskConflict, keep: "disk" | "page"): Promise<void> {
+  try {
+    await actions.request("btcore/resolve", { uri: conflict.uri, keep });
+    conflicts.value = conflicts.value.filter((other) => other.uri !== conflict.uri);
+  } catch (error) {
+    message.value = reason(error);
+  }
+}
+
+// --- what follows from changes
+
+let typingTimer = 0, paletteTimer = 0;
+
+function waitForPalette(ms: number): void {
+  clearTimeout(paletteTimer);
+  paletteTimer = window.setTimeout(async () => {
+    const found = await actions.request<PaletteData>("btcore/palette", { textDocument: { uri: uri.value } }).catch(() => null);
+    if (found && JSON.stringify(found) !== JSON.stringify(palette.value)) palette.value = found;
+  }, ms);
+}
+
+home.onChange((_, origin) => {
+  clearTimeout(typingTimer);
+  if (origin === "typing") typingTimer = window.setTimeout(redraw, TYPING_WAIT_MS);
+  else void redraw();
+  waitForPalette(PALETTE_WAIT_MS);
+});
+
+// --- keys
+
+/** How often the text of the field was undone by the browser, and can be repeated. */
+const undone = new WeakMap<EventTarget, number>();
+const before = new WeakMap<EventTarget, string>();
+type TextField = HTMLInputElement | HTMLTextAreaElement;
+const isTextField = (target: EventTarget | undefined): target is TextField =>
+  target instanceof HTMLTextAreaElement
+  || (target instanceof HTMLInputElement && !["checkbox", "radio", "range", "button", "submit"].includes(target.type));
+
+addEventListener("focusin", ({ target }) => {
+  if (target && isTextField(target)) before.set(target, target.value);
+});
+addEventListener("change", ({ target }) => {
+  if (target && isTextField(target)) before.set(target, target.value);
+});
+addEventListener("input", (event) => {
+  const { target } = event;
+  if (!target || !isTextField(target) || !(event instanceof InputEvent)) return;
+  const steps = { historyUndo: 1, historyRedo: -1 }[event.inputType];
+  undone.set(target, steps ? (undone.get(target) ?? 0) + steps : 0);
+});
+
+addEventListener("keydown", (event) => {
+  if (event.defaultPrevented || event.altKey || !(event.ctrlKey || event.metaKey)) return;
+  const key = event.key.toLowerCase();
+  const isUndo = key === "z" && !event.shiftKey;
+  const isRedo = key === "y" || (key === "z" && event.shiftKey);
+  const target = event.composedPath()[0];
+  if (isTextField(target)) {
+    // In a field: first its own text, then the file.
+    if (isUndo && target.value !== before.get(target)) return;
+    if (isRedo && (undone.get(target) ?? 0) > 0) return;
+  }
+  if (isUndo) void actions.undo();
+  else if (isRedo) void actions.redo();
+  else if (key === "s" && !event.shiftKey) void actions.save();
+  else return;
+  event.preventDefault();
+});
+addEventListener("beforeunload", (event) => {
+  if (!isConnected.value && home.documents) event.preventDefault();
+});
+
+// --- the layout
+
+function Notices() {
+  return (
+    <div class="notices" role="status">
+      {!isConnected.value && <p>{texts.lost}</p>}
+      {notice.value && <p>{notice.value}</p>}
+      {conflicts.value.map((conflict) => (
+        <p key={conflict.uri}>
+          {texts.diskConflict(fileName(conflict.uri))}{" "}
+          <button class="small" onClick={() => resolve(conflict, "disk")}>{texts.keepDisk}</button>{" "}
+          <button class="small" onClick={() => resolve(conflict, "page")}>{texts.keepPage}</button>
+        </p>
+      ))}
+    </div>
+  );
+}
+
+function Page() {
+  return (
+    <>
+      <a class="skip" href="#picture">{texts.skip}</a>
+      <header>
+        <Toolbar home={home} />
+        <span class="space" />
+        <LiveControls />
+      </header>
+      <Notices />
+      <div class={`panes ${home.documents ? "" : "editor"}`}>
+        <aside class="left" aria-label={texts.palette}>
+          <Files />
+          <Palette />
+        </aside>
+        <main id="picture" tabIndex={-1}>
+          <Breadcrumbs />
+          <Canvas />
+          <Timeline />
+        </main>
+        <aside class="right" aria-label={texts.node}>
+          <Form />
+          <Blackboard />
+        </aside>
+        {home instanceof BrowserHome && <TextPane home={home} apply={apply} />}
+      </div>
+      <footer>
+        {home.documents && <Problems apply={apply} />}
+        <p class="message" role="status">{message.value}</p>
+      </footer>
+    </>
+  );
+}
+
+async function begin(): Promise<void> {
+  render(<Page />, document.body);
+  try {
+    const begun = await home.begin();
+    start.value = begun;
+    tree.value = begun.tree;
+    uri.value = begun.uri;
+    if (home.documents) files.value = await actions.request<SharedFile[]>("btcore/files", {});
+  } catch (error) {
+    message.value = reason(error);
+  }
+}
+
+effect(() => {
+  document.title = uri.value ? `${fileName(uri.value)} – ${texts.title}` : texts.title;
+  if (uri.value) waitForPalette(0);
+});
+effect(() => {
+  if (uri.value || tree.value || folded.value) untracked(() => void redraw());
+});
+// The language server reads files of the disk; it gets the texts that others have changed.
+effect(() => {
+  for (const file of files.value) if (file.unsaved) void home.documents?.load(file.uri).catch(() => {});
+});
+void begin();

@@ -1,0 +1,482 @@
+// The text of a document in CodeMirror, with the features of the language server.
+
+import {
+  autocompletion, closeBrackets, closeBracketsKeymap, type Completion, type CompletionContext, completionKeymap,
+  type CompletionResult, snippet, startCompletion,
+} from "@codemirror/autocomplete";
+import { defaultKeymap, indentWithTab } from "@codemirror/commands";
+import { xml } from "@codemirror/lang-xml";
+import {
+  bracketMatching, codeFolding, foldGutter, foldKeymap, HighlightStyle, indentOnInput, syntaxHighlighting,
+} from "@codemirror/language";
+import { type Action, type Diagnostic as Mark, lintGutter, lintKeymap, setDiagnostics } from "@codemirror/lint";
+import { highlightSelectionMatches, search, searchKeymap } from "@codemirror/search";
+import {
+  Annotation, ChangeSet, Compartment, EditorSelection, EditorState, type Extension, Prec, RangeSetBuilder,
+  StateEffect, StateField, Transaction,
+} from "@codemirror/state";
+import {
+  Decoration, type DecorationSet, drawSelection, EditorView, highlightActiveLine, highlightActiveLineGutter,
+  highlightSpecialChars, hoverTooltip, keymap, lineNumbers, MatchDecorator, rectangularSelection, ViewPlugin, type ViewUpdate,
+} from "@codemirror/view";
+import { tags } from "@lezer/highlight";
+import { effect, signal, untracked } from "@preact/signals";
+import { useEffect, useRef } from "preact/hooks";
+import { type Change, offsetAt, positionAt, rangeAt } from "./documents";
+import type { BrowserHome } from "./home";
+import type { CodeAction } from "./problems";
+import { codeActions } from "./problems";
+import type { Place, Position, Range, WorkspaceEdit } from "./protocol";
+import { actions, diagnostics, drawing, message, selectedNode, selection, start, uri } from "./state";
+import { texts } from "./texts";
+import { fileName } from "./toolbar";
+
+/** The document in the text pane: that of the drawing, or one that it includes. */
+export const shownUri = signal("");
+/** Where the cursor should go; set by `reveal`. */
+const wantedPlace = signal<(Place & { focus: boolean }) | null>(null);
+
+/** Show a place in the text pane. */
+export function revealText(place: Place, focus = true): void {
+  shownUri.value = place.uri;
+  wantedPlace.value = { ...place, focus };
+}
+
+const COLOUR_WAIT_MS = 120;
+const HOVER_WAIT_MS = 350;
+const SEVERITIES = ["error", "error", "warning", "info", "hint"] as const;
+const COMPLETION_TYPES: Record<number, string> = {
+  3: "function", 5: "property", 6: "variable", 7: "class", 10: "property", 12: "constant", 13: "enum", 14: "keyword",
+  15: "text", 17: "text", 18: "text", 20: "constant", 21: "constant", 22: "type",
+};
+
+/** Edits that the documents have already. */
+const external = Annotation.define<boolean>();
+
+interface CompletionItem {
+  label: string;
+  detail?: string;
+  documentation?: string | { value: string };
+  kind?: number;
+  sortText?: string;
+  filterText?: string;
+  insertTextFormat?: 1 | 2;
+  textEdit?: { range: Range; newText: string };
+}
+
+const textDocument = () => ({ textDocument: { uri: shownUri.value } });
+
+// --- completion
+
+async function complete(context: CompletionContext): Promise<CompletionResult | null> {
+  const before = context.state.sliceDoc(Math.max(0, context.pos - 1), context.pos);
+  const isTrigger = /[<\/ "'{]/.test(before);
+  if (!context.explicit && !isTrigger && !/[\w@$.:-]/.test(before)) return null;
+  const kind = isTrigger && !context.explicit ? { triggerKind: 2, triggerCharacter: before } : { triggerKind: 1 };
+  const found = await actions.request<CompletionItem[] | { items: CompletionItem[] } | null>("textDocument/completion", {
+    ...textDocument(), position: positionAt(context.state.doc, context.pos), context: kind,
+  }).catch(() => null);
+  const items = Array.isArray(found) ? found : (found?.items ?? []);
+  const first = items[0]?.textEdit;
+  if (!items.length || context.aborted) return null;
+  const from = first ? offsetAt(context.state.doc, first.range.start) : context.pos;
+  const options = items.map((item, index): Completion => {
+    const text = item.textEdit?.newText ?? item.label;
+    const about = typeof item.documentation === "string" ? item.documentation : item.documentation?.value;
+    const completion: Completion = {
+      label: item.filterText ?? item.label, displayLabel: item.label, sortText: item.sortText ?? String(index).padStart(5, "0"),
+      apply: item.insertTextFormat === 2 ? snippet(text.replace(/\$(\d+)/g, "$${$1}").replace(/\$\{(\d+)\|([^,|}]*)[^}]*\}/g, "$${$1:$2}")) : text,
+    };
+    if (item.detail) completion.detail = item.detail;
+    if (about) completion.info = about;
+    const type = COMPLETION_TYPES[item.kind ?? 0];
+    if (type) completion.type = type;
+    return completion;
+  });
+  const to = first ? offsetAt(context.state.doc, first.range.end) : context.pos;
+  return { from, to: Math.max(to, context.pos), options, validFor: /^[\w@$.:-]*$/ };
+}
+
+// --- hover
+
+const hover = hoverTooltip(async (view, pos) => {
+  const found = await actions.request<{ contents: { value: string }; range?: Range } | null>("textDocument/hover", {
+    ...textDocument(), position: positionAt(view.state.doc, pos),
+  }).catch(() => null);
+  if (!found?.contents.value) return null;
+  const from = found.range ? offsetAt(view.state.doc, found.range.start) : pos;
+  const dom = document.createElement("div");
+  dom.className = "about";
+  dom.textContent = found.contents.value;
+  return { pos: Math.min(from, pos), above: true, create: () => ({ dom }) };
+}, { hoverTime: HOVER_WAIT_MS });
+
+// --- colours of scripts and keys
+
+const TOKEN_TYPES = ["variable", "property", "number", "string", "keyword", "operator", "enumMember"];
+const setColours = StateEffect.define<DecorationSet>();
+const colours = StateField.define<DecorationSet>({
+  create: () => Decoration.none,
+  update: (value, transaction) => {
+    for (const item of transaction.effects) if (item.is(setColours)) return item.value;
+    return value.map(transaction.changes);
+  },
+  provide: (field) => EditorView.decorations.from(field),
+});
+const tokenMarks = TOKEN_TYPES.map((type) => Decoration.mark({ class: `token-${type}` }));
+
+const colourer = ViewPlugin.fromClass(class {
+  private timer = 0;
+
+  constructor(private readonly view: EditorView) {
+    this.wait(0);
+  }
+
+  update(update: ViewUpdate) {
+    if (update.docChanged) this.wait(COLOUR_WAIT_MS);
+  }
+
+  destroy() {
+    clearTimeout(this.timer);
+  }
+
+  private wait(ms: number) {
+    clearTimeout(this.timer);
+    this.timer = window.setTimeout(() => void this.request(), ms);
+  }
+
+  private async request() {
+    const { doc } = this.view.state;
+    const found = await actions.request<{ data: number[] } | null>("textDocument/semanticTokens/full", textDocument()).catch(() => null);
+    if (!found || this.view.state.doc !== doc) return;
+    const builder = new RangeSetBuilder<Decoration>();
+    let [line, character] = [0, 0];
+    for (let index = 0; index + 4 < found.data.length; index += 5) {
+      const [lines, units, length, type] = found.data.slice(index, index + 4) as [number, number, number, number];
+      line += lines;
+      character = lines ? units : character + units;
+      const from = offsetAt(doc, { line, character });
+      const mark = tokenMarks[type];
+      if (mark && length && from + length <= doc.length) builder.add(from, from + length, mark);
+    }
+    this.view.dispatch({ effects: setColours.of(builder.finish()) });
+  }
+});
+
+// --- line breaks: a CR before an LF belongs to the line, and is neither shown nor reached by the cursor
+
+const returns = new MatchDecorator({ regexp: /\r$/g, decoration: Decoration.replace({}) });
+const hideReturns = ViewPlugin.fromClass(class {
+  decorations: DecorationSet;
+  constructor(view: EditorView) { this.decorations = returns.createDeco(view); }
+  update(update: ViewUpdate) { this.decorations = returns.updateDeco(update, this.decorations); }
+}, {
+  decorations: (plugin) => plugin.decorations,
+  provide: (plugin) => EditorView.atomicRanges.of((view) => view.plugin(plugin)?.decorations ?? Decoration.none),
+});
+
+/** New lines end as the first line of the document does. */
+const addReturns = EditorState.transactionFilter.of((transaction) => {
+  if (!transaction.docChanged || transaction.annotation(external)) return transaction;
+  if (!transaction.startState.doc.line(1).text.endsWith("\r")) return transaction;
+  const changes: { from: number; insert: string }[] = [];
+  transaction.changes.iterChanges((_from, _to, start, _end, inserted) => {
+    for (const { index } of inserted.toString().matchAll(/(?<!\r)\n/g)) changes.push({ from: start + index, insert: "\r" });
+  });
+  return changes.length ? [transaction, { changes, sequential: true }] : transaction;
+});
+
+// --- commands
+
+/** Go to the definition of what is at the cursor. */
+function goToDefinition(view: EditorView): boolean {
+  const position = positionAt(view.state.doc, view.state.selection.main.head);
+  type Location = { uri: string; range: Range };
+  void actions.request<Location | Location[] | null>("textDocument/definition", { ...textDocument(), position }).then((found) => {
+    const place = Array.isArray(found) ? found[0] : found;
+    if (place) revealText({ uri: place.uri, position: place.range.start });
+    else message.value = texts.noDefinition;
+  }, show);
+  return true;
+}
+
+const show = (error: unknown) => { message.value = error instanceof Error ? error.message : String(error); };
+
+/** What is being renamed; null without a dialog. */
+export const renaming = signal<{ uri: string; position: Position; name: string } | null>(null);
+
+function startRename(view: EditorView): boolean {
+  const position = positionAt(view.state.doc, view.state.selection.main.head);
+  type Prepared = { placeholder?: string; range?: Range };
+  void actions.request<Prepared | null>("textDocument/prepareRename", { ...textDocument(), position }).then((found) => {
+    if (found) renaming.value = { uri: shownUri.value, position, name: found.placeholder ?? "" };
+    else message.value = texts.nothingToRename;
+  }, show);
+  return true;
+}
+
+// --- appearance
+
+const highlight = HighlightStyle.define([
+  { tag: tags.tagName, class: "xml-tag" },
+  { tag: tags.attributeName, class: "xml-attribute" },
+  { tag: tags.attributeValue, class: "xml-value" },
+  { tag: [tags.comment, tags.processingInstruction, tags.documentMeta], class: "xml-comment" },
+  { tag: [tags.angleBracket, tags.definitionOperator], class: "xml-bracket" },
+  { tag: tags.invalid, class: "xml-invalid" },
+]);
+
+const look = EditorView.theme({
+  "&": { height: "100%", color: "var(--text)", backgroundColor: "var(--panel)", fontSize: "12.5px" },
+  "&.cm-focused": { outline: "2px solid var(--accent)", outlineOffset: "-2px" },
+  ".cm-scroller": { fontFamily: "var(--mono)", lineHeight: "1.5" },
+  ".cm-content": { caretColor: "var(--text)" },
+  ".cm-gutters": { backgroundColor: "var(--panel)", color: "var(--dim)", borderRight: "1px solid var(--line)" },
+  ".cm-activeLine, .cm-activeLineGutter": { backgroundColor: "var(--hover)" },
+  ".cm-cursor": { borderLeftColor: "var(--text)" },
+  "&.cm-focused > .cm-scroller > .cm-selectionLayer .cm-selectionBackground, .cm-selectionBackground": { backgroundColor: "var(--chosen)" },
+  ".cm-selectionMatch, .cm-searchMatch": { backgroundColor: "var(--mark)" },
+  ".cm-searchMatch-selected": { backgroundColor: "var(--found)" },
+  "&.cm-focused .cm-matchingBracket": { backgroundColor: "var(--mark)" },
+  ".cm-tooltip, .cm-panels": { backgroundColor: "var(--panel)", color: "var(--text)", border: "1px solid var(--line)", borderRadius: "6px" },
+  ".cm-panels": { borderRadius: "0" },
+  ".cm-tooltip .about, .cm-completionInfo": { padding: "6px 10px", maxWidth: "46ch", whiteSpace: "pre-wrap", overflowWrap: "anywhere" },
+  ".cm-tooltip-autocomplete > ul > li[aria-selected]": { backgroundColor: "var(--accent)", color: "var(--on-accent)" },
+  ".cm-completionDetail": { fontStyle: "normal", opacity: "0.8" },
+  ".cm-textfield, .cm-button": {
+    font: "inherit", color: "inherit", backgroundColor: "var(--panel)", backgroundImage: "none", border: "1px solid var(--control)",
+    borderRadius: "6px", padding: "3px 8px",
+  },
+  ".cm-foldPlaceholder": { backgroundColor: "var(--hover)", borderColor: "var(--line)", color: "var(--dim)", padding: "0 6px" },
+  ".cm-diagnosticAction": { font: "inherit", backgroundColor: "var(--accent)", color: "var(--on-accent)", borderRadius: "5px", padding: "2px 8px", cursor: "pointer" },
+  ".xml-tag": { color: "var(--accent)" },
+  ".xml-value": { color: "var(--key)" },
+  ".xml-comment, .xml-bracket": { color: "var(--dim)" },
+  ".xml-invalid": { color: "var(--error)" },
+  ".token-variable, .token-property": { color: "var(--variable)", fontWeight: "600" },
+  ".token-number, .token-enumMember, .token-keyword": { color: "var(--number)" },
+  ".token-string": { color: "var(--success-text)" },
+  ".token-operator": { color: "var(--text)" },
+});
+
+const isFixed = new Compartment();
+
+const extensions = (home: BrowserHome): Extension => [
+  EditorState.lineSeparator.of("\n"),
+  lineNumbers(), foldGutter(), codeFolding(), lintGutter(), highlightSpecialChars(), drawSelection(),
+  EditorState.allowMultipleSelections.of(true), rectangularSelection(), indentOnInput(), bracketMatching(), closeBrackets(),
+  highlightActiveLine(), highlightActiveLineGutter(), highlightSelectionMatches(), search({ top: true }),
+  autocompletion({ override: [complete], activateOnTyping: true, interactionDelay: 40 }),
+  xml(), syntaxHighlighting(highlight), look, hover, colours, colourer, hideReturns, addReturns,
+  isFixed.of([]),
+  Prec.highest(EditorView.domEventHandlers({
+    beforeinput: (event) => {
+      // The menu of the browser; the keys are the page's.
+      if (event.inputType === "historyUndo") void actions.undo();
+      else if (event.inputType === "historyRedo") void actions.redo();
+      else return false;
+      event.preventDefault();
+      return true;
+    },
+    mousedown: (event, view) => {
+      if (!(event.ctrlKey || event.metaKey) || event.button !== 0) return false;
+      const offset = view.posAtCoords({ x: event.clientX, y: event.clientY });
+      if (offset === null) return false;
+      view.dispatch({ selection: { anchor: offset } });
+      goToDefinition(view);
+      event.preventDefault();
+      return true;
+    },
+    blur: () => {
+      home.history.separate();
+      return false;
+    },
+  })),
+  keymap.of([
+    { key: "F12", run: goToDefinition },
+    { key: "F2", run: startRename },
+    { key: "Mod-.", run: (view) => { view.dispatch({}); return startCompletion(view); } },
+    ...closeBracketsKeymap, ...completionKeymap, ...searchKeymap, ...foldKeymap, ...lintKeymap, ...defaultKeymap, indentWithTab,
+  ]),
+];
+
+// --- problems
+
+async function marks(state: EditorState, address: string, apply: (action: CodeAction) => void): Promise<Mark[]> {
+  const items = diagnostics.value.get(address) ?? [];
+  let fixes: CodeAction[] = [];
+  if (items.length && !start.value?.readOnly) {
+    fixes = await codeActions(address, rangeAt(state.doc, 0, state.doc.length)).catch(() => []);
+  }
+  return items.map((item): Mark => {
+    const from = offsetAt(state.doc, item.range.start);
+    const to = Math.max(from, offsetAt(state.doc, item.range.end));
+    const own = fixes.filter((fix) => fix.edit && fix.diagnostics?.some((other) => other.code === item.code && other.message === item.message
+      && other.range.start.line === item.range.start.line && other.range.start.character === item.range.start.character));
+    return {
+      from, to, severity: SEVERITIES[item.severity ?? 1] ?? "error", message: item.message, source: String(item.code ?? ""),
+      actions: own.map((fix): Action => ({ name: fix.title, apply: () => apply(fix) })),
+    };
+  });
+}
+
+// --- the pane
+
+/** The text, in both directions with the documents and with the selected node. */
+export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: CodeAction) => void }) {
+  const frame = useRef<HTMLDivElement>(null);
+  useEffect(() => {
+    const place = frame.current;
+    if (!place) return;
+    // In a shadow root CodeMirror adopts its style sheets, so that the page needs no inline styles.
+    const root = place.shadowRoot ?? place.attachShadow({ mode: "open", delegatesFocus: true });
+    const states = new Map<string, EditorState>();
+    let shown = "";
+    let keyOfCursor: string | null = null;
+    const view = new EditorView({
+      root,
+      parent: root,
+      dispatchTransactions: (transactions, editor) => {
+        editor.update(transactions);
+        for (const transaction of transactions) {
+          if (transaction.docChanged && !transaction.annotation(external)) {
+            home.documents.change(shown, transaction.changes, "typing", transaction.annotation(Transaction.userEvent) ?? "");
+          }
+        }
+        const isMoved = transactions.some((transaction) => transaction.selection && !transaction.annotation(external));
+        if (isMoved) selectAtCursor();
+      },
+    });
+
+    const selectAtCursor = () => {
+      const head = positionAt(view.state.doc, view.state.selection.main.head);
+      let best: string | null = null;
+      let from: Position | null = null;
+      for (const { key, place, end } of drawing.value?.nodes ?? []) {
+        if (place.uri !== shown || !isBefore(place.position, head) || !isBefore(head, end)) continue;
+        if (!from || isBefore(from, place.position) && !isEqual(from, place.position)) [best, from] = [key, place.position];
+      }
+      if (best && !selection.value.includes(best)) {
+        keyOfCursor = best;
+        selection.value = [best];
+      }
+    };
+
+    const showDocument = (address: string) => {
+      if (shown) states.set(shown, view.state);
+      shown = address;
+      const label = texts.editorLabel(fileName(address));
+      const known = states.get(address);
+      const doc = home.documents.text(address);
+      view.setState(known?.doc.eq(doc) ? known : EditorState.create({
+        doc, selection: known ? EditorSelection.cursor(Math.min(known.selection.main.head, doc.length)) : EditorSelection.cursor(0),
+        extensions: [extensions(home), EditorView.contentAttributes.of({ "aria-label": label, spellcheck: "false" })],
+      }));
+      view.dispatch({ effects: isFixed.reconfigure(start.value?.readOnly ? [EditorState.readOnly.of(true)] : []) });
+      showMarks();
+    };
+
+    const go = (position: Position, focus: boolean) => {
+      const offset = offsetAt(view.state.doc, position);
+      view.dispatch({
+        selection: { anchor: offset }, annotations: external.of(true), effects: EditorView.scrollIntoView(offset, { y: "nearest", yMargin: 60 }),
+      });
+      if (focus) view.focus();
+    };
+
+    const showMarks = () => {
+      const { state } = view;
+      void marks(state, shown, apply).then((found) => {
+        if (view.state.doc === state.doc) view.dispatch(setDiagnostics(view.state, found));
+      });
+    };
+
+    home.documents.listen(({ uri: address, changes, origin }: Change) => {
+      if (address !== shown || origin === "typing") return;
+      view.dispatch({ changes, annotations: external.of(true) });
+      if (origin === "undo") {
+        const at = lastChange(changes);
+        view.dispatch({ selection: { anchor: at }, annotations: external.of(true), effects: EditorView.scrollIntoView(at, { y: "nearest", yMargin: 60 }) });
+      }
+    });
+    const ends = [
+      effect(() => { shownUri.value = uri.value; }),
+      effect(() => {
+        const address = shownUri.value;
+        const wanted = wantedPlace.value;
+        if (!address) return;
+        void home.documents.load(address).then(() => {
+          if (address !== shownUri.peek()) return;
+          if (shown !== address) showDocument(address);
+          if (wanted && wanted === wantedPlace.peek() && wanted.uri === address) {
+            wantedPlace.value = null;
+            go(wanted.position, wanted.focus);
+            if (wanted.focus) selectAtCursor();
+          }
+        }, show);
+      }),
+      effect(() => {
+        const node = selectedNode.value;
+        untracked(() => {
+          if (node && node.key !== keyOfCursor) revealText(node.place, false);
+          keyOfCursor = node?.key ?? null;
+        });
+      }),
+      effect(() => {
+        if (diagnostics.value) untracked(() => { if (shown) showMarks(); });
+      }),
+    ];
+    return () => {
+      for (const end of ends) end();
+      view.destroy();
+    };
+  }, [home]);
+  return (
+    <section class="text" aria-label={texts.text}>
+      <h2>{fileName(shownUri.value) || texts.text}</h2>
+      <div class="editor" ref={frame} />
+      <RenameDialog apply={apply} />
+    </section>
+  );
+}
+
+const isBefore = (a: Position, b: Position) => a.line < b.line || (a.line === b.line && a.character <= b.character);
+const isEqual = (a: Position, b: Position) => a.line === b.line && a.character === b.character;
+
+function lastChange(changes: ChangeSet): number {
+  let last = 0;
+  changes.iterChangedRanges((_from, _to, _start, end) => { last = end; });
+  return last;
+}
+
+function RenameDialog({ apply }: { apply: (action: CodeAction) => void }) {
+  const dialog = useRef<HTMLDialogElement>(null);
+  const wanted = renaming.value;
+  useEffect(() => {
+    if (wanted && !dialog.current?.open) dialog.current?.showModal();
+  }, [wanted]);
+  if (!wanted) return null;
+  const close = () => { renaming.value = null; };
+  const rename = async (event: SubmitEvent) => {
+    event.preventDefault();
+    const newName = String(new FormData(event.target as HTMLFormElement).get("name"));
+    close();
+    try {
+      const edit = await actions.request<WorkspaceEdit | null>("textDocument/rename", {
+        textDocument: { uri: wanted.uri }, position: wanted.position, newName,
+      });
+      if (edit) apply({ title: texts.rename, edit });
+    } catch (error) {
+      show(error);
+    }
+  };
+  return (
+    <dialog ref={dialog} onClose={close} aria-label={texts.rename}>
+      <form onSubmit={rename}>
+        <label>{texts.renameTo} <input name="name" defaultValue={wanted.name} autofocus /></label>
+        <button type="submit">{texts.rename}</button>
+        <button type="button" onClick={close}>{texts.cancel}</button>
+      </form>
+    </dialog>
+  );
+}

@@ -1,0 +1,103 @@
+import { effect, signal } from "@preact/signals";
+import { canRedo, canUndo, type Home } from "./home";
+import type { Drawing } from "./protocol";
+import { actions, drawing, files, folded, message, start, tree, uri } from "./state";
+import { texts } from "./texts";
+
+type Theme = "system" | "light" | "dark";
+const THEMES: readonly Theme[] = ["system", "light", "dark"];
+const STORED = "btcore-studio-theme";
+const PNG_SCALE = 2;
+
+const theme = signal<Theme>(THEMES.find((name) => name === stored(STORED)) ?? "system");
+
+/** Return a setting of the user, who may have forbidden to store any. */
+export function stored(name: string): string | null {
+  try {
+    return localStorage.getItem(name);
+  } catch {
+    return null;
+  }
+}
+
+export function store(name: string, value: string): void {
+  try {
+    localStorage.setItem(name, value);
+  } catch {
+    // The setting ends with the page.
+  }
+}
+
+effect(() => {
+  const chosen = theme.value;
+  if (chosen === "system") delete document.documentElement.dataset.theme;
+  else document.documentElement.dataset.theme = chosen;
+  store(STORED, chosen);
+});
+
+export const fileName = (address: string): string => decodeURIComponent(address.split("/").at(-1) ?? address);
+
+async function exportDrawing(home: Home, format: "svg" | "png"): Promise<void> {
+  try {
+    const { svg, tree: shown } = await actions.request<Drawing>("btcore/drawing", {
+      textDocument: { uri: uri.value }, tree: tree.value, folded: [...folded.value], styled: true,
+    });
+    const content = new Blob([svg], { type: "image/svg+xml" });
+    const name = shown.replace(/[^\p{L}\p{N}_.-]+/gu, "_") || "tree";
+    await home.export(`${name}.${format}`, format === "svg" ? content : await rasterize(content));
+  } catch (error) {
+    message.value = texts.exportRefused(error instanceof Error ? error.message : String(error));
+  }
+}
+
+async function rasterize(svg: Blob): Promise<Blob> {
+  const image = new Image();
+  image.src = URL.createObjectURL(svg);
+  try {
+    await image.decode();
+    const canvas = document.createElement("canvas");
+    canvas.width = PNG_SCALE * image.naturalWidth;
+    canvas.height = PNG_SCALE * image.naturalHeight;
+    canvas.getContext("2d")?.drawImage(image, 0, 0, canvas.width, canvas.height);
+    return await new Promise((resolve, reject) => {
+      canvas.toBlob((png) => (png ? resolve(png) : reject(new Error(texts.tooLarge))), "image/png");
+    });
+  } finally {
+    URL.revokeObjectURL(image.src);
+  }
+}
+
+/** File, commands and settings. */
+export function Toolbar({ home }: { home: Home }) {
+  const isUnsaved = files.value.some((file) => file.uri === uri.value && file.unsaved);
+  const isFixed = start.value?.readOnly ?? false;
+  const trees = drawing.value?.trees ?? [];
+  const shown = drawing.value?.tree ?? tree.value ?? "";
+  return (
+    <>
+      <div class="title">
+        <h1 title={uri.value}>{fileName(uri.value) || texts.title}</h1>
+        {isUnsaved && <span class="tag">{texts.unsaved}</span>}
+      </div>
+      <div class="group">
+        <button onClick={() => actions.save()} disabled={isFixed || !isUnsaved} title={`${texts.save} (Ctrl+S)`}>{texts.save}</button>
+        <button onClick={() => actions.undo()} disabled={!canUndo.value} title={`${texts.undo} (Ctrl+Z)`}>{texts.undo}</button>
+        <button onClick={() => actions.redo()} disabled={!canRedo.value} title={`${texts.redo} (Ctrl+Shift+Z)`}>{texts.redo}</button>
+      </div>
+      <select aria-label={texts.tree} value={shown} hidden={trees.length < 2}
+        onChange={(event) => { tree.value = event.currentTarget.value; }}>
+        {trees.map(({ id }) => <option key={id} value={id}>{id}</option>)}
+      </select>
+      <div class="group" role="group" aria-label={texts.export}>
+        <button onClick={() => exportDrawing(home, "svg")} title={texts.exportAs("SVG")}>{texts.exportSvg}</button>
+        <button onClick={() => exportDrawing(home, "png")} title={texts.exportAs("PNG")}>{texts.exportPng}</button>
+      </div>
+      {home.documents && (
+        <select aria-label={texts.theme} value={theme.value}
+          onChange={(event) => { theme.value = event.currentTarget.value as Theme; }}>
+          {THEMES.map((name) => <option key={name} value={name}>{texts.themes[name]}</option>)}
+        </select>
+      )}
+    </>
+  );
+}
