@@ -12,7 +12,7 @@ import type { Done } from "./history";
 import { BrowserHome, findHome, isConnected } from "./home";
 import { Blackboard, LiveControls } from "./live";
 import { Palette } from "./palette";
-import { type CodeAction, followProblems, Problems } from "./problems";
+import { checked, type CodeAction, followProblems, Problems } from "./problems";
 import type {
   Command, Diagnostic, DiskConflict, Drawing, EditResult, Live, Palette as PaletteData, Place, SharedFile,
 } from "./protocol";
@@ -182,6 +182,7 @@ Object.assign(actions, {
 // --- what the server notifies
 
 home.connection.on<{ uri: string; diagnostics: Diagnostic[] }>("textDocument/publishDiagnostics", (params) => {
+  if (!checked.value.has(params.uri)) checked.value = new Set([...checked.value, params.uri]);
   const all = new Map(diagnostics.value);
   if (params.diagnostics.length) all.set(params.uri, params.diagnostics);
   else all.delete(params.uri);

@@ -14,6 +14,9 @@ export interface CodeAction { title: string; edit?: WorkspaceEdit; isPreferred?:
 /** The offered changes of each document with problems. */
 export const fixes = signal<ReadonlyMap<string, readonly CodeAction[]>>(new Map());
 
+/** The documents whose first check has ended. */
+export const checked = signal<ReadonlySet<string>>(new Set());
+
 const shown = computed(() =>
   [...diagnostics.value]
     .flatMap(([address, items]) => items.map((item) => ({ address, item })))
@@ -70,7 +73,7 @@ export function Problems({ apply }: { apply: (action: CodeAction) => void }) {
     <section class="problems" aria-label={texts.problems}>
       <div class="row">
         <button class={`summary ${errors ? "error" : warnings ? "warning" : ""}`} aria-expanded={isOpen} onClick={() => setOpen(!isOpen)}>
-          {summary || `✔ ${texts.noProblems}`}
+          {summary || (checked.value.has(uri.value) ? `✔ ${texts.noProblems}` : texts.checking)}
         </button>
         {offers.map((action) => <button class="small" key={action.title} onClick={() => apply(action)}>{action.title}</button>)}
       </div>

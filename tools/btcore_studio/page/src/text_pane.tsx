@@ -46,6 +46,8 @@ export function revealText(place: Place, focus = true): void {
 /** Applies a change of several files; set by the pane. */
 const applyAction = signal<((action: CodeAction) => void) | null>(null);
 
+const openPlace = (address: string, line: number) => revealText({ uri: address, position: { line, character: 0 } });
+
 const COLOUR_WAIT_MS = 120;
 const HOVER_WAIT_MS = 350;
 const SEVERITIES = ["error", "error", "warning", "info", "hint"] as const;
@@ -92,7 +94,7 @@ async function complete(context: CompletionContext): Promise<CompletionResult | 
       apply: item.insertTextFormat === 2 ? snippet(text.replace(/\$(\d+)/g, "$${$1}").replace(/\$\{(\d+)\|([^,|}]*)[^}]*\}/g, "$${$1:$2}")) : text,
     };
     if (item.detail) completion.detail = item.detail;
-    if (about) completion.info = () => rendered(about);
+    if (about) completion.info = () => rendered(about, openPlace);
     const type = COMPLETION_TYPES[item.kind ?? 0];
     if (type) completion.type = type;
     return completion;
@@ -110,7 +112,7 @@ const hover = hoverTooltip(async (view, pos) => {
   if (!found?.contents.value) return null;
   const from = found.range ? offsetAt(view.state.doc, found.range.start) : pos;
   const { value } = found.contents;
-  return { pos: Math.min(from, pos), above: true, create: () => ({ dom: rendered(value) }) };
+  return { pos: Math.min(from, pos), above: true, create: () => ({ dom: rendered(value, openPlace) }) };
 }, { hoverTime: HOVER_WAIT_MS });
 
 // --- colours of scripts and keys
@@ -278,6 +280,7 @@ const look = EditorView.theme({
   ".cm-panels": { borderRadius: "0" },
   ".cm-tooltip .about, .cm-completionInfo": { padding: "6px 10px", maxWidth: "52ch", overflowWrap: "anywhere" },
   ".about p": { margin: "0 0 6px" },
+  ".about ul": { margin: "0 0 6px", paddingLeft: "18px" },
   ".about td": { padding: "1px 10px 1px 0", verticalAlign: "top" },
   ".about code": { fontFamily: "var(--mono)" },
   ".about a": { color: "var(--accent)" },
