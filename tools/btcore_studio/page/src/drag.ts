@@ -107,6 +107,7 @@ class Drag {
     this.ghost.remove();
     this.view.marks.replaceChildren();
     for (const index of this.nodes) this.view.group(index)?.classList.remove("dragged");
+    this.view.frame.focus({ preventScroll: true });
     if (isDropped && this.target) void drop(this.source, this.target, this.isCopy, this.view);
   }
 

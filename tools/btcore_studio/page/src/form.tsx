@@ -115,8 +115,9 @@ function problemsOf(node: DrawnNode): Diagnostic[] {
   return items.filter((item) => isIn(node, item) && !inner.some((other) => isIn(other, item)));
 }
 
-/** Whether a problem is about an attribute: messages quote names. */
-const isAbout = ({ message }: Diagnostic, name: string) => message.includes(`'${name}'`);
+/** Whether a problem is about an attribute: messages have names in quotes or brackets. */
+const isAbout = ({ message }: Diagnostic, name: string) =>
+  [`'${name}'`, `[${name}]`, ` ${name}="`].some((quoted) => message.includes(quoted));
 
 function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; problems: Diagnostic[] }) {
   const input = useRef<HTMLInputElement & HTMLTextAreaElement>(null);

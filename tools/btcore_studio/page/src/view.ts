@@ -92,11 +92,11 @@ export class View {
     this.groups.clear();
     if (isNew) this.build();
     else for (const group of this.layer!.querySelectorAll(":scope > g[data-uid]")) group.remove();
-    if (!this.zoom || isOther) this.zoom = this.startZoom();
+    if (!this.zoom || isOther || !old.nodes.length) this.zoom = this.startZoom();
     this.resize();
     const kept = this.keep(old, isOther);
     const newBox = this.boxes[Math.max(0, structure.at(kept))];
-    if (isOther) this.centre(this.boxes[0]);
+    if (isOther || !old.nodes.length) this.centre(this.boxes[0]);
     else if (oldPlace && newBox) {
       const now = this.screen(newBox);
       this.frame.scrollBy(now.left - oldPlace.left, now.top - oldPlace.top);
@@ -130,7 +130,7 @@ export class View {
   private build(): void {
     // Chromium parses HTML three times as fast as XML. The server has escaped every text of the drawing.
     const template = document.createElement("template");
-    template.innerHTML = this.picture.head + this.picture.tail;
+    template.innerHTML = this.picture.head + this.picture.tail || "<svg><g></g></svg>";
     const svg = template.content.firstElementChild as SVGSVGElement;
     svg.classList.add("picture");
     svg.setAttribute("role", "none");
