@@ -46,7 +46,7 @@ export function Canvas() {
     const node = shown.structure.nodes[index];
     if (!node || (event.target as Element).closest(".fold, .adds")) return;
     if (live.value?.connection && !start.value?.recording) void toggleBreakpoint(node.key);
-    else if (node.calls) void openTree(node.calls);
+    else if (node.calls) openTree(node.calls);
     else run("rename");
   };
   // Preact adds wheel listeners as passive ones in some browsers.

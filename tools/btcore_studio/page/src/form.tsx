@@ -54,7 +54,7 @@ function Head({ node }: { node: DrawnNode }) {
         </p>
       </div>
       <div class="form-buttons">
-        {node.calls && <button onClick={() => void openTree(node.calls)}>{texts.operation.open}</button>}
+        {node.calls && <button onClick={() => openTree(node.calls)}>{texts.operation.open}</button>}
         {!start.value?.readOnly && <button onClick={() => run("type")} title={texts.operation.type}>{texts.changeType}</button>}
       </div>
     </header>
