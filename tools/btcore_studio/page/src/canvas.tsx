@@ -4,7 +4,7 @@ import "./tree.css";
 import { useEffect, useRef } from "preact/hooks";
 import { followPointers } from "./drag";
 import { type Action, actionOf, isForPage, neighbour, type PageAction } from "./keyboard";
-import { durationOf, liveIndex, missingNodes, toggleBreakpoint } from "./live";
+import { durationOf, liveIndex, notes, toggleBreakpoint } from "./live";
 import { Help, Menu } from "./menu";
 import { copy, edit, openTree, paste, run } from "./operations";
 import { Quick } from "./quick";
@@ -64,8 +64,7 @@ export function Canvas() {
       />
       <EmptyTree />
       <Controls />
-      <p class="visually-hidden" role="status">{missingNodes.value ? texts.missingNodes(missingNodes.value) : ""}</p>
-      {missingNodes.value > 0 && <p class="canvas-note" aria-hidden="true">{texts.missingNodes(missingNodes.value)}</p>}
+      <div class="canvas-notes" role="status">{notes.value.map((note) => <p key={note}>{note}</p>)}</div>
       <Quick />
       <Menu />
       <Help />
