@@ -157,12 +157,15 @@ function between(shown: View, index: number): string[] {
 
 // --- keys
 
-const isField = (target: EventTarget | null) =>
-  target instanceof Element && target.closest("input, textarea, select, [contenteditable], dialog, [role=menu]") !== null;
+/** Whether an event belongs to a field, also to the editor in its shadow root. */
+function isField(event: Event): boolean {
+  const target = event.composedPath()[0];
+  return target instanceof Element && target.closest("input, textarea, select, [contenteditable], dialog, [role=menu]") !== null;
+}
 
 function followKeys(shown: View): () => void {
   const down = (event: KeyboardEvent) => {
-    if (isField(event.target) || event.defaultPrevented || event.isComposing) return;
+    if (isField(event) || event.defaultPrevented || event.isComposing) return;
     const action = actionOf({ key: event.key, ctrl: event.ctrlKey || event.metaKey, shift: event.shiftKey, alt: event.altKey });
     if (!action) return;
     const target = event.target instanceof Element ? event.target : null;
@@ -174,7 +177,7 @@ function followKeys(shown: View): () => void {
     act(shown, action);
   };
   const pasted = (event: ClipboardEvent) => {
-    if (isField(event.target)) return;
+    if (isField(event)) return;
     event.preventDefault();
     void paste(event.clipboardData?.getData("text/plain") ?? "");
   };
