@@ -175,6 +175,10 @@ class TreeServer(LanguageServer):
         self.params_classes[method] = params_class
         self.feature(method)(lambda params: msgspec.to_builtins(handler(params)))
 
+    async def close(self) -> None:
+        """End the background checks and their process."""
+        await self.checker.close()
+
     def _publish(self, file: DocumentKey, version: int | None, reports: list[Report]) -> None:
         uri = file if isinstance(file, str) else self.project.uri(file)
         diagnostics = [report.diagnostic() for report in reports]
