@@ -306,11 +306,11 @@ class Run:
         """
         self._check_open()
         loop = self._loop
-        loop.start(until, on_tick, reload, on_end)
+        loop.start()
         began = time.perf_counter()
         try:
             with self._stop_at_signal(loop.stop), self._keep_leaf_error():
-                self._end.note_loop_end(loop.run())
+                self._end.note_loop_end(loop.run(until, on_tick, reload, on_end))
             self._halt()
         finally:
             self.elapsed_s = loop.elapsed_ns / NS_PER_S
