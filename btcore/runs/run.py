@@ -25,7 +25,7 @@ from btcore.runs.providers import Provider
 from btcore.runs.report import Report
 from btcore.runs.run_end import EndReason, RunEnd
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
-from btcore.runs.tick_loop import OnEnd, OnTick, Reload, TickLoop, Until
+from btcore.runs.tick_loop import OnTick, Reloader, TickLoop, Until
 from btcore.signals import EndingSignals
 from btcore.status import Status
 from btcore.tree.tree import Tree
@@ -276,8 +276,7 @@ class Run:
         until: Until = "done",
         *,
         on_tick: OnTick | None = None,
-        reload: Reload | None = None,
-        on_end: OnEnd | None = None,
+        reloader: Reloader | None = None,
     ) -> Status:
         """Tick at the rate of the run until the end, halt the trees, and return the status of the last tick.
 
@@ -287,10 +286,9 @@ class Run:
         Args:
             until: The result that ends a tree; the run ends when all trees have ended.
             on_tick: Called with the `status` after every tick.
-            reload: Called between ticks; it may call `replace_tree`, and returns whether it did. After the
-                end of all trees, also by an exception of a leaf, the run waits until it does. The exception
-                is raised at the end, unless another tree has replaced that tree.
-            on_end: Called before this wait, with the exception of a leaf or None.
+            reloader: Its method `reload` is called between ticks, and may call `replace_tree`. After the end
+                of all trees, also by an exception of a leaf, the run waits until it does. The exception is
+                raised at the end, unless another tree has replaced that tree.
 
         Raises:
             NodeExecutionError: A leaf raised an exception; it is also the attribute `error`.
@@ -301,7 +299,7 @@ class Run:
         began = time.perf_counter()
         try:
             with self._stop_at_signal(loop.stop), self._keep_leaf_error():
-                self._end.loop_end = loop.run(until, on_tick, reload, on_end)
+                self._end.loop_end = loop.run(until, on_tick, reloader)
             self._halt()
         finally:
             self.elapsed_s = loop.elapsed_ns / NS_PER_S

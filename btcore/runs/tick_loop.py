@@ -7,7 +7,7 @@ earlier tick, because its delay has elapsed or a thread has woken its tree, this
 
 import threading
 from collections.abc import Callable, Sequence
-from typing import Final, Literal
+from typing import Final, Literal, Protocol
 
 from btcore.clock import NS_PER_S, POLL_INTERVAL_S, Clock
 from btcore.errors import EndOfTimeError, NodeExecutionError
@@ -17,8 +17,6 @@ from btcore.tree.tree import Tree
 
 Until = Literal["done", "success", "failure", "never"]
 OnTick = Callable[[Status], None]
-Reload = Callable[[], bool]
-OnEnd = Callable[[NodeExecutionError | None], None]
 _POLL_INTERVAL_NS: Final = round(POLL_INTERVAL_S * NS_PER_S)
 
 LoopEnd = Literal["done", "duration", "end_of_time", "interrupted"]
@@ -31,6 +29,18 @@ _STATUSES_THAT_END: Final[dict[str, tuple[Status, ...]]] = {
     "failure": (FAILURE,),
     "never": (),
 }
+
+
+class Reloader(Protocol):
+    """What replaces the first tree between ticks, such as that of `btcore run --watch`."""
+
+    def reload(self) -> bool:
+        """Call `Run.replace_tree` if there is a new tree, and return whether there was."""
+        ...
+
+    def on_end(self, error: NodeExecutionError | None) -> None:
+        """Take note of the end of all trees, or of the exception of a leaf: the loop waits for a new tree."""
+        ...
 
 
 def _join_statuses(trees: Sequence[Tree]) -> Status:
@@ -92,9 +102,7 @@ class TickLoop:
             # The end of an earlier loop, such as by a signal, has no effect on this one.
             tree.context.limit.resume()
 
-    def run(
-        self, until: Until, on_tick: OnTick | None, reload: Reload | None, on_end: OnEnd | None
-    ) -> LoopEnd:
+    def run(self, until: Until, on_tick: OnTick | None, reloader: Reloader | None) -> LoopEnd:
         """Tick until the loop ends, also after reloads of trees that have ended, and return the reason.
 
         The arguments are those of `Run.tick_to_end`.
@@ -113,19 +121,19 @@ class TickLoop:
                 try:
                     self._tick(trees, end_statuses, on_tick)
                 except NodeExecutionError as raised:
-                    if reload is None:
+                    if reloader is None:
                         raise
                     error = raised
                 is_done = not self._is_stopping and (error is not None or not self._unfinished)
-                if is_done and reload is None:
-                    return "done"
-                if is_done and on_end is not None:
-                    on_end(error)
-            elif reload is not None and reload():
+                if is_done:
+                    if reloader is None:
+                        return "done"
+                    reloader.on_end(error)
+            elif reloader is not None and reloader.reload():
                 error, is_done = None, False
             else:
                 try:
-                    self._wait(is_done, has_reload=reload is not None)
+                    self._wait(is_done, has_reloader=reloader is not None)
                 except EndOfTimeError:
                     end = "end_of_time"
                     break
@@ -158,7 +166,7 @@ class TickLoop:
             self.missed_ticks += missed
             self._due_ns += (missed + 1) * self._period_ns
 
-    def _wait(self, is_done: bool, has_reload: bool) -> None:
+    def _wait(self, is_done: bool, has_reloader: bool) -> None:
         """Wait until a tree is due or woken, the end of the loop, or the next poll for a reload.
 
         While the loop waits for a reload alone, real time passes, and with it a simulator that owns the
@@ -170,7 +178,7 @@ class TickLoop:
         times = [] if is_done else [tree.context.first_deadline(self._due_ns) for tree in self._unfinished]
         if self._end_ns is not None:
             times.append(self._end_ns)
-        if has_reload and not (is_done and self._settings.fast):
+        if has_reloader and not (is_done and self._settings.fast):
             times.append(self.clock.now() + _POLL_INTERVAL_NS)
         if not times:
             self._wake_event.wait(POLL_INTERVAL_S)
