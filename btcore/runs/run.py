@@ -15,7 +15,7 @@ from btcore.engine.leaf import StatefulAction
 from btcore.errors import BtcoreError, NodeExecutionError, OutputError, ProviderError, TreeError
 from btcore.exit_codes import ExitCode
 from btcore.loading.instantiate import create_leaf_tree, instantiate, list_resources
-from btcore.loading.load import paused_garbage_collection, plan_inputs
+from btcore.loading.load import check_registry, paused_garbage_collection
 from btcore.registry.registry import Registry
 from btcore.registry.resources import Resources, TypeRef
 from btcore.runs.available_providers import AvailableProviders
@@ -29,7 +29,7 @@ from btcore.runs.tick_loop import OnTick, Reloader, TickLoop, Until
 from btcore.signals import EndingSignals
 from btcore.status import Status
 from btcore.tree.tree import Tree
-from btcore.xml.plan.plan import Plans
+from btcore.xml.plan.plan import Plans, plan_document
 from btcore.xml.read.read import parse_file
 
 T = TypeVar("T")
@@ -69,7 +69,7 @@ def _plan(source: object, nodes: Registry | None, tree: str | None) -> Plans | T
     """Return the plans of a tree without errors, those of a file among them, or a program."""
     if isinstance(source, (str, PathLike)):
         with paused_garbage_collection():
-            source = plan_inputs(parse_file, (source,), nodes, tree)
+            source = plan_document(parse_file(source), check_registry(nodes), tree)
     if isinstance(source, Plans):
         source.diagnostics.raise_errors()
     elif not isinstance(source, TreelessProgram):
