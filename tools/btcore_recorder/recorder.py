@@ -116,6 +116,20 @@ def _log_record_factory() -> _LogRecordFactory:
     return factory
 
 
+class _TransitionList(Observer):
+    """The transitions since the last call of `take`."""
+
+    def __init__(self) -> None:
+        self._found: list[list[Transition]] = []
+
+    def transitions(self, changes: Transitions) -> None:
+        self._found.append(changes.to_list())
+
+    def take(self) -> list[list[Transition]]:
+        found, self._found = self._found, []
+        return found
+
+
 class Recorder(Observer):
     """Records the ticks and halts of *tree* until it is closed.
 
@@ -156,7 +170,7 @@ class Recorder(Observer):
         self._tree = tree
         self._exclude = exclude
         self._deliver = deliver
-        self._transitions: list[list[Transition]] | None = [] if options.keeps_transitions else None
+        self._transitions = _TransitionList() if options.keeps_transitions else None
         self._run = options.run or uuid4().hex
         types: dict[str, Any] = {}
         self._encoder = Encoder(types.__setitem__)
@@ -164,13 +178,15 @@ class Recorder(Observer):
         self._scopes = {id(board): index for index, board in enumerate(self._boards)}
         self.has_failed = False
         self._time = tree.clock.now()
-        self._checksum = 0
         self._records: list[object] | None = None
         if not tree.documents:
             raise BtcoreError(f"tree '{tree.id}' is not from a document: it cannot be recorded")
-        self._unsubscribe = tree.subscribe(self)
+        added = [self] if self._transitions is None else [self, self._transitions]
+        self._unsubscribe = [tree.subscribe(observer) for observer in added]
         observers = tree.context.observers
         assert observers is not None
+        observers.has_checksum = True
+        self._observers = observers
         self._journal = journal.Journal(observers, self._encoder.encode, self._end_step)
         for node in tree.nodes:
             if is_external(type(node)):
@@ -199,11 +215,13 @@ class Recorder(Observer):
             board.recorder = None
         for node in self._tree.nodes:
             stop_recording(node)
-        self._unsubscribe()
+        self._observers.has_checksum = False
+        for unsubscribe in self._unsubscribe:
+            unsubscribe()
 
     def capture(self) -> TreeState:
         """Return the state of the tree, between two steps. A new segment begins, with a new checksum."""
-        self._checksum = 0
+        self._observers.checksum = 0
         state = self._journal.capture(lambda: capture(self._tree, self._boards, self._encoder.encode))
         excluded = {index for keys in state.scopes for key, index in keys.items() if self._is_excluded(key)}
         entries = [
@@ -273,12 +291,6 @@ class Recorder(Observer):
         with suppress(Exception):  # the message does not fit its arguments, which logging reports
             self._journal.add_message(record.levelname, record.getMessage()[:MAX_TEXT])
 
-    def transitions(self, changes: Transitions) -> None:
-        """Add the transitions to the checksum."""
-        self._checksum = changes.checksum(self._checksum)
-        if self._transitions is not None:
-            self._transitions.append(changes.to_list())
-
     def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
         """Deliver the step, now that its transitions are known."""
         self.has_failed = status is FAILURE
@@ -301,10 +313,8 @@ class Recorder(Observer):
             self._records = records
 
     def _raw_step(self, records: list[object]) -> RawStep:
-        transitions = self._transitions
-        if transitions is not None:
-            self._transitions = []
-        return RawStep(records, self._checksum, self._time, transitions)
+        transitions = None if self._transitions is None else self._transitions.take()
+        return RawStep(records, self._observers.checksum, self._time, transitions)
 
     def lines(self, raw: RawStep) -> list[Line]:
         """Return the lines of a step, which do not depend on the tree. Thread-safe."""
