@@ -20,6 +20,8 @@ from btcore.status import FAILURE, IDLE, SKIPPED, SUCCESS, Status
 from btcore.values import ValueType
 
 NO_THREAD: Final = -1
+_DIFFERENT: Final = -1  # of `Journal._matched`: the step has other results than the last, nothing else
+_MIXED: Final = -2  # the step has more than results
 _POLL_S: Final = 0.000_05
 """The time (s) between two looks of a thread whether the thread that ticks has gone outside."""
 T = TypeVar("T")
@@ -41,6 +43,12 @@ class StepEnded(NamedTuple):
     """The tick or the halt has ended. *status* is the result; IDLE after a halt or an exception."""
 
     status: Status
+
+
+class ResultsRepeated(NamedTuple):
+    """External nodes return the same results as in the last step, and nothing else happens: its pairs."""
+
+    results: list[object]
 
 
 class Raised(NamedTuple):
@@ -153,6 +161,7 @@ Event = (
     TickBegan
     | HaltBegan
     | StepEnded
+    | ResultsRepeated
     | Raised
     | ExternalHaltBegan
     | ExternalHaltEnded
@@ -203,6 +212,11 @@ class Journal(WriteRecorder):
         self._transition_count = 0
         self._time = -1
         self._repeats = 0
+        # The pairs of the last step if it had only results, how many of their values were repeated in this
+        # step so far, or why this does not count, and the number of records before the results of this step.
+        self._last_results: list[object] = []
+        self._matched: i64 = _MIXED
+        self._start = 0
 
     @property
     def is_inside(self) -> bool:
@@ -212,7 +226,7 @@ class Journal(WriteRecorder):
     @property
     def record_count(self) -> int:
         """The number of recorded values."""
-        return len(self._records)
+        return len(self._records) + (self._matched if self._matched > 0 else 0)
 
     # --- steps: ticks of the root, and halts of the whole tree
 
@@ -231,11 +245,20 @@ class Journal(WriteRecorder):
         self._time = time
         self._repeats = 0
         self.add(event)
+        self._start = len(self._records)
+        self._matched = 0
 
     def end_step(self, status: Status) -> None:
         """End the tick or halt, unless it has ended, and deliver the records."""
         if not self.is_inside:
             return
+        last = self._last_results
+        if self._matched == len(last) and last:
+            self._matched = _MIXED
+            self.add(ResultsRepeated(last))
+        else:
+            self._stop_matching()
+            self._last_results = self._records[self._start :] if self._matched == _DIFFERENT else []
         self.add(StepEnded(status))
         records = self._records
         self._records = []
@@ -298,14 +321,30 @@ class Journal(WriteRecorder):
 
     def add(self, event: Event) -> None:
         """Record *event*."""
+        self._stop_matching()
+        self._matched = _MIXED
         self._records.append(None)
         self._records.append(event)
 
     def enter_with_result(self, config: NodeConfig, status: Status) -> None:
         """Go inside, because the tick of the external node with *config* returned *status*; record it."""
         self.enter()
+        matched = self._matched
+        if matched >= 0:
+            last = self._last_results
+            if matched < len(last) and last[matched] is config and last[matched + 1] is status:
+                self._matched = matched + 2
+                return
+            self._stop_matching()
         self._records.append(config)
         self._records.append(status)
+
+    def _stop_matching(self) -> None:
+        """Record the results so far of this step."""
+        matched = self._matched
+        if matched >= 0:
+            self._records += self._last_results[:matched]
+            self._matched = _DIFFERENT
 
     def add_error(self, uid: int, error: BaseException) -> None:
         """Record that the tick of an external node raised *error*."""
@@ -320,10 +359,12 @@ class Journal(WriteRecorder):
             is_idle: Whether the node is IDLE now.
         """
         records = self._records
+        if error is None and is_idle and self.record_count == start:
+            return
+        self._stop_matching()
         if error is None and is_idle:
             event = records[-1] if len(records) == start + 2 else None
-            is_reset = isinstance(event, StatusSet) and event.uid == uid and event.status is IDLE
-            if is_reset or len(records) == start:
+            if isinstance(event, StatusSet) and event.uid == uid and event.status is IDLE:
                 del records[start:]
                 return
         records[start:start] = [None, ExternalHaltBegan(uid)]

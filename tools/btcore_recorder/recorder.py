@@ -3,7 +3,7 @@
 import logging
 import platform
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from fnmatch import fnmatchcase
 from itertools import chain
@@ -41,7 +41,7 @@ from btcore_recorder.inputs import (
     scopes_of,
     with_parents,
 )
-from btcore_recorder.lines import Line, input_line, transitions_line
+from btcore_recorder.lines import Line, Results, input_line, result_lines, transitions_line
 from btcore_recorder.tree_state import capture, recorded_entry
 from btcore_recorder.values import EXCLUDED, MAX_TEXT, Encoder
 
@@ -188,8 +188,11 @@ class Recorder(Observer):
         observers.has_checksum = True
         self._observers = observers
         self._journal = journal.Journal(observers, self._encoder.encode, self._end_step)
+        self._result_lines: dict[NodeConfig, list[tuple[str, int, str]]] = {}
+        self._last_repeated: tuple[list[object], Results] = [], ()
         for node in tree.nodes:
             if is_external(type(node)):
+                self._result_lines[node.config] = result_lines(node.uid)
                 start_recording(node, self._journal, True)
                 for child in node.children:
                     if not is_external(type(child)):
@@ -316,15 +319,18 @@ class Recorder(Observer):
         transitions = None if self._transitions is None else self._transitions.take()
         return RawStep(records, self._observers.checksum, self._time, transitions)
 
-    def lines(self, raw: RawStep) -> list[Line]:
+    def lines(self, raw: RawStep) -> list[Line | Results]:
         """Return the lines of a step, which do not depend on the tree. Thread-safe."""
-        lines: list[Line] = []
-        for first, second in zip(raw.records[::2], raw.records[1::2], strict=True):
-            if first is not None:
-                config = cast(NodeConfig, first)
-                lines.append(["result", config.uid, _NAMES[cast(Status, second)]])
+        lines: list[Line | Results] = []
+        results: list[tuple[str, int, str]] = []
+        values: Iterator[Any] = iter(raw.records)
+        for config, event in zip(values, values, strict=True):
+            if config is not None:
+                results.append(self._result_lines[config][event])
                 continue
-            event = cast(journal.Event, second)
+            if results:
+                lines.append(tuple(results))
+                results = []
             if isinstance(event, journal.TickBegan):
                 lines.append(["tick", *event])
             elif isinstance(event, journal.HaltBegan):
@@ -334,8 +340,20 @@ class Recorder(Observer):
                     changes = chain.from_iterable(raw.transitions)
                     lines.append(transitions_line((change.uid, change.status) for change in changes))
                 lines.append(["end", _NAMES[event.status], raw.checksum])
+            elif isinstance(event, journal.ResultsRepeated):
+                lines.append(self._repeated(event.results))
             else:
                 lines.append(input_line(self._input(event)))
+        return lines
+
+    def _repeated(self, records: list[object]) -> Results:
+        """Return the lines of repeated results: the same object each time."""
+        last, lines = self._last_repeated
+        if records is not last:
+            values: Iterator[Any] = iter(records)
+            pairs = zip(values, values, strict=True)
+            lines = tuple([self._result_lines[config][status] for config, status in pairs])
+            self._last_repeated = records, lines
         return lines
 
     def _input(self, event: journal.Event) -> Input:
