@@ -278,7 +278,7 @@ accept-engine: .venv/ready .venv-compiled/ready
 
 accept-tools: .venv/ready
 	@$(if $(filter none,$(EDITS)),,BTCORE_EXPECT=pure BTCORE_EDITS=$(EDITS) .venv/bin/pytest -n $(CORES) \
-		--dist worksteal tests/tools/btcore_studio/edit)
+		--dist worksteal tests/tools/btcore_studio/edit tests/tools/btcore_studio/language/test_edit_commands.py)
 	@$(if $(filter none,$(RECORDED_RUNS)),,BTCORE_EXPECT=pure BTCORE_RUNS=$(RECORDED_RUNS) .venv/bin/pytest -n $(CORES) \
 		$(addprefix tests/tools/btcore_recorder/,test_excerpts.py test_replay.py test_what_if.py test_why.py))
 	$(call acceptance,mcp_attacks,$(MCP_ATTACKS))
