@@ -11,7 +11,6 @@ from typing import Final, cast
 
 from btcore.blackboard.ports import SCRIPT_ROLES
 from btcore.names import POSTCONDITION_ATTRIBUTES, PRECONDITION_ATTRIBUTES
-from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
 from btcore.xml.define import TreeDefinition
 from btcore.xml.plan.plan import MAX_DEPTH, TreeSize
@@ -90,12 +89,22 @@ def tree_summaries(reading: TreeReading) -> list[TreeSummary]:
     ]
 
 
-def child_limits(manifest: Manifest | None) -> tuple[int, int | None]:
-    """Return the minimum and the maximum number of children with which a node can be ticked."""
-    if manifest is None:
+def child_limits(reading: TreeReading, tag: str, id: str) -> tuple[int, int | None]:
+    """Return the minimum and the maximum number of children with which a node can be ticked.
+
+    Args:
+        reading: The document.
+        tag: The tag of the node.
+        id: The ID of the node.
+    """
+    definitions = reading.definitions
+    manifest = reading.nodes.get(id, definitions.dialect.format)
+    is_guessed = id in reading.missing and tag not in EXPLICIT_TAGS
+    if tag in definitions.dialect.subtree_tags:
+        return 0, 0
+    if manifest is None or is_guessed:
         return 0, None
-    is_parent = manifest.type in (NodeType.CONTROL, NodeType.DECORATOR)
-    return manifest.spec.child_count if is_parent else (0, 0)
+    return manifest.spec.child_count if manifest.type in (NodeType.CONTROL, NodeType.DECORATOR) else (0, 0)
 
 
 def node_kind(node_type: NodeType) -> NodeKind:
@@ -200,19 +209,14 @@ def _draw(
     children = {node.uid: [child.uid for child in node.children] for node, _ in nodes}
     hidden = fold(children, (), MAX_CARDS, {uid for uid, key in keys.items() if key in params.folded})
     format = reading.definitions.dialect.format
-    rows = [
-        _row(reading, node, parent, keys[node.uid], hidden.get(node.uid, 0), format) for node, parent in nodes
-    ]
+    rows = [_row(reading, node, parent, keys[node.uid], hidden.get(node.uid, 0)) for node, parent in nodes]
     return rows, diagram_to_svg(_pruned(root, hidden), tree.id, format, params.styled)
 
 
-def _row(
-    reading: TreeReading, node: DiagramNode, parent: int, key: str, hidden: int, format: int
-) -> DrawnNode:
+def _row(reading: TreeReading, node: DiagramNode, parent: int, key: str, hidden: int) -> DrawnNode:
     assert node.origin is not None
     document, element = node.origin
     scanned = document.source_map.scanned(element)
-    manifest = reading.nodes.get(node.id, format)
     return DrawnNode(
         key,
         parent,
@@ -226,7 +230,7 @@ def _row(
         hidden,
         not node.children,
         is_disabled(node.conditions.get("_skipIf")),
-        child_limits(manifest),
+        child_limits(reading, element.tag, node.id),
     )
 
 

@@ -35,8 +35,16 @@ from btcore_studio.language import (
 from btcore_studio.language.checker import Checker
 from btcore_studio.language.diagnostics import Report
 from btcore_studio.language.drawing import draw_document
+from btcore_studio.language.edit_commands import compute_edit, copy_nodes
 from btcore_studio.language.project import DocumentKey, Project, Settings, SourceDocument
-from btcore_studio.language.studio_protocol import Data, Drawing, DrawingParams
+from btcore_studio.language.studio_protocol import (
+    CopyParams,
+    CopyResult,
+    Data,
+    Drawing,
+    DrawingParams,
+    EditParams,
+)
 
 NAME: Final = "btcore"
 Params = TypeVar("Params", bound=Data)
@@ -294,6 +302,10 @@ def _add_studio_requests(server: TreeServer) -> None:
         return draw_document(project, document(params.text_document.uri), params)
 
     server.add_request("btcore/drawing", DrawingParams, draw)
+    server.add_request("btcore/edit", EditParams, lambda params: compute_edit(project, params.command))
+    server.add_request(
+        "btcore/copy", CopyParams, lambda params: CopyResult(copy_nodes(project, params.nodes))
+    )
 
 
 def _completion_item_capabilities(server: TreeServer) -> types.ClientCompletionItemOptions | None:

@@ -1,18 +1,22 @@
 """Read a document of a project with its includes, as trees that can be drawn and edited despite errors."""
 
 import contextlib
+from bisect import bisect_left
 from collections.abc import Iterable
 from itertools import islice
 from pathlib import Path
 from typing import Final
 from weakref import WeakKeyDictionary
 
+from lsprotocol.types import Position as LspPosition
+
 from btcore.blackboard.ports import Port
-from btcore.diagnostic_codes import DOCUMENT_TOO_LARGE, EMPTY_DOCUMENT
+from btcore.diagnostic_codes import DOCUMENT_TOO_LARGE
 from btcore.errors import RegistrationError, TreeError
 from btcore.registry.registry import Registry
 from btcore.status import NodeType
 from btcore.xml.define import define, parse_format
+from btcore.xml.edit.editor import Edit, apply_edits
 from btcore.xml.models.model_file import (
     add_document_models,
     add_mock,
@@ -44,6 +48,7 @@ class TreeReading:
         source: The document.
         document: The document with its elements. If the text is not XML, they are those of its scan.
         broken: Why the text is not XML, or "".
+        is_empty: Whether the text has no elements, except for comments.
         fault: Where the text stops to be XML; its end, if it is XML.
         sources: The document and its includes.
         files: The documents of *sources* with the file or the text from which they come.
@@ -55,6 +60,7 @@ class TreeReading:
     def __init__(self, project: Project, source: SourceDocument) -> None:
         self.source = source
         self.broken, self.fault = "", len(source.text)
+        self.is_empty = False
         self.document = self._parse(source)
         self.document.unsaved = project.unsaved
         self._registry = project.registry
@@ -63,6 +69,7 @@ class TreeReading:
         self.nodes, self.missing = _nodes_for(project.registry, self.sources)
         self.files = {document: self._source_of(project, document) for document in self.sources.documents}
         self._plans: Plans | None = None
+        self._parsed: dict[ScannedElement, Element] = {}
 
     def _parse(self, source: SourceDocument) -> Document:
         file = str(source.path) if source.path is not None else ""
@@ -70,13 +77,15 @@ class TreeReading:
             return parse_text(source.text, file)
         except TreeError as error:
             first = error.diagnostics[0]
-        if first.code == EMPTY_DOCUMENT:
+        if first.code == DOCUMENT_TOO_LARGE:
+            self.broken, self.fault = first.message, 0
+            return parse_text(_NO_TREES, file)
+        if not source.scan.roots and not _without(source.text, source.scan.opaque).strip("\ufeff \t\r\n"):
+            self.is_empty = True
             return parse_text(_NO_TREES, file)
         self.broken = f"line {first.line}: {first.message}" if first.line else first.message
         if first.line:
             self.fault = LineIndex(source.text).offset(first.line, max(1, first.column))
-        if first.code == DOCUMENT_TOO_LARGE:
-            return parse_text(_NO_TREES, file)
         return _scanned_document(source.scan, file)
 
     def _source_of(self, project: Project, document: Document) -> SourceDocument:
@@ -104,6 +113,10 @@ class TreeReading:
             self._plans = plan(self.definitions, self.nodes, every_tree=True)
         return self._plans
 
+    def knows(self, id: str) -> bool:
+        """Return whether a node has code or a model."""
+        return id not in self.missing and any(self.nodes.get(id, format) is not None for format in (3, 4))
+
     def position(self, document: Document, offset: int) -> Position:
         """Return the position of an offset in the text of one of the documents."""
         source = self.files[document]
@@ -111,6 +124,22 @@ class TreeReading:
         shift = source.text.startswith("\ufeff")
         position = source.positions.position(offset + shift)
         return Position(position.line, position.character)
+
+    def element_at(self, position: Position) -> ScannedElement | None:
+        """Return the element of the document that begins at a position, or None."""
+        offset = self.source.positions.offset(LspPosition(position.line, position.character))
+        offset -= self.source.text.startswith("\ufeff")
+        elements = self.document.source_map.scan.elements
+        index = bisect_left(elements, offset, key=lambda element: element.start)
+        found = elements[index] if index < len(elements) and not self.is_empty else None
+        return found if found is not None and found.start == offset else None
+
+    def parsed(self, element: ScannedElement) -> Element:
+        """Return an element of the document as the plans know it."""
+        if not self._parsed:
+            elements = self.document.source_map.scan.elements
+            self._parsed = dict(zip(elements, self.document.root.iter(), strict=False))
+        return self._parsed[element]
 
     def place(self, document: Document, element: Element) -> Place:
         """Return the place of an element in one of the documents."""
@@ -154,6 +183,11 @@ def _scanned_document(scanned: Scan, file: str) -> Document:
             elements[element.parent or scanned.roots[0]].children.append(made)
     root = elements[scanned.roots[0]]
     return Document(root, scanned.text, file, source_map=SourceMap(scanned.text, root, scanned))
+
+
+def _without(text: str, parts: Iterable[tuple[int, int]]) -> str:
+    """Return a text without some of its parts."""
+    return apply_edits(text, (Edit(start, end, "") for start, end in parts))
 
 
 def _nodes_for(registry: Registry, sources: Sources) -> tuple[Registry, frozenset[str]]:

@@ -117,7 +117,7 @@ def test_child_limits(draw: Draw) -> None:
     shown = draw(
         MAIN.format("<Sequence><Inverter/><IfThenElse/><Sleep/><Unknown/><SubTree ID='B'/></Sequence>")
     )
-    assert [node.children for node in shown.nodes] == [(1, None), (1, 1), (2, 3), (0, 0), (0, 0), (0, 0)]
+    assert [node.children for node in shown.nodes] == [(1, None), (1, 1), (2, 3), (0, 0), (0, None), (0, 0)]
     assert [node.kind for node in shown.nodes[4:]] == ["action", "subtree"]
 
 

@@ -4,7 +4,7 @@ import "./tree.css";
 import { useEffect, useRef } from "preact/hooks";
 import { followPointers } from "./drag";
 import { type Action, actionOf, isForPage, neighbour, type PageAction } from "./keyboard";
-import { durationOf, liveIndex, missingNodes, toggleBreakpoint } from "./live";
+import { durationOf, liveIndex, notes, toggleBreakpoint } from "./live";
 import { Help, Menu } from "./menu";
 import { copy, edit, openTree, paste, run } from "./operations";
 import { Quick } from "./quick";
@@ -46,7 +46,7 @@ export function Canvas() {
     const node = shown.structure.nodes[index];
     if (!node || (event.target as Element).closest(".fold, .adds")) return;
     if (live.value?.connection && !start.value?.recording) void toggleBreakpoint(node.key);
-    else if (node.calls) void openTree(node.calls);
+    else if (node.calls) openTree(node.calls);
     else run("rename");
   };
   // Preact adds wheel listeners as passive ones in some browsers.
@@ -64,8 +64,7 @@ export function Canvas() {
       />
       <EmptyTree />
       <Controls />
-      <p class="visually-hidden" role="status">{missingNodes.value ? texts.missingNodes(missingNodes.value) : ""}</p>
-      {missingNodes.value > 0 && <p class="canvas-note" aria-hidden="true">{texts.missingNodes(missingNodes.value)}</p>}
+      <div class="canvas-notes" role="status">{notes.value.map((note) => <p key={note}>{note}</p>)}</div>
       <Quick />
       <Menu />
       <Help />
@@ -158,12 +157,15 @@ function between(shown: View, index: number): string[] {
 
 // --- keys
 
-const isField = (target: EventTarget | null) =>
-  target instanceof Element && target.closest("input, textarea, select, [contenteditable], dialog, [role=menu]") !== null;
+/** Whether an event belongs to a field, also to the editor in its shadow root. */
+function isField(event: Event): boolean {
+  const target = event.composedPath()[0];
+  return target instanceof Element && target.closest("input, textarea, select, [contenteditable], dialog, [role=menu]") !== null;
+}
 
 function followKeys(shown: View): () => void {
   const down = (event: KeyboardEvent) => {
-    if (isField(event.target) || event.defaultPrevented || event.isComposing) return;
+    if (isField(event) || event.defaultPrevented || event.isComposing) return;
     const action = actionOf({ key: event.key, ctrl: event.ctrlKey || event.metaKey, shift: event.shiftKey, alt: event.altKey });
     if (!action) return;
     const target = event.target instanceof Element ? event.target : null;
@@ -175,7 +177,7 @@ function followKeys(shown: View): () => void {
     act(shown, action);
   };
   const pasted = (event: ClipboardEvent) => {
-    if (isField(event.target)) return;
+    if (isField(event)) return;
     event.preventDefault();
     void paste(event.clipboardData?.getData("text/plain") ?? "");
   };

@@ -13,6 +13,7 @@ import { type View, draw, view } from "./view";
 
 const THRESHOLD = 4;
 const LONG_PRESS_MS = 380;
+const MOUSE_EVENTS_MS = 60;
 /** Pixels from the edge of the canvas in which dragging scrolls. */
 const EDGE = 48;
 const SPEED = 14;
@@ -107,6 +108,7 @@ class Drag {
     this.ghost.remove();
     this.view.marks.replaceChildren();
     for (const index of this.nodes) this.view.group(index)?.classList.remove("dragged");
+    this.view.frame.focus({ preventScroll: true });
     if (isDropped && this.target) void drop(this.source, this.target, this.isCopy, this.view);
   }
 
@@ -245,7 +247,8 @@ export function followPointers(shown: View, click: (index: number, event: Pointe
       press.timer = window.setTimeout(() => {
         if (!press || press.kind) return;
         press.kind = "drag";
-        press.click = () => { menu.value = { x: event.clientX, y: event.clientY }; };
+        // The browser sends mouse events after those of a finger, which would take the focus from the menu.
+        press.click = () => window.setTimeout(() => { menu.value = { x: event.clientX, y: event.clientY }; }, MOUSE_EVENTS_MS);
         navigator.vibrate?.(15);
         dragNodes();
       }, LONG_PRESS_MS);

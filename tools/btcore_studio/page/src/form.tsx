@@ -54,7 +54,7 @@ function Head({ node }: { node: DrawnNode }) {
         </p>
       </div>
       <div class="form-buttons">
-        {node.calls && <button onClick={() => void openTree(node.calls)}>{texts.operation.open}</button>}
+        {node.calls && <button onClick={() => openTree(node.calls)}>{texts.operation.open}</button>}
         {!start.value?.readOnly && <button onClick={() => run("type")} title={texts.operation.type}>{texts.changeType}</button>}
       </div>
     </header>
@@ -115,8 +115,9 @@ function problemsOf(node: DrawnNode): Diagnostic[] {
   return items.filter((item) => isIn(node, item) && !inner.some((other) => isIn(other, item)));
 }
 
-/** Whether a problem is about an attribute: messages quote names. */
-const isAbout = ({ message }: Diagnostic, name: string) => message.includes(`'${name}'`);
+/** Whether a problem is about an attribute: messages have names in quotes or brackets. */
+const isAbout = ({ message }: Diagnostic, name: string) =>
+  [`'${name}'`, `[${name}]`, ` ${name}="`].some((quoted) => message.includes(quoted));
 
 function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; problems: Diagnostic[] }) {
   const input = useRef<HTMLInputElement & HTMLTextAreaElement>(null);

@@ -30,10 +30,16 @@ export function statusOf(key: string, state: Live | null): number | null {
 const runningSince = new Map<string, number>();
 const lastDurations = new Map<string, number>();
 let before = "";
+let knownKeys: readonly string[] = [];
 effect(() => {
   const state = live.value;
   const now = performance.now();
-  if (!state?.connection || state.keys) { runningSince.clear(); lastDurations.clear(); before = ""; }
+  if (!state?.connection || keys.value !== knownKeys) {
+    runningSince.clear();
+    lastDurations.clear();
+    before = "";
+    knownKeys = keys.value;
+  }
   if (!state?.connection) return;
   for (const [key, index] of liveIndex.peek()) {
     const [old, status] = [before[index] ?? "0", state.statuses[index]];
@@ -66,10 +72,18 @@ export async function toggleBreakpoint(key: string): Promise<void> {
 const send = (method: string, params: unknown) =>
   actions.request(method, params).catch((error: Error) => { message.value = error.message; });
 
-/** The number of nodes of the running tree that the drawing lacks. */
-export const missingNodes = computed(() => {
-  if (!live.value?.connection || !drawing.value || start.value?.recording) return 0;
-  return keys.value.filter((key) => !nodesByKey.value.has(key)).length;
+/** What the user should know about the running tree or the recording. */
+export const notes = computed(() => {
+  const state = live.value;
+  const { recording } = start.value ?? {};
+  const found = (recording?.warnings ?? []).map(texts.recordingLacks);
+  if (state?.problem) found.push(state.problem);
+  if (state?.connection && state.connection !== "connected" && state.detail) found.push(state.detail);
+  if (state?.connection && drawing.value && !recording) {
+    const missing = keys.value.filter((key) => !nodesByKey.value.has(key)).length;
+    if (missing) found.push(texts.missingNodes(missing));
+  }
+  return found;
 });
 
 /** The address of the running tree, in the toolbar. */

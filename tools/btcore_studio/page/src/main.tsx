@@ -127,7 +127,7 @@ function edit(command: Command): Promise<EditResult | null> {
       toSelect = result.select;
       await home.apply(result.edit, mark);
       message.value = result.notes.join(" ");
-      await redraw();
+      await (running ?? redraw()); // a changed text is being drawn already
       return result;
     } catch (error) {
       message.value = reason(error);
@@ -154,7 +154,7 @@ async function move(step: () => Promise<Done | null>, nothing: string): Promise<
     message.value = "";
     const [first] = done.uris;
     if (first && !done.uris.includes(uri.value)) revealText({ uri: first, position: { line: 0, character: 0 } }, false);
-    await redraw();
+    await (running ?? redraw()); // a changed text is being drawn already
     selection.value = done.selection;
   });
 }
@@ -351,7 +351,8 @@ effect(() => {
   if (uri.value) waitForPalette(0);
 });
 effect(() => {
-  if (uri.value || tree.value || folded.value) untracked(() => void redraw());
+  const shown = [uri.value, tree.value, folded.value];
+  untracked(() => void (shown[0] && redraw()));
 });
 // The language server reads files of the disk; it gets the texts that others have changed.
 effect(() => {

@@ -334,10 +334,9 @@ export const operations: readonly Operation[] = [
 const byId = new Map(operations.map((operation) => [operation.id, operation]));
 
 /** Show a tree alone. */
-export function openTree(id: string): Promise<void> {
+export function openTree(id: string): void {
   shownTree.value = id;
   selection.value = [];
-  return actions.redraw();
 }
 
 /** Run an operation, or show why it is not possible. */

@@ -8,6 +8,9 @@ import { addAtCursor, wheres } from "./operations";
 import type { PaletteItem } from "./protocol";
 import { message, palette, start } from "./state";
 import { tree as texts } from "./tree_texts";
+import { view } from "./view";
+
+const KINDS: readonly PaletteItem["kind"][] = ["control", "decorator", "condition", "action", "subtree", "undefined"];
 
 /** The badge of a node type. */
 export function Symbol({ item }: { item: Pick<PaletteItem, "kind" | "symbol"> }) {
@@ -40,7 +43,7 @@ function insert(item: PaletteItem): void {
 export function Palette() {
   const words = useSignal("");
   const about = useSignal("");
-  const { items } = palette.value;
+  const items = palette.value.items.toSorted((a, b) => KINDS.indexOf(a.kind) - KINDS.indexOf(b.kind) || a.id.localeCompare(b.id));
   const byId = new Map(items.map((item) => [item.id, item]));
   const matches = search(words.value, items, (item) => item.id);
   const recent = words.value ? [] : lastUsed.value.flatMap((id) => byId.get(id) ?? []);
@@ -50,8 +53,8 @@ export function Palette() {
   const itemAt = (event: Event) => byId.get((event.target as Element).closest<HTMLElement>("[data-id]")?.dataset.id ?? "");
   const press = (event: PointerEvent) => {
     const item = itemAt(event);
-    // Without focus on the button, so that the picture keeps the keys.
-    if (item) pressItem(item.id, event, () => insert(item));
+    // The picture gets the keys.
+    if (item) pressItem(item.id, event, () => { view.value?.frame.focus({ preventScroll: true }); insert(item); });
   };
   // A press with the mouse is handled by its pointer; Enter and screen readers click without a pointer.
   const click = (event: MouseEvent) => {

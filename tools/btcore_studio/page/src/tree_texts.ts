@@ -164,6 +164,7 @@ export const tree = {
     : `The file differs from the running tree: ${number} of its nodes are not in this picture.`,
 
   // the recording
+  recordingLacks: (warning: string) => `This recording: ${warning}.`,
   timeline: "Timeline of the recording",
   moment: "Moment of the recording",
   back: "One tick back",

@@ -4,7 +4,7 @@ import { effect, signal } from "@preact/signals";
 import { liveIndex, statuses } from "./live";
 import { type Box, type Card, type Picture, outline, overlaps, parsePicture } from "./picture";
 import type { Drawing } from "./protocol";
-import { actions, drawing, folded, live, selection, severities } from "./state";
+import { drawing, folded, live, selection, severities } from "./state";
 import { tree as texts } from "./tree_texts";
 import { Structure } from "./tree";
 
@@ -92,11 +92,11 @@ export class View {
     this.groups.clear();
     if (isNew) this.build();
     else for (const group of this.layer!.querySelectorAll(":scope > g[data-uid]")) group.remove();
-    if (!this.zoom || isOther) this.zoom = this.startZoom();
+    if (!this.zoom || isOther || !old.nodes.length) this.zoom = this.startZoom();
     this.resize();
     const kept = this.keep(old, isOther);
     const newBox = this.boxes[Math.max(0, structure.at(kept))];
-    if (isOther) this.centre(this.boxes[0]);
+    if (isOther || !old.nodes.length) this.centre(this.boxes[0]);
     else if (oldPlace && newBox) {
       const now = this.screen(newBox);
       this.frame.scrollBy(now.left - oldPlace.left, now.top - oldPlace.top);
@@ -130,7 +130,7 @@ export class View {
   private build(): void {
     // Chromium parses HTML three times as fast as XML. The server has escaped every text of the drawing.
     const template = document.createElement("template");
-    template.innerHTML = this.picture.head + this.picture.tail;
+    template.innerHTML = this.picture.head + this.picture.tail || "<svg><g></g></svg>";
     const svg = template.content.firstElementChild as SVGSVGElement;
     svg.classList.add("picture");
     svg.setAttribute("role", "none");
@@ -426,7 +426,7 @@ export class View {
     for (let above = this.structure.parent(index); above >= 0; above = this.structure.parent(above)) {
       if (this.structure.nodes[above]!.hidden) isChanged = keys.delete(this.structure.nodes[above]!.key) || isChanged;
     }
-    if (isChanged) setFolded(keys);
+    if (isChanged) folded.value = keys;
   }
 
   toggleFold(index: number): void {
@@ -435,22 +435,17 @@ export class View {
     const keys = new Set(folded.peek());
     if (node.hidden) keys.delete(node.key);
     else keys.add(node.key);
-    setFolded(keys);
+    folded.value = keys;
   }
 
   foldSubtrees(): void {
     const calls = this.structure.nodes.filter((node) => node.calls && node.parent);
-    setFolded(new Set([...folded.peek(), ...calls.map((node) => node.key)]));
+    folded.value = new Set([...folded.peek(), ...calls.map((node) => node.key)]);
   }
 
   unfoldAll(): void {
-    setFolded(new Set());
+    folded.value = new Set();
   }
-}
-
-function setFolded(keys: ReadonlySet<string>): void {
-  folded.value = keys;
-  void actions.redraw();
 }
 
 function button(name: string, x: number, y: number, path: string, title: string): SVGElement {
