@@ -234,6 +234,7 @@ home.onChange((_, origin) => {
 
 /** How often the text of the field was undone by the browser, and can be repeated. */
 const undone = new WeakMap<EventTarget, number>();
+/** The text before the user changed it. A field of the form has the file's text in `data-text`. */
 const before = new WeakMap<EventTarget, string>();
 type TextField = HTMLInputElement | HTMLTextAreaElement;
 const isTextField = (target: EventTarget | undefined): target is TextField =>
@@ -261,7 +262,7 @@ addEventListener("keydown", (event) => {
   const target = event.composedPath()[0];
   if (isTextField(target)) {
     // In a field: first its own text, then the file.
-    if (isUndo && target.value !== before.get(target)) return;
+    if (isUndo && target.value !== (target.dataset.text ?? before.get(target))) return;
     if (isRedo && (undone.get(target) ?? 0) > 0) return;
   }
   if (isUndo) void actions.undo();
