@@ -306,19 +306,21 @@ function Page() {
         <aside class="left" aria-label={texts.palette}>
           <Files home={home} />
           <Palette />
+          <Splitter name="left" label={texts.sizes.left} axis="x" direction={1} initial={230} min={140} />
         </aside>
-        <Splitter name="left" label={texts.sizes.left} axis="x" direction={1} initial={230} min={140} />
         <main id="picture" tabIndex={-1}>
           <Breadcrumbs />
           <Canvas />
           <Timeline />
+          <Splitter name="right" label={texts.sizes.right} axis="x" direction={-1} initial={400} min={200} />
         </main>
-        <Splitter name="right" label={texts.sizes.right} axis="x" direction={-1} initial={400} min={200} />
         <aside class="right" aria-label={texts.node}>
-          <Form />
-          <Blackboard />
+          <div class="scrolled">
+            <Form />
+            <Blackboard />
+          </div>
+          <Splitter name="form" label={texts.sizes.form} axis="y" direction={1} initial={340} min={80} />
         </aside>
-        {home.documents && <Splitter name="form" label={texts.sizes.form} axis="y" direction={1} initial={340} min={80} />}
         {home instanceof BrowserHome && <TextPane home={home} apply={apply} />}
       </div>
       <footer>

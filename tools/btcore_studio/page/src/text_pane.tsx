@@ -406,7 +406,7 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
       const doc = home.documents.text(address);
       view.setState(known?.doc.eq(doc) ? known : EditorState.create({
         doc, selection: known ? EditorSelection.cursor(Math.min(known.selection.main.head, doc.length)) : EditorSelection.cursor(0),
-        extensions: [extensions(home), EditorView.contentAttributes.of({ "aria-label": label, spellcheck: "false" })],
+        extensions: [extensions(home), EditorView.contentAttributes.of({ "aria-label": label, "aria-description": texts.leaveEditor, tabindex: "0", spellcheck: "false" })],
       }));
       view.dispatch({ effects: isFixed.reconfigure(start.value?.readOnly ? [EditorState.readOnly.of(true)] : []) });
       showMarks();

@@ -64,7 +64,8 @@ export const texts = {
   diskConflict: (name: string) => `${name} has changed on disk, in lines that are changed here, too.`,
   keepDisk: "Take the text on disk",
   keepPage: "Keep this text",
-  sizes: { left: "Width of the left pane", right: "Width of the right pane", form: "Height of the form", text: "Width of the text" },
+  sizes: { left: "Width of the left pane", right: "Width of the right pane", form: "Height of the form" },
   skip: "Skip to the picture",
+  leaveEditor: "Press Escape, then Tab, to leave the text.",
   editorLabel: (name: string) => `Text of ${name}`,
 };
