@@ -27,7 +27,7 @@ import type { BrowserHome } from "./home";
 import type { CodeAction } from "./problems";
 import { codeActions } from "./problems";
 import type { Place, Position, Range, WorkspaceEdit } from "./protocol";
-import { actions, diagnostics, drawing, message, selectedNode, selection, start, uri } from "./state";
+import { actions, diagnostics, keyAt, message, selectedNode, selection, start, uri } from "./state";
 import { texts } from "./texts";
 import { fileName } from "./toolbar";
 
@@ -349,13 +349,7 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
     });
 
     const selectAtCursor = () => {
-      const head = positionAt(view.state.doc, view.state.selection.main.head);
-      let best: string | null = null;
-      let from: Position | null = null;
-      for (const { key, place, end } of drawing.value?.nodes ?? []) {
-        if (place.uri !== shown || !isBefore(place.position, head) || !isBefore(head, end)) continue;
-        if (!from || isBefore(from, place.position) && !isEqual(from, place.position)) [best, from] = [key, place.position];
-      }
+      const best = keyAt(shown, positionAt(view.state.doc, view.state.selection.main.head));
       if (best && !selection.value.includes(best)) {
         keyOfCursor = best;
         selection.value = [best];
@@ -439,9 +433,6 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
     </section>
   );
 }
-
-const isBefore = (a: Position, b: Position) => a.line < b.line || (a.line === b.line && a.character <= b.character);
-const isEqual = (a: Position, b: Position) => a.line === b.line && a.character === b.character;
 
 function lastChange(changes: ChangeSet): number {
   let last = 0;
