@@ -57,6 +57,8 @@ ROS2 := $(filter Linux-x86_64,$(shell uname -sm | tr ' ' -))
 MESSAGES := $(shell find ros2/btcore_ros2/message_packages -type f -not -name '*.pyc')
 VULKAN := mesa-vulkan-drivers libvulkan1
 
+NPM_INSTALL := npm install --loglevel=error --no-audit --no-fund --no-package-lock
+
 # What the demo runs, and for how long (s of the robot's time).
 DEMO := bumpgo_wide --world arena_boxes --seed 7 --duration 60
 
@@ -294,11 +296,14 @@ accept-ros2: .venv-ros/ready
 	$(call acceptance,ros2_runs,$(ROS2_RUNS),,.venv-ros)
 	$(call acceptance,ros2_goals,$(ROS2_GOALS),,.venv-ros)
 
-# Nothing of this is committed: npm brings the tools, in the versions of package.json.
+# Nothing of this is committed: npm brings the tools, in the versions of package.json. The extension contains the page.
 vscode:
 	@mkdir -p out
 	@cp LICENSE editors/vscode/LICENSE
-	@cd editors/vscode && npm install --loglevel=error --no-audit --no-fund --no-package-lock
+	@cd tools/btcore_studio/page && $(NPM_INSTALL) && npm run --silent check && npm run --silent build -- --log-level=warning
+	@mkdir -p editors/vscode/out/page
+	@cp tools/btcore_studio/page/built/studio.{js,css} editors/vscode/out/page
+	@cd editors/vscode && $(NPM_INSTALL)
 	@cd editors/vscode && npm run --silent package
 
 # Each is skipped if npm cannot bring its tool.
@@ -346,5 +351,5 @@ bench: .venv/ready .venv-compiled/bench $(if $(ROS2),.venv-ros/ready)
 	@$(if $(ROS2),.venv-ros/bin/python benchmarks/ros2.py)
 
 clean:
-	rm -rf .venv .venv-compiled .venv-messages .venv-ros .venv-release build dist out editors/vscode/node_modules editors/vscode/out .accept ./*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf .venv .venv-compiled .venv-messages .venv-ros .venv-release build dist out editors/vscode/node_modules editors/vscode/out tools/btcore_studio/page/node_modules tools/btcore_studio/page/built .accept ./*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find . -name __pycache__ -prune -exec rm -rf {} +
