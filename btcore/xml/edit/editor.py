@@ -187,14 +187,20 @@ class DocumentEditor:
         end = element.end if element.end_tag_start >= 0 else element.children[-1].end
         return Edit(element.start_tag_end - 1, end, "/>")
 
-    def wrap(self, children: Sequence[ScannedElement], tag: str) -> list[Edit]:
-        """Put consecutive siblings into a new element, which is indented like its neighbours."""
+    def wrap(self, children: Sequence[ScannedElement], tag: str, attributes: str = "") -> list[Edit]:
+        """Put consecutive siblings into a new element, which is indented like its neighbours.
+
+        Args:
+            children: The siblings.
+            tag: The tag of the new element.
+            attributes: Its attributes, with a space before each.
+        """
         start, end = children[0].start, children[-1].end
         own = self.indent(children[0])
         if own is None:
-            return [Edit(start, start, f"<{tag}>"), Edit(end, end, f"</{tag}>")]
+            return [Edit(start, start, f"<{tag}{attributes}>"), Edit(end, end, f"</{tag}>")]
         inner = own + self.step()
-        before = Edit(start, start, f"<{tag}>{self.line_break}{inner}")
+        before = Edit(start, start, f"<{tag}{attributes}>{self.line_break}{inner}")
         after = Edit(end, end, f"{self.line_break}{own}</{tag}>")
         return [before, *self.reindent(start, end, own, inner), after]
 

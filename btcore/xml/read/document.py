@@ -70,12 +70,13 @@ class Document:
         warnings: Sequence[Diagnostic] = (),
         knows_lines: bool = False,
         confined: bool = False,
+        source_map: "SourceMap | None" = None,
     ) -> None:
         self.root = root
         self.text = text
         self.file = file
         self.warnings = list(warnings)
-        self._source_map: SourceMap | None = None
+        self._source_map = source_map
         self.knows_lines = knows_lines
         self.confined_to = real_path(self.folder) if confined else None
 
@@ -89,7 +90,7 @@ class Document:
 
     @property
     def source_map(self) -> "SourceMap":
-        """The positions of the elements, computed on first use."""
+        """The positions of the elements, computed on first use, unless the document was created with them."""
         if self._source_map is None:
             from btcore.xml.read.positions import SourceMap
 

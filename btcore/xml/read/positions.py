@@ -9,7 +9,7 @@ from btcore.diagnostic_codes import DiagnosticCode
 from btcore.diagnostics import Diagnostic
 from btcore.fixes import Fix
 from btcore.xml.read.element import Element, ElementPart
-from btcore.xml.read.scan import ScannedAttribute, ScannedElement, scan, value_offsets
+from btcore.xml.read.scan import Scan, ScannedAttribute, ScannedElement, scan, value_offsets
 from btcore.xml.read.tinyxml2_compat import decode
 
 _LINE: Final = re.compile(r"[^\r\n]*")
@@ -75,10 +75,15 @@ class SourceMap:
 
     The parser's tree and the user's text hold the same elements in the same order, so the n-th
     element is the n-th start tag, however the tag is written.
+
+    Args:
+        text: The text.
+        root: The outermost element.
+        scanned: The scan of the text, if *root* was made from it.
     """
 
-    def __init__(self, text: str, root: Element) -> None:
-        self.scan = scan(text, is_parsed=True)
+    def __init__(self, text: str, root: Element, scanned: Scan | None = None) -> None:
+        self.scan = scan(text, is_parsed=True) if scanned is None else scanned
         self._text = text
         self._line_index = LineIndex(text)
         self._index = {element: index for index, element in enumerate(root.iter())}
@@ -122,7 +127,7 @@ class SourceMap:
         """Return the position of an element or of one of its attributes: see `Mark` in document.py."""
         scanned = self.scanned(element)
         start, end = scanned.start, scanned.tag_end
-        if self._text[end] == ">":
+        if self._text.startswith(">", end):
             end += 1
         attribute_place = scanned.attribute(attribute) if attribute else None
         if attribute_place is not None and part == "name":

@@ -1,4 +1,4 @@
-"""The inverses of edits, their places after other edits, and the edit between two texts."""
+"""The inverses of edits, their places after other edits, successive edits, and the edit between two texts."""
 
 from collections.abc import Iterable, Sequence
 
@@ -38,6 +38,69 @@ def rebase_edits(edits: Iterable[Edit], others: Sequence[Edit]) -> list[Edit]:
                 raise EditError("the text was changed at the same place")
         rebased.append(Edit(start + shift, end + shift, replacement))
     return rebased
+
+
+def compose_edits(first: Iterable[Edit], second: Iterable[Edit]) -> list[Edit]:
+    """Return edits with the result of *first* and then *second*.
+
+    Args:
+        first: Edits that do not overlap.
+        second: Edits of the text after *first*, which do not overlap.
+    """
+    # The parts of the text between both that an edit made or changes, by their start: edits of the first
+    # kind have their place in the original text.
+    parts: list[tuple[int, int, Edit, bool]] = []
+    shift = 0
+    for edit in _ordered(first):
+        start = edit.start + shift
+        parts.append((start, start + len(edit.text), edit, True))
+        shift += len(edit.text) - (edit.end - edit.start)
+    parts += [(edit.start, edit.end, edit, False) for edit in _ordered(second)]
+    parts.sort(key=lambda part: part[:2])
+    composed: list[Edit] = []
+    group: list[tuple[int, int, Edit, bool]] = []
+    shift = 0
+    for part in parts:
+        if group and part[0] > max(end for _, end, _, _ in group):
+            shift = _join(group, shift, composed)
+            group = []
+        group.append(part)
+    if group:
+        _join(group, shift, composed)
+    return composed
+
+
+def _join(group: Sequence[tuple[int, int, Edit, bool]], shift: int, composed: list[Edit]) -> int:
+    """Add the edit of adjacent parts to *composed*. Return the shift of the text after them.
+
+    Args:
+        group: The parts; together they cover their range without a gap.
+        shift: How far *first* shifts the text before them.
+    """
+    start, end = min(part[0] for part in group), max(part[1] for part in group)
+    made = [part for part in group if part[3]]
+    texts: list[str] = []
+    at = start
+    for changed_start, changed_end, edit, _ in [part for part in group if not part[3]]:
+        texts += (_made_text(made, at, changed_start), edit.text)
+        at = max(at, changed_end)
+    texts.append(_made_text(made, at, end))
+    after = shift + sum(len(edit.text) - (edit.end - edit.start) for _, _, edit, _ in made)
+    composed.append(Edit(start - shift, end - after, "".join(texts)))
+    return after
+
+
+def _made_text(made: Iterable[tuple[int, int, Edit, bool]], start: int, end: int) -> str:
+    """Return the text from *start* to *end*, which edits have made."""
+    return "".join(edit.text[max(0, start - at) : max(0, end - at)] for at, _, edit, _ in made)
+
+
+def offset_after(edits: Iterable[Edit], offset: int) -> int:
+    """Return the offset of a character that *edits* keep in the text after them.
+
+    The character follows what is inserted at its place.
+    """
+    return offset + sum(len(edit.text) - (edit.end - edit.start) for edit in edits if edit.end <= offset)
 
 
 def difference(before: str, after: str) -> Edit:

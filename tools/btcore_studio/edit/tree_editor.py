@@ -18,6 +18,11 @@ from btcore.xml.read.scan import ScannedElement
 _DISABLED: Final = re.compile(r"true(?: \|\| \((.*)\))?", re.DOTALL)
 
 
+def is_disabled(condition: str | None) -> bool:
+    """Return whether *condition* is the `_skipIf` of a disabled node."""
+    return condition is not None and _DISABLED.fullmatch(condition) is not None
+
+
 class TreeEditor(DocumentEditor):
     """Makes edits of a document from operations on the nodes of its trees."""
 
@@ -45,7 +50,7 @@ class TreeEditor(DocumentEditor):
             EditError: The element is disabled already.
         """
         condition = element.get("_skipIf")
-        if condition is not None and _DISABLED.fullmatch(condition) is not None:
+        if is_disabled(condition):
             raise EditError(f"<{element.tag}> is disabled already")
         disabled = "true" if not condition else f"true || ({condition})"
         return self.set_attribute(element, "_skipIf", disabled)

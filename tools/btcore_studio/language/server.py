@@ -6,17 +6,19 @@ Each feature is a module with functions of `(project, document, …)`. Their res
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
+import msgspec
 from lsprotocol import types
 from pygls import uris
-from pygls.exceptions import JsonRpcInvalidParams
+from pygls.exceptions import JsonRpcException, JsonRpcInvalidParams
 from pygls.lsp.server import LanguageServer
 from pygls.protocol import LanguageServerProtocol
-from pygls.protocol.json_rpc import JsonRPCNotification
+from pygls.protocol.json_rpc import JsonRPCNotification, JsonRPCRequestMessage, JsonRPCResponseMessage
 from pygls.protocol.language_server import lsp_method
 
 from btcore import __version__
+from btcore.errors import BtcoreError
 from btcore.input_files import real_path
 from btcore_studio.language import (
     completion,
@@ -32,13 +34,26 @@ from btcore_studio.language import (
 )
 from btcore_studio.language.checker import Checker
 from btcore_studio.language.diagnostics import Report
+from btcore_studio.language.drawing import draw_document
+from btcore_studio.language.edit_commands import compute_edit, copy_nodes
 from btcore_studio.language.project import DocumentKey, Project, Settings, SourceDocument
+from btcore_studio.language.studio_protocol import (
+    CopyParams,
+    CopyResult,
+    Data,
+    Drawing,
+    DrawingParams,
+    EditParams,
+)
 
 NAME: Final = "btcore"
+Params = TypeVar("Params", bound=Data)
 
 
 class TreeServerProtocol(LanguageServerProtocol):
     """The protocol with UTF-16 positions, which every client supports. The project holds the documents."""
+
+    _server: "TreeServer"
 
     def structure_message(self, data: dict[str, Any]) -> Any:
         """Return the message in a JSON object. A request with invalid parameters gets an error reply.
@@ -46,17 +61,33 @@ class TreeServerProtocol(LanguageServerProtocol):
         pygls would print a traceback instead, and not reply.
         """
         method = data.get("method") if "jsonrpc" in data else None
+        params_class = self._server.params_classes.get(method) if isinstance(method, str) else None
         message_class = self.get_message_type(method) if isinstance(method, str) else None
-        if message_class is None:
+        if message_class is None and params_class is None:
             return super().structure_message(data)
+        reason = ""
         try:
-            return self._converter.structure(data, message_class)
+            if message_class is not None:
+                return self._converter.structure(data, message_class)
+            params = msgspec.convert(data.get("params") or {}, params_class)
+            return JsonRPCRequestMessage(data["id"], str(method), self.VERSION, params)
+        except msgspec.ValidationError as error:
+            reason = f": {error}"
         except Exception:  # the errors of the converter have no common class
-            if "id" in data:
-                error = JsonRpcInvalidParams(f"the parameters of {method} are invalid").to_response_error()
-                self._send_response(data["id"], error=error)
-            # The protocol permits to ignore notifications with this prefix, and pygls logs them in one line.
-            return JsonRPCNotification(method=f"$/invalid/{method}", jsonrpc=self.VERSION, params={})
+            pass
+        if "id" in data:
+            invalid = JsonRpcInvalidParams(f"the parameters of {method} are invalid{reason}")
+            self._send_response(data["id"], error=invalid.to_response_error())
+        # The protocol permits to ignore notifications with this prefix, and pygls logs them in one line.
+        return JsonRPCNotification(method=f"$/invalid/{method}", jsonrpc=self.VERSION, params={})
+
+    def _serialize_message(self, data: Any) -> dict[str, Any]:
+        """Return a message as JSON data. The results of requests `btcore/…` are JSON data already."""
+        if isinstance(data, (JsonRPCResponseMessage, JsonRPCNotification)):
+            # The converter would copy thousands of nodes of a drawing.
+            return {name: getattr(data, name) for name in type(data).__slots__ if name[0] != "_"}
+        message: dict[str, Any] = super()._serialize_message(data)
+        return message
 
     @lsp_method(types.INITIALIZE)
     def lsp_initialize(self, params: types.InitializeParams) -> Generator[Any, Any, types.InitializeResult]:
@@ -92,13 +123,21 @@ class TreeServerProtocol(LanguageServerProtocol):
         yield self.fm.features[types.TEXT_DOCUMENT_DID_CLOSE], (params,), None
 
     def _send_handler_result(self, future: Future[Any], *, msg_id: int | str) -> None:
-        """Send the result of a request. A refused renaming is an answer, and not a failure of the server."""
+        """Send the result of a request. A refused operation is an answer, and not a failure of the server."""
         error = None if future.cancelled() else future.exception()
-        if isinstance(error, rename.RenameError):
+        if isinstance(error, BtcoreError):
+            error = RequestError(str(error))
+        if isinstance(error, (rename.RenameError, RequestError)):
             self._request_futures.pop(msg_id, None)
             self._send_response(msg_id, error=error.to_response_error())
         else:
             super()._send_handler_result(future, msg_id=msg_id)
+
+
+class RequestError(JsonRpcException):
+    """A request cannot be answered. The message is for the user."""
+
+    CODE = types.LSPErrorCodes.RequestFailed.value
 
 
 class TreeServer(LanguageServer):
@@ -108,6 +147,7 @@ class TreeServer(LanguageServer):
         project: The documents and files of the client's workspace.
         checker: The background checks of the documents.
         was_shut_down: Whether the client has requested the end of the server.
+        params_classes: The parameters of requests outside of the Language Server Protocol, by method.
     """
 
     def __init__(self) -> None:
@@ -120,6 +160,24 @@ class TreeServer(LanguageServer):
         self.project = Project()
         self.checker = Checker(self.project, self._publish, self._show, self._refresh)
         self.was_shut_down = False
+        self.params_classes: dict[str, type[Data]] = {}
+
+    def add_request(
+        self, method: str, params_class: type[Params], handler: Callable[[Params], Data | None]
+    ) -> None:
+        """Register a request that is not in the Language Server Protocol.
+
+        Args:
+            method: The method.
+            params_class: The parameters. Requests with invalid parameters get an error reply.
+            handler: Returns the result. The message of a BtcoreError is the error reply.
+        """
+        self.params_classes[method] = params_class
+        self.feature(method)(lambda params: msgspec.to_builtins(handler(params)))
+
+    async def close(self) -> None:
+        """End the background checks and their process."""
+        await self.checker.close()
 
     def _publish(self, file: DocumentKey, version: int | None, reports: list[Report]) -> None:
         uri = file if isinstance(file, str) else self.project.uri(file)
@@ -145,6 +203,7 @@ def create_server() -> TreeServer:
     server = TreeServer()
     _keep_up_to_date(server)
     _add_features(server)
+    _add_studio_requests(server)
     return server
 
 
@@ -227,6 +286,26 @@ def _add_features(server: TreeServer) -> None:
     of_request(types.TEXT_DOCUMENT_FORMATTING, formatting.format_document)
     of_request(types.TEXT_DOCUMENT_RANGE_FORMATTING, formatting.format_range)
     of_document(types.TEXT_DOCUMENT_CODE_LENS, lenses.code_lenses)
+
+
+def _add_studio_requests(server: TreeServer) -> None:
+    """Register the requests by which a page draws and edits trees."""
+    project = server.project
+
+    def document(uri: str) -> SourceDocument:
+        known = project.document(uri)
+        if known is None:
+            raise RequestError(f"{uri} is not open, and cannot be read as a UTF-8 file")
+        return known
+
+    def draw(params: DrawingParams) -> Drawing:
+        return draw_document(project, document(params.text_document.uri), params)
+
+    server.add_request("btcore/drawing", DrawingParams, draw)
+    server.add_request("btcore/edit", EditParams, lambda params: compute_edit(project, params.command))
+    server.add_request(
+        "btcore/copy", CopyParams, lambda params: CopyResult(copy_nodes(project, params.nodes))
+    )
 
 
 def _completion_item_capabilities(server: TreeServer) -> types.ClientCompletionItemOptions | None:

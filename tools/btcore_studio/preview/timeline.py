@@ -16,7 +16,7 @@ from btcore.errors import BtcoreError
 from btcore.status import FAILURE, Status
 from btcore.xml.plan.plan import Plans
 from btcore_drawing.diagram import diagram_of_document
-from btcore_studio.preview.node_keys import diagram_keys, diagram_nodes
+from btcore_studio.language.node_keys import diagram_keys, diagram_nodes
 
 _GROUP: Final = "btcore.recordings"
 _MAX_WAIT: Final = 0.4

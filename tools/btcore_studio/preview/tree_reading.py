@@ -30,7 +30,7 @@ from btcore_drawing.diagram import DiagramNode, diagram_of_document
 from btcore_drawing.folding import fold
 from btcore_drawing.node_card import NODE_TYPE_COLOURS
 from btcore_drawing.svg import diagram_to_svg
-from btcore_studio.preview.node_keys import diagram_keys, diagram_nodes
+from btcore_studio.language.node_keys import diagram_keys, diagram_nodes
 
 MAX_CARDS: Final = 5_000
 """Maximum number of nodes in a drawing. In a larger tree the deepest levels are folded."""

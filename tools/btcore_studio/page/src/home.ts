@@ -78,8 +78,8 @@ class SocketTransport implements Transport {
 const CAPABILITIES = {
   general: { positionEncodings: ["utf-16"] },
   textDocument: {
-    completion: { completionItem: { snippetSupport: true, documentationFormat: ["plaintext"] } },
-    hover: { contentFormat: ["plaintext"] },
+    completion: { completionItem: { snippetSupport: true, documentationFormat: ["markdown"] } },
+    hover: { contentFormat: ["markdown"] },
     codeAction: { codeActionLiteralSupport: { codeActionKind: { valueSet: ["quickfix", "refactor"] } } },
     publishDiagnostics: { relatedInformation: true },
     rename: { prepareSupport: true },

@@ -4,6 +4,7 @@ import "../studio.css";
 import { effect, signal, untracked } from "@preact/signals";
 import { render } from "preact";
 import { Canvas } from "./canvas";
+import { Dialog } from "./dialog";
 import { Mark } from "./documents";
 import { Breadcrumbs, Files } from "./files";
 import { Form } from "./form";
@@ -11,17 +12,18 @@ import type { Done } from "./history";
 import { BrowserHome, findHome, isConnected } from "./home";
 import { Blackboard, LiveControls } from "./live";
 import { Palette } from "./palette";
-import { type CodeAction, Problems } from "./problems";
+import { checked, type CodeAction, followProblems, Problems } from "./problems";
 import type {
   Command, Diagnostic, DiskConflict, Drawing, EditResult, Live, Palette as PaletteData, Place, SharedFile,
 } from "./protocol";
 import {
   actions, diagnostics, drawing, files, folded, live, message, palette, selection, start, tree, uri,
 } from "./state";
+import { Splitter } from "./splitter";
 import { revealText, TextPane } from "./text_pane";
 import { texts } from "./texts";
 import { Timeline } from "./timeline";
-import { fileName, Toolbar } from "./toolbar";
+import { fileName, hiddenPanes, Toolbar } from "./toolbar";
 
 const TYPING_WAIT_MS = 60;
 const PALETTE_WAIT_MS = 1000;
@@ -127,7 +129,7 @@ function edit(command: Command): Promise<EditResult | null> {
       toSelect = result.select;
       await home.apply(result.edit, mark);
       message.value = result.notes.join(" ");
-      await redraw();
+      await (running ?? redraw()); // a changed text is being drawn already
       return result;
     } catch (error) {
       message.value = reason(error);
@@ -154,7 +156,7 @@ async function move(step: () => Promise<Done | null>, nothing: string): Promise<
     message.value = "";
     const [first] = done.uris;
     if (first && !done.uris.includes(uri.value)) revealText({ uri: first, position: { line: 0, character: 0 } }, false);
-    await redraw();
+    await (running ?? redraw()); // a changed text is being drawn already
     selection.value = done.selection;
   });
 }
@@ -182,6 +184,7 @@ Object.assign(actions, {
 // --- what the server notifies
 
 home.connection.on<{ uri: string; diagnostics: Diagnostic[] }>("textDocument/publishDiagnostics", (params) => {
+  if (!checked.value.has(params.uri)) checked.value = new Set([...checked.value, params.uri]);
   const all = new Map(diagnostics.value);
   if (params.diagnostics.length) all.set(params.uri, params.diagnostics);
   else all.delete(params.uri);
@@ -309,19 +312,24 @@ function Page() {
         <LiveControls />
       </header>
       <Notices />
-      <div class={`panes ${home.documents ? "" : "editor"}`}>
+      <div class={["panes", home.documents ? "" : "editor", ...[...hiddenPanes.value].map((name) => `no-${name}`)].join(" ")}>
         <aside class="left" aria-label={texts.palette}>
-          <Files />
+          <Files home={home} />
           <Palette />
+          <Splitter name="left" label={texts.sizes.left} axis="x" direction={1} initial={230} min={140} />
         </aside>
         <main id="picture" tabIndex={-1}>
           <Breadcrumbs />
           <Canvas />
           <Timeline />
+          <Splitter name="right" label={texts.sizes.right} axis="x" direction={-1} initial={400} min={200} />
         </main>
         <aside class="right" aria-label={texts.node}>
-          <Form />
-          <Blackboard />
+          <div class="scrolled">
+            <Form />
+            <Blackboard />
+          </div>
+          <Splitter name="form" label={texts.sizes.form} axis="y" direction={1} initial={340} min={80} />
         </aside>
         {home instanceof BrowserHome && <TextPane home={home} apply={apply} />}
       </div>
@@ -329,6 +337,7 @@ function Page() {
         {home.documents && <Problems apply={apply} />}
         <p class="message" role="status">{message.value}</p>
       </footer>
+      <Dialog />
     </>
   );
 }
@@ -351,10 +360,12 @@ effect(() => {
   if (uri.value) waitForPalette(0);
 });
 effect(() => {
-  if (uri.value || tree.value || folded.value) untracked(() => void redraw());
+  const shown = [uri.value, tree.value, folded.value];
+  untracked(() => void (shown[0] && redraw()));
 });
 // The language server reads files of the disk; it gets the texts that others have changed.
 effect(() => {
   for (const file of files.value) if (file.unsaved) void home.documents?.load(file.uri).catch(() => {});
 });
+if (home.documents) followProblems(home);
 void begin();

@@ -37,7 +37,7 @@ def node_keys(nodes: Iterable[KeyedNode]) -> dict[int, str]:
         nodes: The nodes, each after its parent.
 
     Examples:
-        >>> from btcore_studio.preview.node_keys import KeyedNode, node_keys
+        >>> from btcore_studio.language.node_keys import KeyedNode, node_keys
         >>> root, door = KeyedNode(1, 0, "Sequence", "round"), KeyedNode(2, 1, "Open", "door")
         >>> node_keys([root, door])[2] == node_keys([root, door._replace(uid=7)])[7]
         True

@@ -1,0 +1,105 @@
+"""The requests `btcore/…` as messages: valid and invalid parameters, results as JSON, and error replies."""
+
+import json
+from typing import Any
+
+import pytest
+
+pytest.importorskip("pygls")
+
+from btcore_studio.language.server import TreeServer, create_server
+
+URI = "untitled:tree.xml"
+TREE = '<root BTCPP_format="4"><BehaviorTree ID="A"><Delay><Sleep msec="1"/></Delay></BehaviorTree></root>'
+DOCUMENT = {"textDocument": {"uri": URI}}
+
+
+class Client:
+    """Sends messages to a server in this process, and keeps what it sends."""
+
+    def __init__(self, server: TreeServer) -> None:
+        self.server = server
+        self.sent: list[dict[str, Any]] = []
+        server.protocol.set_writer(self, include_headers=False)
+
+    def write(self, data: bytes) -> None:
+        """Keep a message of the server."""
+        self.sent.append(json.loads(data))
+
+    def send(self, message: dict[str, Any]) -> None:
+        """Send a message."""
+        protocol = self.server.protocol
+        protocol.handle_message(protocol.structure_message({"jsonrpc": "2.0", **message}))
+
+    def request(self, method: str, params: object) -> dict[str, Any]:
+        """Return the reply to a request."""
+        self.send({"id": 7, "method": method, "params": params})
+        reply = self.sent.pop()
+        assert (reply["id"], reply["jsonrpc"]) == (7, "2.0")
+        return reply
+
+    def result(self, method: str, params: object) -> Any:
+        """Return the result of a request."""
+        reply = self.request(method, params)
+        assert "error" not in reply, reply["error"]["message"]
+        return reply["result"]
+
+
+@pytest.fixture
+def client() -> Client:
+    client = Client(create_server())
+    client.server.project.open(URI, TREE, 1)
+    return client
+
+
+def test_a_drawing_is_json_data(client: Client) -> None:
+    drawing = client.result("btcore/drawing", {**DOCUMENT, "tree": None, "folded": []})
+    assert drawing["nodes"][1] == {
+        "key": drawing["nodes"][1]["key"],
+        "parent": 1,
+        "id": "Sleep",
+        "name": "Sleep",
+        "kind": "action",
+        "calls": "",
+        "ports": [["msec", "1"]],
+        "place": {"uri": URI, "position": {"line": 0, "character": TREE.index("<Sleep")}},
+        "end": {"line": 0, "character": TREE.index("</Del")},
+        "hidden": 0,
+        "leaf": True,
+        "disabled": False,
+        "children": [0, 0],
+    }
+    assert drawing["trees"][0]["isMain"] is True
+    assert "<style>" not in drawing["svg"]
+    styled = client.result("btcore/drawing", {**DOCUMENT, "styled": True})
+    assert "<style>" in styled["svg"]
+
+
+@pytest.mark.parametrize(
+    ("params", "reason"),
+    [
+        (None, "textDocument"),
+        ([], "textDocument"),
+        ([1], "object"),
+        ({"textDocument": {}}, "uri"),
+        ({**DOCUMENT, "tree": 1}, "$.tree"),
+        ({**DOCUMENT, "folded": {"a": 1}}, "$.folded"),
+        ({**DOCUMENT, "folded": [[]]}, "$.folded[0]"),
+    ],
+)
+def test_invalid_parameters_get_an_error_reply(client: Client, params: object, reason: str) -> None:
+    error = client.request("btcore/drawing", params)["error"]
+    assert error["code"] == -32602
+    assert "the parameters of btcore/drawing are invalid" in error["message"]
+    assert reason in error["message"]
+
+
+def test_a_document_that_cannot_be_read_gets_an_error_reply(client: Client) -> None:
+    error = client.request("btcore/drawing", {"textDocument": {"uri": "file:///none.xml"}})["error"]
+    assert (error["code"], "none.xml is not open" in error["message"]) == (-32803, True)
+
+
+def test_a_request_without_id_is_ignored(client: Client) -> None:
+    client.send({"method": "btcore/drawing", "params": {**DOCUMENT, "tree": None}})
+    client.send({"method": "btcore/drawing", "params": None})
+    assert client.sent == []

@@ -1,0 +1,390 @@
+"""The data of the requests `btcore/…`, by which a page draws and edits trees; protocol.ts is the page's side.
+
+They are requests of the language server beside those of the Language Server Protocol, and have its positions:
+lines and UTF-16 code units, both from 0.
+"""
+
+from typing import Literal
+
+import msgspec
+
+NodeKind = Literal["action", "condition", "control", "decorator", "subtree", "undefined"]
+PortDirection = Literal["in", "out", "inout"]
+
+
+class Data(msgspec.Struct, frozen=True, rename="camel"):
+    """An object of a message. Unknown members are ignored, as in the Language Server Protocol."""
+
+
+class Position(Data, frozen=True):
+    """A place in a text."""
+
+    line: int
+    character: int
+
+
+class Range(Data, frozen=True):
+    """A part of a text."""
+
+    start: Position
+    end: Position
+
+
+class TextEdit(Data, frozen=True):
+    """A part of a text is replaced."""
+
+    range: Range
+    new_text: str
+
+
+class WorkspaceEdit(Data, frozen=True):
+    """The edits of several documents, by URI."""
+
+    changes: dict[str, list[TextEdit]]
+
+
+class DocumentIdentifier(Data, frozen=True):
+    """The URI of a document."""
+
+    uri: str
+
+
+class DocumentParams(Data, frozen=True):
+    """The parameters of a request about a document."""
+
+    text_document: DocumentIdentifier
+
+
+class Place(Data, frozen=True):
+    """An element of a document: *position* is where its start tag begins."""
+
+    uri: str
+    position: Position
+
+
+# --- btcore/drawing
+
+
+class DrawingParams(DocumentParams, frozen=True):
+    """What to draw.
+
+    Attributes:
+        tree: The ID of the tree; None for the main tree, or the first.
+        folded: The keys of the nodes whose children are hidden.
+        styled: Whether the drawing contains its style sheet, so that it can be saved.
+    """
+
+    tree: str | None = None
+    folded: frozenset[str] = frozenset()
+    styled: bool = False
+
+
+class DrawnNode(Data, frozen=True):
+    """A node of a drawing.
+
+    Attributes:
+        key: Identifies the node in drawings of later texts, too.
+        parent: 1 + the index of the parent; 0 for the root.
+        calls: The ID of the called tree, or "".
+        place: The element, which may be in an included document.
+        end: The end of the element.
+        hidden: The number of hidden nodes below, if the node is folded.
+        children: The minimum and the maximum number of children; None is no limit.
+    """
+
+    key: str
+    parent: int
+    id: str
+    name: str
+    kind: NodeKind
+    calls: str
+    ports: list[tuple[str, str]]
+    place: Place
+    end: Position
+    hidden: int
+    leaf: bool
+    disabled: bool
+    children: tuple[int, int | None]
+
+
+class TreeSummary(Data, frozen=True):
+    """A tree of a document or of its includes, and the IDs of the trees that call it."""
+
+    id: str
+    place: Place
+    callers: list[str]
+    is_main: bool
+
+
+class Drawing(Data, frozen=True):
+    """A drawing of a tree.
+
+    Attributes:
+        tree: The ID of the tree, or "" if there is no tree.
+        svg: The drawing, or "" if there are no nodes. Groups of nodes have the attribute `data-uid`: 1 + the
+            index in *nodes*.
+        about: The description of each node type in *nodes*, by its ID.
+        broken: Why the text is not XML, or "". The drawing then shows what can be read.
+    """
+
+    tree: str
+    format: int
+    svg: str
+    nodes: list[DrawnNode]
+    about: dict[str, str]
+    trees: list[TreeSummary]
+    broken: str
+
+
+# --- btcore/palette
+
+
+class PalettePort(Data, frozen=True):
+    """A port of a node type; *default* is "" if there is none."""
+
+    name: str
+    direction: PortDirection
+    type: str
+    default: str
+    about: str
+
+
+class PaletteItem(Data, frozen=True):
+    """A node type, or a tree that can be called.
+
+    Attributes:
+        group: The library, model file or document from which the node is known; "BehaviorTree.CPP" for
+            built-in nodes.
+    """
+
+    id: str
+    kind: NodeKind
+    group: str
+    about: str
+    ports: list[PalettePort]
+
+
+class Palette(Data, frozen=True):
+    """What can be added to a tree of a document."""
+
+    items: list[PaletteItem]
+
+
+# --- btcore/node
+
+
+class Field(Data, frozen=True):
+    """An attribute of a node.
+
+    Attributes:
+        text: The text of the attribute; None if it is not written.
+        choices: Keys in braces, members of enums, or IDs of trees.
+        is_script: Whether the text is a script.
+    """
+
+    name: str
+    group: Literal["name", "port", "condition", "subtree", "other"]
+    text: str | None
+    direction: Literal["in", "out", "inout", ""] = ""
+    type: str = ""
+    default: str | None = None
+    is_required: bool = False
+    about: str = ""
+    choices: list[str] = []
+    is_script: bool = False
+
+
+class NodeForm(Data, frozen=True):
+    """All attributes of a node, and the IDs of node *types* that may replace its type."""
+
+    id: str
+    name: str
+    kind: NodeKind
+    about: str
+    fields: list[Field]
+    types: list[str]
+
+
+# --- btcore/edit
+
+
+def _snake_case(name: str) -> str:
+    return "".join(f"_{letter.lower()}" if letter.isupper() else letter for letter in name).lstrip("_")
+
+
+class Command(Data, frozen=True, tag_field="kind", tag=_snake_case):
+    """An operation on nodes, trees or models."""
+
+
+class Add(Command, frozen=True):
+    """Add a node, or the call of a tree, after *index* children of *parent*."""
+
+    parent: Place
+    index: int
+    id: str
+
+
+class Paste(Command, frozen=True):
+    """Add elements after *index* children of *parent*, with the models and trees that *xml* also contains."""
+
+    parent: Place
+    index: int
+    xml: str
+
+
+class Move(Command, frozen=True):
+    """Move nodes, which are adjacent afterwards; *index* counts the children before they are moved."""
+
+    nodes: list[Place]
+    parent: Place
+    index: int
+
+
+class Remove(Command, frozen=True):
+    """Remove nodes with their children."""
+
+    nodes: list[Place]
+
+
+class Duplicate(Command, frozen=True):
+    """Insert a copy of each node after it."""
+
+    nodes: list[Place]
+
+
+class Wrap(Command, frozen=True):
+    """Put adjacent siblings into a new node."""
+
+    nodes: list[Place]
+    id: str
+
+
+class Unwrap(Command, frozen=True):
+    """Put the children of a node in its place."""
+
+    node: Place
+
+
+class ChangeType(Command, frozen=True):
+    """Make a node a node of another type; attributes that are no ports of the type are removed."""
+
+    node: Place
+    id: str
+
+
+class SetAttribute(Command, frozen=True, tag="set"):
+    """Give an attribute a text; None removes it."""
+
+    node: Place
+    name: str
+    text: str | None
+
+
+class Disable(Command, frozen=True):
+    """Let nodes be skipped."""
+
+    nodes: list[Place]
+
+
+class Enable(Command, frozen=True):
+    """Undo `Disable`."""
+
+    nodes: list[Place]
+
+
+class Extract(Command, frozen=True):
+    """Make a branch a tree of its own."""
+
+    node: Place
+    id: str
+
+
+class Inline(Command, frozen=True):
+    """Put the nodes of a called tree in the place of the call."""
+
+    node: Place
+
+
+class AddTree(Command, frozen=True):
+    """Add a tree without nodes."""
+
+    uri: str
+    id: str
+
+
+class RemoveTree(Command, frozen=True):
+    """Remove a tree that no other tree calls."""
+
+    uri: str
+    id: str
+
+
+class SetMainTree(Command, frozen=True):
+    """Write the ID of the main tree."""
+
+    uri: str
+    id: str
+
+
+class SetModel(Command, frozen=True):
+    """Write the model of a node type, or of a tree, or replace it."""
+
+    uri: str
+    id: str
+    type: Literal["Action", "Condition", "Control", "Decorator", "SubTree"]
+    ports: list[PalettePort]
+
+
+AnyCommand = (
+    Add
+    | Paste
+    | Move
+    | Remove
+    | Duplicate
+    | Wrap
+    | Unwrap
+    | ChangeType
+    | SetAttribute
+    | Disable
+    | Enable
+    | Extract
+    | Inline
+    | AddTree
+    | RemoveTree
+    | SetMainTree
+    | SetModel
+)
+
+
+class EditParams(Data, frozen=True):
+    """The operation to compute."""
+
+    command: AnyCommand
+
+
+class EditResult(Data, frozen=True):
+    """The edit of an operation.
+
+    Attributes:
+        select: The elements to select, in the text after the edit.
+        notes: New warnings, and what a pasted text lacks.
+    """
+
+    edit: WorkspaceEdit
+    select: list[Place]
+    notes: list[str]
+
+
+# --- btcore/copy
+
+
+class CopyParams(Data, frozen=True):
+    """The elements to copy."""
+
+    nodes: list[Place]
+
+
+class CopyResult(Data, frozen=True):
+    """The elements, with the models and trees that they need."""
+
+    xml: str

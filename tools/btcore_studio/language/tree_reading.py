@@ -1,0 +1,233 @@
+"""Read a document of a project with its includes, as trees that can be drawn and edited despite errors."""
+
+import contextlib
+from bisect import bisect_left
+from collections.abc import Iterable
+from itertools import islice
+from pathlib import Path
+from typing import Final
+from weakref import WeakKeyDictionary
+
+from lsprotocol.types import Position as LspPosition
+
+from btcore.blackboard.ports import Port
+from btcore.diagnostic_codes import DOCUMENT_TOO_LARGE
+from btcore.errors import RegistrationError, TreeError
+from btcore.registry.registry import Registry
+from btcore.status import NodeType
+from btcore.xml.define import define, parse_format
+from btcore.xml.edit.editor import Edit, apply_edits
+from btcore.xml.models.model_file import (
+    add_document_models,
+    add_mock,
+    collect_ports,
+    model_elements,
+)
+from btcore.xml.plan.plan import Plans, plan
+from btcore.xml.read.dialect import EXPLICIT_TAGS
+from btcore.xml.read.document import Document
+from btcore.xml.read.element import Element
+from btcore.xml.read.positions import LineIndex, SourceMap
+from btcore.xml.read.read import Sources, parse_text, read
+from btcore.xml.read.scan import Scan, ScannedElement, scan
+from btcore_studio.language.project import PROJECT_SUFFIX, Project, SourceDocument
+from btcore_studio.language.studio_protocol import Place, Position
+
+_MAX_KNOWN: Final = 4
+"""Maximum number of readings of a project that are kept: of the shown text, and of the text after an edit."""
+_NO_TREES: Final = '<root BTCPP_format="4"/>'
+_TYPES_BY_CHILDREN: Final = (NodeType.ACTION, NodeType.DECORATOR, NodeType.CONTROL)
+# A memory of results, which follow from the project and a text alone.
+_KNOWN: Final["WeakKeyDictionary[Project, list[TreeReading]]"] = WeakKeyDictionary()
+
+
+class TreeReading:
+    """The trees of a document and of its includes.
+
+    Attributes:
+        source: The document.
+        document: The document with its elements. If the text is not XML, they are those of its scan.
+        broken: Why the text is not XML, or "".
+        is_empty: Whether the text has no elements, except for comments.
+        fault: Where the text stops to be XML; its end, if it is XML.
+        sources: The document and its includes.
+        files: The documents of *sources* with the file or the text from which they come.
+        definitions: The trees.
+        nodes: The available nodes. Unknown nodes of the trees are mock nodes.
+        missing: The IDs of nodes that are known from their elements only, without a model.
+    """
+
+    def __init__(self, project: Project, source: SourceDocument) -> None:
+        self.source = source
+        self.broken, self.fault = "", len(source.text)
+        self.is_empty = False
+        self.document = self._parse(source)
+        self.document.unsaved = project.unsaved
+        self._registry = project.registry
+        self.sources = read(self.document, project.registry.documents)
+        self.definitions = define(self.sources)
+        self.nodes, self.missing = _nodes_for(project.registry, self.sources)
+        self.files = {document: self._source_of(project, document) for document in self.sources.documents}
+        self._plans: Plans | None = None
+        self._parsed: dict[ScannedElement, Element] = {}
+
+    def _parse(self, source: SourceDocument) -> Document:
+        file = str(source.path) if source.path is not None else ""
+        try:
+            return parse_text(source.text, file)
+        except TreeError as error:
+            first = error.diagnostics[0]
+        if first.code == DOCUMENT_TOO_LARGE:
+            self.broken, self.fault = first.message, 0
+            return parse_text(_NO_TREES, file)
+        if not source.scan.roots and not _without(source.text, source.scan.opaque).strip("\ufeff \t\r\n"):
+            self.is_empty = True
+            return parse_text(_NO_TREES, file)
+        self.broken = f"line {first.line}: {first.message}" if first.line else first.message
+        if first.line:
+            self.fault = LineIndex(source.text).offset(first.line, max(1, first.column))
+        return _scanned_document(source.scan, file)
+
+    def _source_of(self, project: Project, document: Document) -> SourceDocument:
+        if document is self.document:
+            return self.source
+        known = project.file(Path(document.file)) if document.file else None
+        return known if known is not None else SourceDocument(document.file, document.text)
+
+    def is_current(self, project: Project) -> bool:
+        """Return whether the reading of the same text has the same result."""
+        return (
+            project.registry is self._registry
+            and self.definitions.are_complete
+            and all(
+                project.file(source.path) is source
+                for source in self.files.values()
+                if source is not self.source and source.path is not None
+            )
+        )
+
+    @property
+    def plans(self) -> Plans:
+        """The plans of every tree."""
+        if self._plans is None:
+            self._plans = plan(self.definitions, self.nodes, every_tree=True)
+        return self._plans
+
+    def knows(self, id: str) -> bool:
+        """Return whether a node has code or a model."""
+        return id not in self.missing and any(self.nodes.get(id, format) is not None for format in (3, 4))
+
+    def position(self, document: Document, offset: int) -> Position:
+        """Return the position of an offset in the text of one of the documents."""
+        source = self.files[document]
+        # The text of a document has no byte order mark.
+        shift = source.text.startswith("\ufeff")
+        position = source.positions.position(offset + shift)
+        return Position(position.line, position.character)
+
+    def element_at(self, position: Position) -> ScannedElement | None:
+        """Return the element of the document that begins at a position, or None."""
+        offset = self.source.positions.offset(LspPosition(position.line, position.character))
+        offset -= self.source.text.startswith("\ufeff")
+        elements = self.document.source_map.scan.elements
+        index = bisect_left(elements, offset, key=lambda element: element.start)
+        found = elements[index] if index < len(elements) and not self.is_empty else None
+        return found if found is not None and found.start == offset else None
+
+    def parsed(self, element: ScannedElement) -> Element:
+        """Return an element of the document as the plans know it."""
+        if not self._parsed:
+            elements = self.document.source_map.scan.elements
+            self._parsed = dict(zip(elements, self.document.root.iter(), strict=False))
+        return self._parsed[element]
+
+    def place(self, document: Document, element: Element) -> Place:
+        """Return the place of an element in one of the documents."""
+        start = document.source_map.scanned(element).start
+        return Place(self.files[document].uri, self.position(document, start))
+
+
+def read_trees(project: Project, source: SourceDocument) -> TreeReading:
+    """Return the reading of a document of *project*, or of its text after an edit.
+
+    Args:
+        project: The project.
+        source: A document; it need not be the present text.
+    """
+    known = _KNOWN.setdefault(project, [])
+    for reading in known:
+        own = reading.source
+        if own.uri == source.uri and own.text == source.text and reading.is_current(project):
+            return reading
+    reading = TreeReading(project, source)
+    known.insert(0, reading)
+    del known[_MAX_KNOWN:]
+    return reading
+
+
+def _scanned_document(scanned: Scan, file: str) -> Document:
+    """Return the document of a text that is not XML, with the elements of its scan.
+
+    Offsets are those of the text. Elements before the `<root>` are left out.
+    """
+    start = next((root.start for root in scanned.roots if root.tag == "root"), -1)
+    if start < 0:
+        return parse_text(_NO_TREES, file)
+    if scanned.roots[0].start != start:
+        scanned = scan(" " * start + scanned.text[start:])
+    elements: dict[ScannedElement | None, Element] = {}
+    for element in scanned.elements:
+        elements[element] = made = element.parsed()
+        if len(elements) > 1:
+            # After an end tag that is too much, the rest of the text belongs to the root.
+            elements[element.parent or scanned.roots[0]].children.append(made)
+    root = elements[scanned.roots[0]]
+    return Document(root, scanned.text, file, source_map=SourceMap(scanned.text, root, scanned))
+
+
+def _without(text: str, parts: Iterable[tuple[int, int]]) -> str:
+    """Return a text without some of its parts."""
+    return apply_edits(text, (Edit(start, end, "") for start, end in parts))
+
+
+def _nodes_for(registry: Registry, sources: Sources) -> tuple[Registry, frozenset[str]]:
+    """Return the nodes for the trees of *sources*, and the IDs of those without code and model.
+
+    Nodes of models follow those of *registry*, then nodes of explicit tags such as `<Action ID="…">`. For any
+    other unknown tag, the number of child elements determines the node type.
+    """
+    nodes = registry.copy()
+    documents = sources.documents
+    is_project = sources.main_document.file.endswith(PROJECT_SUFFIX)
+    for document in documents:
+        if model_elements(document):
+            with contextlib.suppress(TreeError):
+                add_document_models(nodes, document, override=is_project)
+    seen = _unknown_nodes(nodes, documents)
+    for id, (document, node_type, ports) in seen.items():
+        with contextlib.suppress(RegistrationError):
+            add_mock(nodes, id, node_type, list(ports.values()), "", document)
+    return nodes, frozenset(seen)
+
+
+def _unknown_nodes(
+    nodes: Registry, documents: Iterable[Document]
+) -> dict[str, tuple[Document, NodeType, dict[str, Port]]]:
+    """Return a document, the type and the ports of each node that only elements of trees name."""
+    seen: dict[str, tuple[Document, NodeType, dict[str, Port]]] = {}
+    for document in documents:
+        format = parse_format(document.root.get("BTCPP_format")) or 4
+        for tree in document.root.iterchildren("BehaviorTree"):
+            for element in islice(tree.iter(), 1, None):
+                tag = element.tag
+                explicit = EXPLICIT_TAGS.get(tag)
+                id = tag if explicit is None else element.get("ID") or ""
+                if not id or nodes.get(id, 3) is not None or nodes.get(id, 4) is not None:
+                    continue
+                node_type = explicit or _TYPES_BY_CHILDREN[min(len(element.children), 2)]
+                _, known, ports = seen.get(id, (document, node_type, {}))
+                collect_ports(element, ports, format)
+                if explicit is None and known in _TYPES_BY_CHILDREN:
+                    node_type = max(known, node_type, key=_TYPES_BY_CHILDREN.index)
+                seen[id] = (document, node_type, ports)
+    return seen
