@@ -28,7 +28,7 @@ import { ask } from "./dialog";
 import { type CodeAction, fixes, fixesOf } from "./problems";
 import type { Place, Position, Range, WorkspaceEdit } from "./protocol";
 import { rendered } from "./markdown";
-import { actions, diagnostics, drawing, message, selectedNode, selection, start, uri } from "./state";
+import { actions, diagnostics, keyAt, message, selectedNode, selection, start, uri } from "./state";
 import { texts } from "./texts";
 import { fileName } from "./toolbar";
 
@@ -386,13 +386,7 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
     });
 
     const selectAtCursor = () => {
-      const head = positionAt(view.state.doc, view.state.selection.main.head);
-      let best: string | null = null;
-      let from: Position | null = null;
-      for (const { key, place, end } of drawing.value?.nodes ?? []) {
-        if (place.uri !== shown || !isBefore(place.position, head) || !isBefore(head, end)) continue;
-        if (!from || isBefore(from, place.position) && !isEqual(from, place.position)) [best, from] = [key, place.position];
-      }
+      const best = keyAt(shown, positionAt(view.state.doc, view.state.selection.main.head));
       if (best && !selection.value.includes(best)) {
         keyOfCursor = best;
         selection.value = [best];
@@ -472,9 +466,6 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
     </section>
   );
 }
-
-const isBefore = (a: Position, b: Position) => a.line < b.line || (a.line === b.line && a.character <= b.character);
-const isEqual = (a: Position, b: Position) => a.line === b.line && a.character === b.character;
 
 function lastChange(changes: ChangeSet): number {
   let last = 0;
