@@ -161,7 +161,7 @@ class Run:
         self.settings = settings if isinstance(settings, GivenSettings) else GivenSettings(settings)
         self.run_settings = self.settings.of(RunSettings)
         self._end = RunEnd()
-        self.report = Report(lambda: self._end.reason)
+        self.report = Report(self._end)
         self.elapsed_s = 0.0
         self.wall_s = 0.0
         available = providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)
