@@ -6,7 +6,7 @@ from typing import Final
 _MODULES: Final = {
     "bags": ("rosbags",),
     "bench": ("matplotlib", "py_trees"),
-    "lsp": ("lsprotocol", "pygls"),
+    "lsp": ("lsprotocol", "pygls", "websockets"),
     "mcp": ("anyio", "mcp", "resvg_py"),
     "monitor": ("PIL", "flatbuffers", "msgpack", "rerun", "zmq"),
     "record": ("mcap", "zstandard"),

@@ -17,7 +17,11 @@ from typing import Any
 import pytest
 
 # The files conftest.py in these folders import what is missing. Test files elsewhere use pytest.importorskip.
-NEEDS = {"sim": "pybullet", "tools/btcore_studio/language": "pygls"}
+NEEDS = {
+    "sim": "pybullet",
+    "tools/btcore_studio/language": "pygls",
+    "tools/btcore_studio/pages": "websockets",
+}
 collect_ignore = [folder for folder, module in NEEDS.items() if importlib.util.find_spec(module) is None]
 
 if importlib.util.find_spec("hypothesis") is not None:

@@ -10,7 +10,7 @@ from pydantic import ConfigDict, Field, create_model
 from btcore.field_options import create_options
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.settings import RunSettings, Settings
-from btcore_studio.agents.served_folder import MAX_TREE_SIZE
+from btcore_studio.served_folder import MAX_TREE_SIZE
 
 MAX_EPISODES: Final = 60
 """The maximum number of episodes of a sweep."""

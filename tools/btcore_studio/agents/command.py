@@ -47,8 +47,8 @@ def mcp(folder: Path, plugins: Sequence[str], time_limit: float, log: Path | Non
     import anyio
 
     from btcore_studio.agents.command_process import CommandRunner
-    from btcore_studio.agents.served_folder import ServedFolder
     from btcore_studio.agents.server import serve_stdio
+    from btcore_studio.served_folder import ServedFolder
 
     with ExitStack() as opened:
         file = sys.stderr

@@ -21,7 +21,7 @@ from btcore.entry_points import LIMIT_VARIABLE
 from btcore.input_files import SIZE_VARIABLE
 from btcore.signals import NEW_PROCESS_GROUP
 from btcore_studio.agents import limited_command
-from btcore_studio.agents.served_folder import RefusedError, ServedFolder
+from btcore_studio.served_folder import RefusedError, ServedFolder
 
 MAX_OUTPUT: Final = 16_000_000
 """The maximum size of what a command prints (bytes)."""

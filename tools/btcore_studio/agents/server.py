@@ -28,8 +28,8 @@ from btcore.suggestions import did_you_mean
 from btcore_studio.agents.arguments import Arguments
 from btcore_studio.agents.command_process import CommandRunner
 from btcore_studio.agents.result_size import shorten_text
-from btcore_studio.agents.served_folder import TREES, RefusedError, ServedFolder
 from btcore_studio.agents.tools import Toolbox
+from btcore_studio.served_folder import TREES, RefusedError, ServedFolder
 
 MAX_MESSAGE: Final = 8_000_000
 """The maximum size of a message of the client (bytes)."""

@@ -29,19 +29,19 @@ from btcore_studio.agents.arguments import (
 )
 from btcore_studio.agents.command_process import CommandRunner, Finished
 from btcore_studio.agents.result_size import shorten_text, to_bounded_json
-from btcore_studio.agents.served_folder import (
+from btcore_studio.agents.summaries import (
+    answer_of,
+    counts_of,
+    ending_of,
+    palette_by_type,
+)
+from btcore_studio.served_folder import (
     LOGS,
     MAX_LOG_SIZE,
     MAX_TREE_SIZE,
     TREES,
     RefusedError,
     ServedFolder,
-)
-from btcore_studio.agents.summaries import (
-    answer_of,
-    counts_of,
-    ending_of,
-    palette_by_type,
 )
 
 KEPT_RUNS: Final = 20

@@ -187,6 +187,10 @@ class TreeServer(LanguageServer):
 
         self.feature(method)(handle)
 
+    async def close(self) -> None:
+        """End the background checks and their process."""
+        await self.checker.close()
+
     def _publish(self, file: DocumentKey, version: int | None, reports: list[Report]) -> None:
         uri = file if isinstance(file, str) else self.project.uri(file)
         diagnostics = [report.diagnostic() for report in reports]

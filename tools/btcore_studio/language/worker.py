@@ -255,8 +255,13 @@ class Worker:
         def text_of(file: str) -> str:
             if not file:
                 return str(request["text"])
-            text = self._texts.get(real_path(file))
-            return text if text is not None else read_file(file).decode("utf-8-sig", "replace")
+            text: str | None = self._texts.get(real_path(file))
+            if text is not None:
+                return text
+            try:
+                return read_file(file).decode("utf-8-sig", "replace")
+            except (OSError, ValueError):
+                return ""  # the missing file is what the diagnostic reports
 
         reports = check(lambda: self._parse(request), self._libraries.nodes_for, self._given, text_of)
         return {"reports": reports, "files": sorted(map(str, self._texts.read))}

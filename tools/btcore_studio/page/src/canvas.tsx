@@ -1,13 +1,243 @@
-import { useEffect, useRef } from "preact/hooks";
-import { drawing } from "./state";
+// The picture of the tree: it is scrolled, zoomed, searched, and edited by mouse, touch and keys.
 
-/** The picture of the tree. */
+import "./tree.css";
+import { useEffect, useRef } from "preact/hooks";
+import { followPointers } from "./drag";
+import { type Action, actionOf, isForPage, neighbour, type PageAction } from "./keyboard";
+import { durationOf, liveIndex, notes, toggleBreakpoint } from "./live";
+import { Help, Menu } from "./menu";
+import { copy, edit, openTree, paste, run } from "./operations";
+import { Quick } from "./quick";
+import { help, menu } from "./quick_state";
+import { drawing, live, selection, start, uri } from "./state";
+import { tree as texts } from "./tree_texts";
+import { draw, found, query, View, view } from "./view";
+
+const ZOOM_STEP = 1.25;
+
+/** The picture of the tree, and what opens above it. */
 export function Canvas() {
-  const frame = useRef<HTMLElement>(null);
+  const frame = useRef<HTMLDivElement>(null);
   useEffect(() => {
-    const template = document.createElement("template");
-    template.innerHTML = drawing.value?.svg ?? "";
-    frame.current?.replaceChildren(template.content);
-  }, [drawing.value]);
-  return <section class="canvas" aria-label="Drawing of the tree" ref={frame} />;
+    const shown = new View(frame.current!);
+    view.value = shown;
+    const ends = [followPointers(shown, (index, event) => click(shown, index, event)), followKeys(shown), showDurations(shown)];
+    return () => {
+      for (const end of ends) end();
+      shown.close();
+      view.value = null;
+    };
+  }, []);
+  const wheel = (event: WheelEvent) => {
+    if (!event.ctrlKey && !event.metaKey) return;
+    event.preventDefault();
+    view.value?.zoomTo(view.value.zoom * Math.exp(-event.deltaY / 300), event.clientX, event.clientY);
+  };
+  const contextMenu = (event: MouseEvent) => {
+    event.preventDefault();
+    const shown = view.value!;
+    const index = shown.nodeAt(event.target);
+    if (index >= 0 && !selection.value.includes(shown.structure.nodes[index]!.key)) shown.select([shown.structure.nodes[index]!.key]);
+    menu.value = { x: event.clientX, y: event.clientY };
+  };
+  const doubleClick = (event: MouseEvent) => {
+    const shown = view.value!;
+    const index = shown.nodeAt(event.target);
+    const node = shown.structure.nodes[index];
+    if (!node || (event.target as Element).closest(".fold, .adds")) return;
+    if (live.value?.connection && !start.value?.recording) void toggleBreakpoint(node.key);
+    else if (node.calls) openTree(node.calls);
+    else run("rename");
+  };
+  // Preact adds wheel listeners as passive ones in some browsers.
+  useEffect(() => {
+    const element = frame.current!;
+    element.addEventListener("wheel", wheel, { passive: false });
+    return () => element.removeEventListener("wheel", wheel);
+  }, []);
+  return (
+    <section class="canvas-pane" aria-label={texts.picture}>
+      <div
+        ref={frame} class={`canvas ${drawing.value?.broken ? "broken" : ""}`} role="tree" tabIndex={0}
+        aria-label={texts.treeLabel(drawing.value?.tree ?? "")} aria-multiselectable="true"
+        onContextMenu={contextMenu} onDblClick={doubleClick}
+      />
+      <EmptyTree />
+      <Controls />
+      <div class="canvas-notes" role="status">{notes.value.map((note) => <p key={note}>{note}</p>)}</div>
+      <Quick />
+      <Menu />
+      <Help />
+    </section>
+  );
 }
+
+/** What is shown in place of a tree without nodes. */
+function EmptyTree() {
+  const shown = drawing.value;
+  if (!shown || shown.nodes.length || start.value?.readOnly) return null;
+  if (!shown.trees.length) {
+    return (
+      <div class="empty-tree">
+        <p>{texts.noTree}</p>
+        <button class="primary" onClick={() => void edit({ kind: "add_tree", uri: uri.value, id: "Main" })}>{texts.createTree}</button>
+      </div>
+    );
+  }
+  return (
+    <div class="empty-tree">
+      <p>{texts.emptyTree}</p>
+      <button class="primary" onClick={() => run("insert")}>{texts.insertRoot}</button>
+    </div>
+  );
+}
+
+/** Search and zoom. */
+function Controls() {
+  const keys = found.value;
+  const at = keys.indexOf(selection.value.at(-1) ?? "");
+  const go = (step: number) => {
+    if (keys.length) view.value?.select([keys[(at + step + keys.length) % keys.length]!], true);
+  };
+  const searchKey = (event: KeyboardEvent) => {
+    if (event.key === "Enter") { event.preventDefault(); go(event.shiftKey ? -1 : 1); }
+    if (event.key === "Escape") { query.value = ""; view.value?.frame.focus(); }
+  };
+  const zoom = (factor: number) => view.value?.zoomTo(view.value.zoom * factor);
+  return (
+    <>
+      <div class="canvas-search">
+        <input
+          id="search" type="search" placeholder={`${texts.search}   /`} aria-label={texts.search} value={query.value}
+          onInput={(event) => { query.value = event.currentTarget.value; }} onKeyDown={searchKey}
+        />
+        <output>{query.value.trim() && (keys.length ? `${at + 1}/${keys.length}` : texts.noneFound)}</output>
+      </div>
+      <div class="canvas-controls" role="group" aria-label={texts.zoom}>
+        <button title={texts.zoomOut} aria-label={texts.zoomOut} onClick={() => zoom(1 / ZOOM_STEP)}>−</button>
+        <button title={texts.fitTitle} onClick={() => view.value?.fit()}>{texts.fit}</button>
+        <button title={texts.zoomIn} aria-label={texts.zoomIn} onClick={() => zoom(ZOOM_STEP)}>+</button>
+        <button title={texts.foldTitle} onClick={() => view.value?.foldSubtrees()}>{texts.fold}</button>
+        <button title={texts.unfoldTitle} onClick={() => view.value?.unfoldAll()}>{texts.unfold}</button>
+        <button title={texts.helpTitle} aria-label={texts.helpTitle} onClick={() => { help.value = true; }}>?</button>
+      </div>
+    </>
+  );
+}
+
+// --- clicks
+
+function click(shown: View, index: number, event: PointerEvent): void {
+  shown.frame.focus({ preventScroll: true });
+  const target = event.target as Element;
+  const node = shown.structure.nodes[index];
+  if (!node) {
+    if (!event.shiftKey && !event.ctrlKey) shown.select([]);
+    return;
+  }
+  if (target.closest(".adds")) run("insert");
+  else if (target.closest(".fold")) shown.toggleFold(index);
+  else if (event.ctrlKey || event.metaKey) {
+    const others = selection.value.filter((key) => key !== node.key);
+    shown.select(others.length < selection.value.length ? others : [...others, node.key]);
+  } else if (event.shiftKey) shown.select(between(shown, index));
+  else shown.select([node.key]);
+}
+
+/** Return the keys of the siblings from the cursor to a node; of the node alone, if they are not siblings. */
+function between(shown: View, index: number): string[] {
+  const { structure } = shown;
+  const from = structure.at(selection.value.at(-1) ?? "");
+  const siblings = structure.siblings(index);
+  const [start, end] = [siblings.indexOf(from), siblings.indexOf(index)];
+  if (start < 0) return [...new Set([...selection.value, structure.nodes[index]!.key])];
+  const row = siblings.slice(Math.min(start, end), Math.max(start, end) + 1);
+  return (start > end ? row.reverse() : row).map((other) => structure.nodes[other]!.key);
+}
+
+// --- keys
+
+/** Whether an event belongs to a field, also to the editor in its shadow root. */
+function isField(event: Event): boolean {
+  const target = event.composedPath()[0];
+  return target instanceof Element && target.closest("input, textarea, select, [contenteditable], dialog, [role=menu]") !== null;
+}
+
+function followKeys(shown: View): () => void {
+  const down = (event: KeyboardEvent) => {
+    if (isField(event) || event.defaultPrevented || event.isComposing) return;
+    const action = actionOf({ key: event.key, ctrl: event.ctrlKey || event.metaKey, shift: event.shiftKey, alt: event.altKey });
+    if (!action) return;
+    const target = event.target instanceof Element ? event.target : null;
+    const isHere = target === document.body || shown.frame.contains(target);
+    if (!isHere && !isForPage(action)) return;
+    // Text that is selected elsewhere is copied by the browser.
+    if ("operation" in action && action.operation === "copy" && getSelection()?.toString()) return;
+    event.preventDefault();
+    act(shown, action);
+  };
+  const pasted = (event: ClipboardEvent) => {
+    if (isField(event)) return;
+    event.preventDefault();
+    void paste(event.clipboardData?.getData("text/plain") ?? "");
+  };
+  addEventListener("keydown", down);
+  addEventListener("paste", pasted);
+  return () => {
+    removeEventListener("keydown", down);
+    removeEventListener("paste", pasted);
+  };
+}
+
+function act(shown: View, action: Action): void {
+  const { structure } = shown;
+  const cursor = structure.at(selection.value.at(-1) ?? "");
+  if ("operation" in action) {
+    if (action.operation === "copy") void copy();
+    else run(action.operation);
+  } else if ("select" in action) {
+    const next = neighbour(structure, cursor, action.select);
+    const node = structure.nodes[next];
+    if (!node) return;
+    if (!action.isExtending) shown.select([node.key], true);
+    else shown.select([...selection.value.filter((key) => key !== node.key), node.key], true);
+  } else {
+    const box = shown.boxes[cursor];
+    const place = box ? shown.screen(box) : shown.frame.getBoundingClientRect();
+    const page: Record<PageAction, () => unknown> = {
+      all: () => { selection.value = structure.nodes.map((node) => node.key); },
+      none: () => shown.select([]),
+      search: () => document.getElementById("search")?.focus(),
+      larger: () => shown.zoomTo(shown.zoom * ZOOM_STEP), smaller: () => shown.zoomTo(shown.zoom / ZOOM_STEP),
+      fit: () => shown.fit(), help: () => { help.value = true; },
+      menu: () => { menu.value = { x: place.left + 20, y: Math.min(place.bottom, innerHeight - 80) }; },
+      form: () => document.querySelector<HTMLElement>(".form input, .form textarea, .form select")?.focus(),
+    };
+    void page[action.page]();
+  }
+}
+
+// --- durations of running nodes
+
+function showDurations(shown: View): () => void {
+  const timer = setInterval(() => {
+    if (!live.value?.connection || start.value?.recording || document.hidden) return;
+    for (const [key] of liveIndex.peek()) {
+      const index = shown.structure.at(key);
+      const group = shown.group(index);
+      const box = shown.boxes[index];
+      if (!group || !box) continue;
+      const duration = durationOf(key);
+      let label = group.querySelector(":scope > .duration");
+      if (!duration || duration.seconds < 0.05) { label?.remove(); continue; }
+      if (!label) {
+        label = draw("text", { class: "duration", x: box.width, y: box.height + 12 });
+        group.append(label);
+      }
+      label.textContent = texts.seconds(duration.seconds);
+      label.classList.toggle("runs", duration.isRunning);
+    }
+  }, 200);
+  return () => clearInterval(timer);
+}
+

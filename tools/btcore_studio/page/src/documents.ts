@@ -317,12 +317,8 @@ export function changeSet(text: Text, edits: readonly TextEdit[]): ChangeSet {
 }
 
 // A position of the protocol is neither inside CR LF nor inside a surrogate pair.
-const isInside = (text: Text, offset: number): boolean => {
-  if (offset === 0 || offset === text.length) return false;
-  const [before, after] = text.sliceString(offset - 1, offset + 1);
-  return (before === "\r" && after === "\n") || isPair(`${before}${after}`);
-};
-const isPair = (text: string) => /^[\ud800-\udbff][\udc00-\udfff]$/.test(text);
+const isInside = (text: Text, offset: number): boolean =>
+  offset > 0 && /^(\r\n|[\ud800-\udbff][\udc00-\udfff])$/.test(text.sliceString(offset - 1, Math.min(offset + 1, text.length)));
 
 /** Return the edits of changes, all with positions in *before*, in the order of the text. */
 export function textEdits(before: Text, changes: ChangeSet): TextEdit[] {

@@ -1,31 +1,111 @@
-import { actions, drawing, files, tree, uri } from "./state";
+import { batch, effect, signal } from "@preact/signals";
+import { ask } from "./dialog";
+import { offsetAt, positionAt } from "./documents";
+import type { Home } from "./home";
+import type { TreeSummary } from "./protocol";
+import { actions, drawing, files, message, start, tree, uri } from "./state";
+import { rename } from "./text_pane";
 import { texts } from "./texts";
 
+const NEW_FILE = `<?xml version="1.0" encoding="UTF-8"?>
+<root BTCPP_format="4" main_tree_to_execute="MainTree">
+  <BehaviorTree ID="MainTree">
+  </BehaviorTree>
+</root>
+`;
+const MANY_FILES = 12;
+
+const show = (error: unknown) => { message.value = error instanceof Error ? error.message : String(error); };
+
+/** Show a document and its main tree. */
+export function openFile(address: string): void {
+  batch(() => {
+    tree.value = null;
+    uri.value = address;
+  });
+}
+
+function createFile(): void {
+  ask({
+    title: texts.newFile, label: texts.fileName, text: "tree.xml", choices: [texts.create],
+    answer: (_, name) => void actions.request<{ uri: string }>("btcore/create", { name, text: NEW_FILE })
+      .then((created) => openFile(created.uri), show),
+  });
+}
+
+function createTree(): void {
+  ask({
+    title: texts.newTree, label: texts.treeId, choices: [texts.create],
+    answer: (_, id) => void actions.edit({ kind: "add_tree", uri: uri.value, id }).then((result) => {
+      if (result) tree.value = id;
+    }),
+  });
+}
+
+function changeTree(home: Home, { id, place, isMain }: TreeSummary): void {
+  const choices = [texts.rename, ...(isMain ? [] : [texts.makeMain]), texts.remove];
+  ask({
+    title: texts.changeTree(id), choices,
+    answer: (choice) => {
+      if (choice === texts.makeMain) void actions.edit({ kind: "set_main_tree", uri: place.uri, id });
+      else if (choice === texts.remove) void actions.edit({ kind: "remove_tree", uri: place.uri, id });
+      else void renameTree(home, place).catch(show);
+    },
+  });
+}
+
+/** Rename a tree with its calls. The name is the value of the attribute ID. */
+async function renameTree(home: Home, place: TreeSummary["place"]): Promise<void> {
+  if (!home.documents) return;
+  await home.documents.load(place.uri);
+  const text = home.documents.text(place.uri);
+  const begin = offsetAt(text, place.position);
+  const found = /\sID\s*=\s*["']/.exec(text.sliceString(begin, begin + 1000));
+  if (found) await rename(place.uri, positionAt(text, begin + found.index + found[0].length));
+}
+
 /** The files of the folder, and the trees of the shown document. */
-export function Files() {
+export function Files({ home }: { home: Home }) {
   const trees = drawing.value?.trees ?? [];
+  const canChange = !(start.value?.readOnly ?? true);
+  const words = filter.value.toLowerCase();
   return (
-    <nav class="files" aria-label={texts.files}>
-      {files.value.length > 0 && <h2>{texts.files}</h2>}
+    <nav class="files" aria-label={texts.filesAndTrees}>
+      {home.documents && (
+        <>
+          <div class="row">
+            <h2>{texts.files}</h2>
+            {canChange && <button class="small" onClick={createFile} aria-label={texts.newFile} title={texts.newFile}>+</button>}
+          </div>
+          {files.value.length > MANY_FILES && (
+            <input type="search" placeholder={texts.filterFiles} aria-label={texts.filterFiles} value={filter.value}
+              onInput={(event) => { filter.value = event.currentTarget.value; }} />
+          )}
+          <ul>
+            {files.value.filter(({ name }) => name.toLowerCase().includes(words)).map((file) => (
+              <li key={file.uri}>
+                <button class="plain" aria-current={file.uri === uri.value ? "page" : undefined} onClick={() => openFile(file.uri)}>
+                  {file.name}{file.unsaved && <span class="dot" role="img" title={texts.unsaved} aria-label={texts.unsaved}> ●</span>}
+                </button>
+              </li>
+            ))}
+          </ul>
+        </>
+      )}
+      <div class="row">
+        <h2>{texts.trees}</h2>
+        {canChange && uri.value && <button class="small" onClick={createTree} aria-label={texts.newTree} title={texts.newTree}>+</button>}
+      </div>
       <ul>
-        {files.value.map((file) => (
-          <li key={file.uri}>
-            <button class="plain" aria-current={file.uri === uri.value ? "page" : undefined}
-              onClick={() => { tree.value = null; uri.value = file.uri; }}>
-              {file.name}{file.unsaved && <span class="dot" title={texts.unsaved} aria-label={texts.unsaved}> ●</span>}
+        {trees.map((item) => (
+          <li key={item.id} class="row">
+            <button class="plain" aria-current={item.id === drawing.value?.tree ? "true" : undefined} onClick={() => { tree.value = item.id; }}>
+              {item.id} {item.isMain && <span class="tag">{texts.mainTree}</span>}
+              <small>{item.callers.length ? texts.calledBy(item.callers) : item.isMain ? "" : texts.notCalled}</small>
             </button>
-          </li>
-        ))}
-      </ul>
-      <h2>{texts.trees}</h2>
-      <ul>
-        {trees.map(({ id, callers, isMain, place }) => (
-          <li key={id}>
-            <button class="plain" aria-current={id === drawing.value?.tree ? "true" : undefined}
-              onClick={() => { tree.value = id; }} onDblClick={() => actions.reveal(place)}>
-              {id} {isMain && <span class="tag">{texts.mainTree}</span>}
-              <small>{callers.length ? texts.calledBy(callers) : isMain ? "" : texts.notCalled}</small>
-            </button>
+            {canChange && item.id === drawing.value?.tree && item.place.uri === uri.value && (
+              <button class="small" onClick={() => changeTree(home, item)} aria-label={texts.changeTree(item.id)} title={texts.changeTree(item.id)}>…</button>
+            )}
           </li>
         ))}
       </ul>
@@ -33,24 +113,32 @@ export function Files() {
   );
 }
 
-/** The trees that lead from the main tree to the shown one. */
-export function Breadcrumbs() {
+const filter = signal("");
+
+/** The trees through which the user came to the shown tree. */
+const path = signal<readonly string[]>([]);
+
+effect(() => {
   const shown = drawing.value;
-  if (!shown) return null;
+  if (!shown) return;
   const byId = new Map(shown.trees.map((item) => [item.id, item]));
-  const path = [shown.tree];
-  for (let item = byId.get(shown.tree); item && !item.isMain && item.callers[0];) {
-    if (path.includes(item.callers[0])) break;
-    path.unshift(item.callers[0]);
-    item = byId.get(item.callers[0]);
-  }
-  if (path.length < 2) return null;
+  const before = path.peek();
+  const at = before.indexOf(shown.tree);
+  const item = byId.get(shown.tree);
+  const last = before.at(-1) ?? "";
+  if (at >= 0) path.value = before.slice(0, at + 1);
+  else if (item?.callers.includes(last)) path.value = [...before, shown.tree];
+  else path.value = item?.callers[0] && !item.isMain ? [item.callers[0], shown.tree] : [shown.tree];
+});
+
+export function Breadcrumbs() {
+  if (path.value.length < 2) return null;
   return (
     <nav class="breadcrumbs" aria-label={texts.breadcrumbs}>
       <ol>
-        {path.map((id) => (
+        {path.value.map((id) => (
           <li key={id}>
-            {id === shown.tree ? <span aria-current="page">{id}</span>
+            {id === path.value.at(-1) ? <span aria-current="page">{id}</span>
               : <button class="plain" onClick={() => { tree.value = id; }}>{id}</button>}
           </li>
         ))}

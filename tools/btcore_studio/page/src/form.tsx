@@ -1,3 +1,197 @@
+// The form of the selected node. A field is written when it is left, or with Enter.
+
+import { useSignal } from "@preact/signals";
+import type { ComponentChildren } from "preact";
+import { useEffect, useRef } from "preact/hooks";
+import { statuses, statusOf } from "./live";
+import { edit, openTree, run } from "./operations";
+import { Symbol } from "./palette";
+import type { Diagnostic, DrawnNode, Field, NodeForm, Position } from "./protocol";
+import { actions, diagnostics, drawing, live, palette, selectedNode, selectedNodes, start } from "./state";
+import { moment } from "./timeline";
+import { tree as texts } from "./tree_texts";
+import { view } from "./view";
+
+const SIGNS = { in: "→", out: "←", inout: "↔", "": "" };
+
 export function Form() {
-  return null;
+  const node = selectedNode.value;
+  const form = useSignal<{ key: string; form: NodeForm } | null>(null);
+  const place = node?.place;
+  // The attributes may have changed with each drawing.
+  useEffect(() => {
+    if (!node || !place) { form.value = null; return undefined; }
+    let isCurrent = true;
+    actions.request<NodeForm>("btcore/node", place).then(
+      (value) => { if (isCurrent) form.value = { key: node.key, form: value }; },
+      () => { if (isCurrent) form.value = null; });
+    return () => { isCurrent = false; };
+  }, [drawing.value, node?.key]);
+  if (!node) return <section class="form" aria-label={texts.node}><p class="hint">{texts.selectNode}</p></section>;
+  if (selectedNodes.value.length > 1) {
+    return <section class="form" aria-label={texts.node}><p class="hint">{texts.selectedNodes(selectedNodes.value.length)}</p></section>;
+  }
+  const shown = form.value?.key === node.key ? form.value.form : null;
+  return (
+    <section class="form" aria-label={texts.node}>
+      <Head node={node} />
+      {shown ? <Fields key={node.key} node={node} form={shown} /> : <Ports node={node} />}
+      <About text={shown?.about || drawing.value?.about[node.id] || ""} />
+    </section>
+  );
+}
+
+function Head({ node }: { node: DrawnNode }) {
+  const status = statusOf(node.key, live.value);
+  const item = palette.value.items.find((other) => other.id === node.id);
+  return (
+    <header>
+      <Symbol item={{ kind: node.kind, symbol: item?.symbol }} />
+      <div>
+        <h2>{node.name}{status !== null && <span class={`status s${status}`}>{statuses[status]}</span>}</h2>
+        <p>
+          {texts.kinds[node.kind]} · {node.calls ? `${node.id} ${node.calls}` : node.id}
+          {node.disabled && <span class="status">{texts.disabled}</span>}
+        </p>
+      </div>
+      <div class="form-buttons">
+        {node.calls && <button onClick={() => openTree(node.calls)} title={texts.operation.open}>{texts.openTree}</button>}
+        {!start.value?.readOnly && <button onClick={() => run("type")} title={texts.operation.type}>{texts.changeType}</button>}
+      </div>
+    </header>
+  );
+}
+
+/** The attributes as they are drawn, while there is no form. */
+function Ports({ node }: { node: DrawnNode }) {
+  return <dl class="ports">{node.ports.map(([name, text]) => <div key={name}><dt>{name}</dt><dd>{text}</dd></div>)}</dl>;
+}
+
+/** A docstring, which has code between backquotes. */
+function About({ text }: { text: string }) {
+  if (!text) return null;
+  return <p class="about">{text.split("`").map((part, index) => index % 2 ? <code key={index}>{part}</code> : part)}</p>;
+}
+
+function Fields({ node, form }: { node: DrawnNode; form: NodeForm }) {
+  const groups = Map.groupBy(form.fields, (field) => field.group);
+  const conditions = groups.get("condition") ?? [];
+  const written = conditions.filter((field) => field.text !== null);
+  const problems = problemsOf(node);
+  const line = (field: Field) => <FieldRow key={field.name} node={node} field={field} problems={problems} />;
+  const isCall = groups.has("subtree");
+  return (
+    <>
+      {groups.get("name")?.map(line)}
+      {isCall && (
+        <fieldset class="remapping">
+          <legend>{texts.remapping}</legend>
+          <div class="remapping-head" aria-hidden="true"><span>{texts.keyInside(node.calls)}</span><span>{texts.keyOutside}</span></div>
+          {groups.get("subtree")!.map(line)}
+        </fieldset>
+      )}
+      {groups.has("port") && <fieldset><legend>{texts.ports}</legend>{groups.get("port")!.map(line)}</fieldset>}
+      {conditions.length > 0 && (
+        <details class="conditions" open={written.length > 0}>
+          <summary>{texts.conditions}{written.length > 0 && <small>{written.length}</small>}</summary>
+          {conditions.map(line)}
+        </details>
+      )}
+      {groups.has("other") && <fieldset><legend>{texts.other}</legend>{groups.get("other")!.map(line)}</fieldset>}
+    </>
+  );
+}
+
+const isBefore = (a: Position, b: Position) => a.line < b.line || a.line === b.line && a.character <= b.character;
+
+/** The problems in a node, without those in the nodes below it. */
+function problemsOf(node: DrawnNode): Diagnostic[] {
+  const items = diagnostics.value.get(node.place.uri) ?? [];
+  const nodes = drawing.value?.nodes ?? [];
+  const isIn = (other: DrawnNode, { range }: Diagnostic) => other.place.uri === node.place.uri
+    && isBefore(other.place.position, range.start) && isBefore(range.start, other.end);
+  const inner = nodes.filter((other) => other.place.uri === node.place.uri && other.key !== node.key
+    && isBefore(node.place.position, other.place.position) && isBefore(other.end, node.end)
+    && (other.place.position.line !== node.place.position.line || other.place.position.character !== node.place.position.character));
+  return items.filter((item) => isIn(node, item) && !inner.some((other) => isIn(other, item)));
+}
+
+/** Whether a problem is about an attribute: messages have names in quotes or brackets. */
+const isAbout = ({ message }: Diagnostic, name: string) =>
+  [`'${name}'`, `[${name}]`, ` ${name}="`].some((quoted) => message.includes(quoted));
+
+function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; problems: Diagnostic[] }) {
+  const input = useRef<HTMLInputElement & HTMLTextAreaElement>(null);
+  const isFocused = useSignal(false);
+  /** What is in the field of a script. */
+  const typed = useSignal<string | null>(null);
+  const text = field.text ?? "";
+  // The text of the file comes into the field, unless it is being edited.
+  useEffect(() => {
+    const element = input.current;
+    if (element && (document.activeElement !== element || element.value === element.dataset.text)) element.value = text;
+    if (element) {
+      element.dataset.text = text;
+      typed.value = element.value;
+    }
+  }, [text]);
+  const id = `field-${field.name}`;
+  const own = problems.filter((problem) => isAbout(problem, field.name));
+  const commit = () => {
+    const value = input.current!.value;
+    if (value === text) return;
+    input.current!.dataset.text = value;
+    const isRemoved = value === "" && !field.isRequired;
+    void edit({ kind: "set", node: node.place, name: field.name, text: isRemoved ? null : value });
+  };
+  const key = (event: KeyboardEvent) => {
+    if (event.key === "Enter" && !(field.isScript && event.shiftKey)) {
+      event.preventDefault();
+      commit();
+    } else if (event.key === "Escape") {
+      input.current!.value = text;
+      typed.value = text;
+      view.value?.frame.focus({ preventScroll: true });
+      event.preventDefault();
+    } else if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "s") commit();
+  };
+  const leaf = moment.value?.leaves[node.key];
+  const [read, wrote] = [leaf?.inputs[field.name], leaf?.outputs[field.name]];
+  const describedBy = [field.about && `${id}-about`, own.length && `${id}-errors`].filter(Boolean).join(" ");
+  const common = {
+    ref: input, id, name: field.name, spellcheck: false, autocomplete: "off", readOnly: start.value?.readOnly ?? false,
+    placeholder: field.default ?? "", "aria-invalid": own.length > 0, "aria-required": field.isRequired,
+    "aria-describedby": describedBy || undefined, defaultValue: text, onBlur: () => { isFocused.value = false; commit(); },
+    onFocus: () => { isFocused.value = true; }, onKeyDown: key,
+  };
+  return (
+    <div class={`field ${own.length ? "invalid" : ""} ${field.text === null ? "unset" : ""}`}>
+      <label for={id}>
+        {field.direction && <i title={texts.directions[field.direction]}>{SIGNS[field.direction]}</i>}
+        <span>{field.name}</span>
+        {field.isRequired && <em title={texts.required}>*</em>}
+        {field.type && <small>{field.type}</small>}
+      </label>
+      {field.isScript
+        ? <Script text={typed.value ?? text}><textarea {...common} rows={1} onInput={(event) => { typed.value = event.currentTarget.value; }} /></Script>
+        : <input {...common} class={/^(\{|=$)/.test(text) ? "key" : ""} list={field.choices.length ? `${id}-choices` : undefined} />}
+      {field.choices.length > 0 && <datalist id={`${id}-choices`}>{field.choices.map((choice) => <option key={choice} value={choice} />)}</datalist>}
+      {read !== undefined && read !== text && <output class="value">= {read}</output>}
+      {wrote !== undefined && wrote !== read && <output class="value">→ {wrote}</output>}
+      {own.length > 0 && <p class="errors" id={`${id}-errors`}>{own.map((problem) => <span key={problem.message} class={problem.severity === 1 ? "error" : "warning"}>{problem.message}</span>)}</p>}
+      {field.about && <p class={`about ${isFocused.value ? "" : "folded"}`} id={`${id}-about`}>{field.about}</p>}
+    </div>
+  );
+}
+
+const TOKEN = /('[^']*'?|"[^"]*"?)|(\d[\w.]*)|\b(true|false|and|or|not)\b|([\p{L}_@][\p{L}\p{N}_.]*)|([^\s\w'"]+)|\s+|./gu;
+const TOKENS = ["string", "number", "word", "name", "sign"];
+
+/** A field of a script, whose colours are in a copy of its text below it. */
+function Script({ text, children }: { text: string; children: ComponentChildren }) {
+  const parts = [...text.matchAll(TOKEN)].map((found, index) => {
+    const kind = found.slice(1).findIndex((group) => group !== undefined);
+    return kind < 0 ? found[0] : <span key={index} class={`script-${TOKENS[kind]}`}>{found[0]}</span>;
+  });
+  return <div class="script"><pre aria-hidden="true">{parts}{"\n"}</pre>{children}</div>;
 }

@@ -1,9 +1,139 @@
+// The running tree: its address, its blackboard, its breakpoints, and durations.
+
+import { computed, effect, signal } from "@preact/signals";
+import { useEffect, useRef } from "preact/hooks";
+import type { Live } from "./protocol";
+import { actions, drawing, live, message, nodesByKey, start } from "./state";
+import { tree as texts } from "./tree_texts";
+
+export const statuses = ["IDLE", "RUNNING", "SUCCESS", "FAILURE", "SKIPPED"];
+const MAX_ENTRIES = 500;
+const DEFAULT_ADDRESS = "tcp://127.0.0.1:1667";
+
+const keys = signal<readonly string[]>([]);
+/** The index of each node of the running tree in the digits of its state, by key. */
+export const liveIndex = computed(() => new Map(keys.value.map((key, index) => [key, index] as const)));
+effect(() => {
+  const state = live.value;
+  if (state?.keys) keys.value = state.keys;
+  else if (state && !state.connection) keys.value = [];
+});
+
+/** Return the status of a node, or null if it is not in the running tree. */
+export function statusOf(key: string, state: Live | null): number | null {
+  const index = liveIndex.value.get(key);
+  return index === undefined || !state?.connection ? null : Number(state.statuses[index]);
+}
+
+// --- durations: since when each node is running, as this page has seen it
+
+const runningSince = new Map<string, number>();
+const lastDurations = new Map<string, number>();
+let before = "";
+let knownKeys: readonly string[] = [];
+effect(() => {
+  const state = live.value;
+  const now = performance.now();
+  if (!state?.connection || keys.value !== knownKeys) {
+    runningSince.clear();
+    lastDurations.clear();
+    before = "";
+    knownKeys = keys.value;
+  }
+  if (!state?.connection) return;
+  for (const [key, index] of liveIndex.peek()) {
+    const [old, status] = [before[index] ?? "0", state.statuses[index]];
+    if (old === status) continue;
+    if (status === "1") runningSince.set(key, now);
+    else if (old === "1") {
+      lastDurations.set(key, now - (runningSince.get(key) ?? now));
+      runningSince.delete(key);
+    }
+  }
+  before = state.statuses;
+});
+
+/** Return for how long a node runs, or ran last, in s; null if it did not run since the page was connected. */
+export function durationOf(key: string): { seconds: number; isRunning: boolean } | null {
+  const since = runningSince.get(key);
+  if (since !== undefined) return { seconds: (performance.now() - since) / 1000, isRunning: true };
+  const last = lastDurations.get(key);
+  return last === undefined ? null : { seconds: last / 1000, isRunning: false };
+}
+
+// --- breakpoints
+
+export async function toggleBreakpoint(key: string): Promise<void> {
+  const wanted = new Set(live.value?.wanted ?? []);
+  if (!wanted.delete(key)) wanted.add(key);
+  await send("btcore/breakpoints", { keys: [...wanted] });
+}
+
+const send = (method: string, params: unknown) =>
+  actions.request(method, params).catch((error: Error) => { message.value = error.message; });
+
+/** What the user should know about the running tree or the recording. */
+export const notes = computed(() => {
+  const state = live.value;
+  const { recording } = start.value ?? {};
+  const found = (recording?.warnings ?? []).map(texts.recordingLacks);
+  if (state?.problem) found.push(state.problem);
+  if (state?.connection && state.connection !== "connected" && state.detail) found.push(state.detail);
+  if (state?.connection && drawing.value && !recording) {
+    const missing = keys.value.filter((key) => !nodesByKey.value.has(key)).length;
+    if (missing) found.push(texts.missingNodes(missing));
+  }
+  return found;
+});
+
 /** The address of the running tree, in the toolbar. */
 export function LiveControls() {
-  return null;
+  const field = useRef<HTMLInputElement>(null);
+  const state = live.value;
+  const address = state?.address ?? "";
+  useEffect(() => {
+    if (field.current && address && document.activeElement !== field.current) field.current.value = address;
+  }, [address]);
+  if (!start.value?.live || start.value.recording) return null;
+  const toggle = (event: Event) => {
+    event.preventDefault();
+    void send("btcore/watch", { address: address ? "" : field.current!.value.trim() || DEFAULT_ADDRESS });
+  };
+  return (
+    <form class="live-controls" onSubmit={toggle}>
+      <span class={`light ${state?.connection ?? ""}`} title={state?.detail || texts.notConnected} />
+      <input ref={field} placeholder={DEFAULT_ADDRESS} aria-label={texts.address} />
+      <button title={texts.watchTitle}>{address ? texts.disconnect : texts.connect}</button>
+      {state?.stopped && (
+        <button type="button" class="continue" onClick={() => void send("btcore/release", {})}>{texts.continue}</button>
+      )}
+    </form>
+  );
 }
+
+const shownValues = new Map<string, string>();
 
 /** The entries of the running tree's blackboard. */
 export function Blackboard() {
-  return null;
+  const state = live.value;
+  if (!state?.connection || !state.entries.length) return null;
+  if (shownValues.size > 10 * MAX_ENTRIES) shownValues.clear();
+  const rows = [];
+  let scope = "";
+  for (const [path, key, value] of state.entries.slice(0, MAX_ENTRIES)) {
+    if (path !== scope) {
+      scope = path;
+      rows.push(<tr key={`${path}\0`} class="scope"><th colSpan={2} scope="rowgroup">{path}</th></tr>);
+    }
+    const place = `${path}\0${key}`;
+    const isNew = shownValues.has(place) && shownValues.get(place) !== value;
+    shownValues.set(place, value);
+    rows.push(<tr key={place} class={isNew ? "new" : ""}><th scope="row">{key}</th><td>{value}</td></tr>);
+  }
+  return (
+    <section class="blackboard">
+      <h2>{texts.blackboard}</h2>
+      <table><tbody>{rows}</tbody></table>
+    </section>
+  );
 }

@@ -4,6 +4,7 @@ import "../studio.css";
 import { effect, signal, untracked } from "@preact/signals";
 import { render } from "preact";
 import { Canvas } from "./canvas";
+import { Dialog } from "./dialog";
 import { Mark } from "./documents";
 import { Breadcrumbs, Files } from "./files";
 import { Form } from "./form";
@@ -11,17 +12,18 @@ import type { Done } from "./history";
 import { BrowserHome, findHome, isConnected } from "./home";
 import { Blackboard, LiveControls } from "./live";
 import { Palette } from "./palette";
-import { type CodeAction, Problems } from "./problems";
+import { checked, type CodeAction, followProblems, Problems } from "./problems";
 import type {
   Command, Diagnostic, DiskConflict, Drawing, EditResult, Live, Palette as PaletteData, Place, SharedFile,
 } from "./protocol";
 import {
   actions, diagnostics, drawing, files, folded, live, message, palette, selection, start, tree, uri,
 } from "./state";
+import { Splitter } from "./splitter";
 import { revealText, TextPane } from "./text_pane";
 import { texts } from "./texts";
 import { Timeline } from "./timeline";
-import { fileName, Toolbar } from "./toolbar";
+import { fileName, hiddenPanes, Toolbar } from "./toolbar";
 
 const TYPING_WAIT_MS = 60;
 const PALETTE_WAIT_MS = 1000;
@@ -94,10 +96,10 @@ function inOrder<T>(run: () => Promise<T>): Promise<T> {
 }
 
 /** Return the command with its places in the present text; null if an element is gone. */
-function present(command: Command): Command | null {
+function present(command: Command, since: Mark): Command | null {
   let isGone = false;
   const move = (place: Place): Place => {
-    const position = home.documents ? home.documents.position(place.uri, place.position, sinceDrawing) : place.position;
+    const position = home.documents ? home.documents.position(place.uri, place.position, since) : place.position;
     if (!position) isGone = true;
     return { uri: place.uri, position: position ?? place.position };
   };
@@ -109,23 +111,25 @@ function present(command: Command): Command | null {
 }
 
 function edit(command: Command): Promise<EditResult | null> {
+  // The places are those of the present drawing, which earlier commands may replace.
+  const [since, versions] = [sinceDrawing, drawing.value?.versions];
   return inOrder(async () => {
     if (start.value?.readOnly) {
       message.value = texts.readOnly;
       return null;
     }
-    const moved = present(command);
+    const moved = present(command, since);
     if (!moved) {
       message.value = texts.gone;
       return null;
     }
     try {
       const mark = home.mark();
-      const result = await actions.request<EditResult>("btcore/edit", { command: moved });
+      const result = await actions.request<EditResult>("btcore/edit", { command: moved, ...(versions && { versions }) });
       toSelect = result.select;
       await home.apply(result.edit, mark);
       message.value = result.notes.join(" ");
-      await redraw();
+      await (running ?? redraw()); // a changed text is being drawn already
       return result;
     } catch (error) {
       message.value = reason(error);
@@ -152,7 +156,7 @@ async function move(step: () => Promise<Done | null>, nothing: string): Promise<
     message.value = "";
     const [first] = done.uris;
     if (first && !done.uris.includes(uri.value)) revealText({ uri: first, position: { line: 0, character: 0 } }, false);
-    await redraw();
+    await (running ?? redraw()); // a changed text is being drawn already
     selection.value = done.selection;
   });
 }
@@ -180,6 +184,7 @@ Object.assign(actions, {
 // --- what the server notifies
 
 home.connection.on<{ uri: string; diagnostics: Diagnostic[] }>("textDocument/publishDiagnostics", (params) => {
+  if (!checked.value.has(params.uri)) checked.value = new Set([...checked.value, params.uri]);
   const all = new Map(diagnostics.value);
   if (params.diagnostics.length) all.set(params.uri, params.diagnostics);
   else all.delete(params.uri);
@@ -231,6 +236,7 @@ home.onChange((_, origin) => {
 
 /** How often the text of the field was undone by the browser, and can be repeated. */
 const undone = new WeakMap<EventTarget, number>();
+/** The text before the user changed it. A field of the form has the file's text in `data-text`. */
 const before = new WeakMap<EventTarget, string>();
 type TextField = HTMLInputElement | HTMLTextAreaElement;
 const isTextField = (target: EventTarget | undefined): target is TextField =>
@@ -250,22 +256,30 @@ addEventListener("input", (event) => {
   undone.set(target, steps ? (undone.get(target) ?? 0) + steps : 0);
 });
 
-addEventListener("keydown", (event) => {
-  if (event.defaultPrevented || event.altKey || !(event.ctrlKey || event.metaKey)) return;
+/** Handle the keys of the page. Returns whether a key is the page's, or that of one of its fields. */
+function handleKey(event: KeyboardEvent): boolean {
+  if (event.defaultPrevented) return true;
+  if (event.altKey || !(event.ctrlKey || event.metaKey)) return false;
   const key = event.key.toLowerCase();
   const isUndo = key === "z" && !event.shiftKey;
   const isRedo = key === "y" || (key === "z" && event.shiftKey);
   const target = event.composedPath()[0];
   if (isTextField(target)) {
     // In a field: first its own text, then the file.
-    if (isUndo && target.value !== before.get(target)) return;
-    if (isRedo && (undone.get(target) ?? 0) > 0) return;
+    if (isUndo && target.value !== (target.dataset.text ?? before.get(target))) return true;
+    if (isRedo && (undone.get(target) ?? 0) > 0) return true;
   }
   if (isUndo) void actions.undo();
   else if (isRedo) void actions.redo();
   else if (key === "s" && !event.shiftKey) void actions.save();
-  else return;
+  else return false;
   event.preventDefault();
+  return true;
+}
+
+// VS Code listens at the window. It would undo the file on Ctrl+Z in a field, too (its issue 227849).
+document.addEventListener("keydown", (event) => {
+  if (handleKey(event) && !home.documents) event.stopPropagation();
 });
 addEventListener("beforeunload", (event) => {
   if (!isConnected.value && home.documents) event.preventDefault();
@@ -299,19 +313,24 @@ function Page() {
         <LiveControls />
       </header>
       <Notices />
-      <div class={`panes ${home.documents ? "" : "editor"}`}>
+      <div class={["panes", home.documents ? "" : "editor", ...[...hiddenPanes.value].map((name) => `no-${name}`)].join(" ")}>
         <aside class="left" aria-label={texts.palette}>
-          <Files />
+          <Files home={home} />
           <Palette />
+          <Splitter name="left" label={texts.sizes.left} axis="x" direction={1} initial={230} min={140} />
         </aside>
         <main id="picture" tabIndex={-1}>
           <Breadcrumbs />
           <Canvas />
           <Timeline />
+          <Splitter name="right" label={texts.sizes.right} axis="x" direction={-1} initial={400} min={200} />
         </main>
         <aside class="right" aria-label={texts.node}>
-          <Form />
-          <Blackboard />
+          <div class="scrolled">
+            <Form />
+            <Blackboard />
+          </div>
+          <Splitter name="form" label={texts.sizes.form} axis="y" direction={1} initial={340} min={80} />
         </aside>
         {home instanceof BrowserHome && <TextPane home={home} apply={apply} />}
       </div>
@@ -319,6 +338,7 @@ function Page() {
         {home.documents && <Problems apply={apply} />}
         <p class="message" role="status">{message.value}</p>
       </footer>
+      <Dialog />
     </>
   );
 }
@@ -341,10 +361,12 @@ effect(() => {
   if (uri.value) waitForPalette(0);
 });
 effect(() => {
-  if (uri.value || tree.value || folded.value) untracked(() => void redraw());
+  const shown = [uri.value, tree.value, folded.value];
+  untracked(() => void (shown[0] && redraw()));
 });
 // The language server reads files of the disk; it gets the texts that others have changed.
 effect(() => {
   for (const file of files.value) if (file.unsaved) void home.documents?.load(file.uri).catch(() => {});
 });
+if (home.documents) followProblems(home);
 void begin();

@@ -1,3 +1,98 @@
+// All nodes that can be inserted.
+
+import { useSignal } from "@preact/signals";
+import { pressItem } from "./drag";
+import { search } from "./fuzzy";
+import { lastUsed, noteUse } from "./last_used";
+import { addAtCursor, wheres } from "./operations";
+import type { PaletteItem } from "./protocol";
+import { message, palette, start } from "./state";
+import { tree as texts } from "./tree_texts";
+import { view } from "./view";
+
+const KINDS: readonly PaletteItem["kind"][] = ["control", "decorator", "condition", "action", "subtree", "undefined"];
+
+/** The badge of a node type. */
+export function Symbol({ item }: { item: Pick<PaletteItem, "kind" | "symbol"> }) {
+  return (
+    <svg class={`symbol kind-${item.kind}`} viewBox="-11 -11 22 22" aria-hidden="true">
+      <circle r="11" /><path d={item.symbol ?? ""} />
+    </svg>
+  );
+}
+
+/** A text with its matching letters in bold. */
+export function Highlighted({ text, at }: { text: string; at: readonly number[] }) {
+  if (!at.length) return <b>{text}</b>;
+  const letters = new Set(at);
+  return <b class="matches">{[...text].map((letter, index) => letters.has(index) ? <mark key={index}>{letter}</mark> : letter)}</b>;
+}
+
+/** Insert a node at the cursor, in the first place that is possible. */
+function insert(item: PaletteItem): void {
+  const where = wheres(item.kind)[0];
+  if (start.value?.readOnly) message.value = texts.refusal.readOnly;
+  else if (!where) message.value = texts.refusal.noPlace;
+  else {
+    noteUse(item.id);
+    void addAtCursor(item.id, where);
+  }
+}
+
+/** The palette: drag an item into the picture, or insert it at the selected node by a click or Enter. */
 export function Palette() {
-  return null;
+  const words = useSignal("");
+  const about = useSignal("");
+  const items = palette.value.items.toSorted((a, b) => KINDS.indexOf(a.kind) - KINDS.indexOf(b.kind) || a.id.localeCompare(b.id));
+  const byId = new Map(items.map((item) => [item.id, item]));
+  const matches = search(words.value, items, (item) => item.id);
+  const recent = words.value ? [] : lastUsed.value.flatMap((id) => byId.get(id) ?? []);
+  const groups: [string, { item: PaletteItem; at: number[] }[]][] = words.value
+    ? [[texts.results(matches.length), matches]]
+    : [...Map.groupBy(matches, ({ item }) => item.group)];
+  const itemAt = (event: Event) => byId.get((event.target as Element).closest<HTMLElement>("[data-id]")?.dataset.id ?? "");
+  const press = (event: PointerEvent) => {
+    const item = itemAt(event);
+    // The picture gets the keys.
+    if (item) pressItem(item.id, event, () => { view.value?.frame.focus({ preventScroll: true }); insert(item); });
+  };
+  // A press with the mouse is handled by its pointer; Enter and screen readers click without a pointer.
+  const click = (event: MouseEvent) => {
+    const item = itemAt(event);
+    if (item && event.detail === 0) insert(item);
+  };
+  const arrows = (event: KeyboardEvent) => {
+    const step = { ArrowDown: 1, ArrowUp: -1 }[event.key];
+    if (!step) return;
+    const stops = [...(event.currentTarget as Element).querySelectorAll<HTMLElement>("input, [data-id]")].filter((stop) => stop.offsetParent);
+    const at = stops.indexOf(document.activeElement as HTMLElement);
+    stops[at + step]?.focus();
+    event.preventDefault();
+  };
+  const button = (item: PaletteItem, at: readonly number[]) => (
+    <button
+      key={item.id} class="palette-item" data-id={item.id} title={item.about} aria-describedby="palette-about"
+      onFocus={() => { about.value = item.about; }} onPointerEnter={() => { about.value = item.about; }}
+    >
+      <Symbol item={item} /><Highlighted text={item.id} at={at} />
+    </button>
+  );
+  return (
+    <section class="palette" aria-label={texts.palette} onKeyDown={arrows}>
+      <input
+        type="search" placeholder={texts.searchPalette} aria-label={texts.searchPalette} value={words.value} spellcheck={false}
+        onInput={(event) => { words.value = event.currentTarget.value; }}
+        onKeyDown={(event) => { if (event.key === "Enter" && matches[0]) insert(matches[0].item); }}
+      />
+      <div class="palette-items" onPointerDown={press} onClick={click} onDragStart={(event) => event.preventDefault()}>
+        {recent.length > 0 && (
+          <details open><summary>{texts.lastUsed}</summary>{recent.map((item) => button(item, []))}</details>
+        )}
+        {groups.map(([group, found]) => (
+          <details key={group} open><summary>{group}</summary>{found.map(({ item, at }) => button(item, at))}</details>
+        ))}
+      </div>
+      <p id="palette-about" class="about">{about.value || texts.paletteHint}</p>
+    </section>
+  );
 }

@@ -2,7 +2,7 @@
 
 import {
   autocompletion, closeBrackets, closeBracketsKeymap, type Completion, type CompletionContext, completionKeymap,
-  type CompletionResult, snippet, startCompletion,
+  type CompletionResult, snippet,
 } from "@codemirror/autocomplete";
 import { defaultKeymap, indentWithTab } from "@codemirror/commands";
 import { xml } from "@codemirror/lang-xml";
@@ -12,8 +12,8 @@ import {
 import { type Action, type Diagnostic as Mark, lintGutter, lintKeymap, setDiagnostics } from "@codemirror/lint";
 import { highlightSelectionMatches, search, searchKeymap } from "@codemirror/search";
 import {
-  Annotation, ChangeSet, Compartment, EditorSelection, EditorState, type Extension, Prec, RangeSetBuilder,
-  StateEffect, StateField, Transaction,
+  Annotation, type ChangeSet, type ChangeSpec, Compartment, EditorSelection, EditorState, type Extension, Prec, RangeSetBuilder,
+  StateEffect, StateField, type Text, Transaction, type TransactionSpec,
 } from "@codemirror/state";
 import {
   Decoration, type DecorationSet, drawSelection, EditorView, highlightActiveLine, highlightActiveLineGutter,
@@ -22,12 +22,13 @@ import {
 import { tags } from "@lezer/highlight";
 import { effect, signal, untracked } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { type Change, offsetAt, positionAt, rangeAt } from "./documents";
+import { type Change, offsetAt, positionAt } from "./documents";
 import type { BrowserHome } from "./home";
-import type { CodeAction } from "./problems";
-import { codeActions } from "./problems";
+import { ask } from "./dialog";
+import { type CodeAction, fixes, fixesOf } from "./problems";
 import type { Place, Position, Range, WorkspaceEdit } from "./protocol";
-import { actions, diagnostics, drawing, message, selectedNode, selection, start, uri } from "./state";
+import { rendered } from "./markdown";
+import { actions, diagnostics, keyAt, message, selectedNode, selection, start, uri } from "./state";
 import { texts } from "./texts";
 import { fileName } from "./toolbar";
 
@@ -41,6 +42,11 @@ export function revealText(place: Place, focus = true): void {
   shownUri.value = place.uri;
   wantedPlace.value = { ...place, focus };
 }
+
+/** Applies a change of several files; set by the pane. */
+const applyAction = signal<((action: CodeAction) => void) | null>(null);
+
+const openPlace = (address: string, line: number) => revealText({ uri: address, position: { line, character: 0 } });
 
 const COLOUR_WAIT_MS = 120;
 const HOVER_WAIT_MS = 350;
@@ -88,7 +94,7 @@ async function complete(context: CompletionContext): Promise<CompletionResult | 
       apply: item.insertTextFormat === 2 ? snippet(text.replace(/\$(\d+)/g, "$${$1}").replace(/\$\{(\d+)\|([^,|}]*)[^}]*\}/g, "$${$1:$2}")) : text,
     };
     if (item.detail) completion.detail = item.detail;
-    if (about) completion.info = about;
+    if (about) completion.info = () => rendered(about, openPlace);
     const type = COMPLETION_TYPES[item.kind ?? 0];
     if (type) completion.type = type;
     return completion;
@@ -105,10 +111,8 @@ const hover = hoverTooltip(async (view, pos) => {
   }).catch(() => null);
   if (!found?.contents.value) return null;
   const from = found.range ? offsetAt(view.state.doc, found.range.start) : pos;
-  const dom = document.createElement("div");
-  dom.className = "about";
-  dom.textContent = found.contents.value;
-  return { pos: Math.min(from, pos), above: true, create: () => ({ dom }) };
+  const { value } = found.contents;
+  return { pos: Math.min(from, pos), above: true, create: () => ({ dom: rendered(value, openPlace) }) };
 }, { hoverTime: HOVER_WAIT_MS });
 
 // --- colours of scripts and keys
@@ -175,15 +179,29 @@ const hideReturns = ViewPlugin.fromClass(class {
   provide: (plugin) => EditorView.atomicRanges.of((view) => view.plugin(plugin)?.decorations ?? Decoration.none),
 });
 
-/** New lines end as the first line of the document does. */
-const addReturns = EditorState.transactionFilter.of((transaction) => {
-  if (!transaction.docChanged || transaction.annotation(external)) return transaction;
-  if (!transaction.startState.doc.line(1).text.endsWith("\r")) return transaction;
-  const changes: { from: number; insert: string }[] = [];
-  transaction.changes.iterChanges((_from, _to, start, _end, inserted) => {
-    for (const { index } of inserted.toString().matchAll(/(?<!\r)\n/g)) changes.push({ from: start + index, insert: "\r" });
-  });
-  return changes.length ? [transaction, { changes, sequential: true }] : transaction;
+const isInBreak = (text: Text, offset: number) => offset > 0 && text.sliceString(offset - 1, Math.min(offset + 1, text.length)) === "\r\n";
+
+/** The user's edits change whole line breaks, and write those of the first line. */
+const wholeBreaks = EditorState.transactionFilter.of((transaction) => {
+  const { startState: { doc }, newDoc } = transaction;
+  if (transaction.annotation(external)) return transaction;
+  const specs: TransactionSpec[] = [transaction];
+  if (transaction.docChanged) {
+    const hasReturns = doc.line(1).text.endsWith("\r");
+    const changes: ChangeSpec[] = [];
+    transaction.changes.iterChanges((from, to, start, end, inserted) => {
+      if (from < to && isInBreak(doc, from)) changes.push({ from: start - 1, to: start });
+      for (const { index } of hasReturns ? inserted.toString().matchAll(/(?<!\r)\n/g) : []) changes.push({ from: start + index, insert: "\r" });
+      // The command of Enter replaces the white space after the cursor, and so the CR.
+      if (from < to && isInBreak(doc, to)) changes.push(inserted.length ? { from: end, insert: "\r" } : { from: end, to: end + 1 });
+    });
+    if (changes.length) specs.push({ changes, sequential: true });
+  } else if (transaction.selection?.ranges.some(({ anchor, head }) => isInBreak(newDoc, anchor) || isInBreak(newDoc, head))) {
+    const before = (offset: number) => (isInBreak(newDoc, offset) ? offset - 1 : offset);
+    const ranges = transaction.selection.ranges.map(({ anchor, head }) => EditorSelection.range(before(anchor), before(head)));
+    specs.push({ selection: EditorSelection.create(ranges, transaction.selection.mainIndex), sequential: true });
+  }
+  return specs;
 });
 
 // --- commands
@@ -202,16 +220,37 @@ function goToDefinition(view: EditorView): boolean {
 
 const show = (error: unknown) => { message.value = error instanceof Error ? error.message : String(error); };
 
-/** What is being renamed; null without a dialog. */
-export const renaming = signal<{ uri: string; position: Position; name: string } | null>(null);
+/** Ask for the new name of what is at a position, and rename it in all files. */
+export async function rename(address: string, position: Position): Promise<void> {
+  const place = { textDocument: { uri: address }, position };
+  const found = await actions.request<{ placeholder?: string } | null>("textDocument/prepareRename", place);
+  if (!found) {
+    message.value = texts.nothingToRename;
+    return;
+  }
+  ask({
+    title: texts.rename, label: texts.renameTo, text: found.placeholder ?? "", choices: [texts.rename],
+    answer: (_, newName) => void actions.request<WorkspaceEdit | null>("textDocument/rename", { ...place, newName })
+      .then((edit) => { if (edit) applyAction.value?.({ title: texts.rename, edit }); }, show),
+  });
+}
 
 function startRename(view: EditorView): boolean {
-  const position = positionAt(view.state.doc, view.state.selection.main.head);
-  type Prepared = { placeholder?: string; range?: Range };
-  void actions.request<Prepared | null>("textDocument/prepareRename", { ...textDocument(), position }).then((found) => {
-    if (found) renaming.value = { uri: shownUri.value, position, name: found.placeholder ?? "" };
-    else message.value = texts.nothingToRename;
-  }, show);
+  void rename(shownUri.value, positionAt(view.state.doc, view.state.selection.main.head)).catch(show);
+  return true;
+}
+
+/** Offer the fixes of the problems in the line of the cursor. */
+function offerFixes(view: EditorView): boolean {
+  const { line } = positionAt(view.state.doc, view.state.selection.main.head);
+  const items = (diagnostics.value.get(shownUri.value) ?? []).filter(({ range }) => range.start.line <= line && line <= range.end.line);
+  const found = new Map(items.flatMap((item) => fixesOf(shownUri.value, item)).map((fix) => [fix.title, fix]));
+  if (found.size) {
+    ask({
+      title: texts.fixes, choices: [...found.keys()],
+      answer: (title) => { const fix = found.get(title); if (fix) applyAction.value?.(fix); },
+    });
+  } else message.value = texts.noFixes;
   return true;
 }
 
@@ -240,7 +279,12 @@ const look = EditorView.theme({
   "&.cm-focused .cm-matchingBracket": { backgroundColor: "var(--mark)" },
   ".cm-tooltip, .cm-panels": { backgroundColor: "var(--panel)", color: "var(--text)", border: "1px solid var(--line)", borderRadius: "6px" },
   ".cm-panels": { borderRadius: "0" },
-  ".cm-tooltip .about, .cm-completionInfo": { padding: "6px 10px", maxWidth: "46ch", whiteSpace: "pre-wrap", overflowWrap: "anywhere" },
+  ".cm-tooltip .about, .cm-completionInfo": { padding: "6px 10px", maxWidth: "52ch", overflowWrap: "anywhere" },
+  ".about p": { margin: "0 0 6px" },
+  ".about ul": { margin: "0 0 6px", paddingLeft: "18px" },
+  ".about td": { padding: "1px 10px 1px 0", verticalAlign: "top" },
+  ".about code": { fontFamily: "var(--mono)" },
+  ".about a": { color: "var(--accent)" },
   ".cm-tooltip-autocomplete > ul > li[aria-selected]": { backgroundColor: "var(--accent)", color: "var(--on-accent)" },
   ".cm-completionDetail": { fontStyle: "normal", opacity: "0.8" },
   ".cm-textfield, .cm-button": {
@@ -267,7 +311,7 @@ const extensions = (home: BrowserHome): Extension => [
   EditorState.allowMultipleSelections.of(true), rectangularSelection(), indentOnInput(), bracketMatching(), closeBrackets(),
   highlightActiveLine(), highlightActiveLineGutter(), highlightSelectionMatches(), search({ top: true }),
   autocompletion({ override: [complete], activateOnTyping: true, interactionDelay: 40 }),
-  xml(), syntaxHighlighting(highlight), look, hover, colours, colourer, hideReturns, addReturns,
+  Prec.low(colours), xml(), syntaxHighlighting(highlight), look, hover, colourer, hideReturns, wholeBreaks,
   isFixed.of([]),
   Prec.highest(EditorView.domEventHandlers({
     beforeinput: (event) => {
@@ -295,30 +339,22 @@ const extensions = (home: BrowserHome): Extension => [
   keymap.of([
     { key: "F12", run: goToDefinition },
     { key: "F2", run: startRename },
-    { key: "Mod-.", run: (view) => { view.dispatch({}); return startCompletion(view); } },
+    { key: "Mod-.", run: offerFixes },
     ...closeBracketsKeymap, ...completionKeymap, ...searchKeymap, ...foldKeymap, ...lintKeymap, ...defaultKeymap, indentWithTab,
   ]),
 ];
 
 // --- problems
 
-async function marks(state: EditorState, address: string, apply: (action: CodeAction) => void): Promise<Mark[]> {
-  const items = diagnostics.value.get(address) ?? [];
-  let fixes: CodeAction[] = [];
-  if (items.length && !start.value?.readOnly) {
-    fixes = await codeActions(address, rangeAt(state.doc, 0, state.doc.length)).catch(() => []);
-  }
-  return items.map((item): Mark => {
+const marks = (state: EditorState, address: string, apply: (action: CodeAction) => void): Mark[] =>
+  (diagnostics.value.get(address) ?? []).map((item): Mark => {
     const from = offsetAt(state.doc, item.range.start);
-    const to = Math.max(from, offsetAt(state.doc, item.range.end));
-    const own = fixes.filter((fix) => fix.edit && fix.diagnostics?.some((other) => other.code === item.code && other.message === item.message
-      && other.range.start.line === item.range.start.line && other.range.start.character === item.range.start.character));
     return {
-      from, to, severity: SEVERITIES[item.severity ?? 1] ?? "error", message: item.message, source: String(item.code ?? ""),
-      actions: own.map((fix): Action => ({ name: fix.title, apply: () => apply(fix) })),
+      from, to: Math.max(from, offsetAt(state.doc, item.range.end)), severity: SEVERITIES[item.severity ?? 1] ?? "error",
+      message: item.message, source: String(item.code ?? ""),
+      actions: fixesOf(address, item).map((fix): Action => ({ name: fix.title, apply: () => apply(fix) })),
     };
   });
-}
 
 // --- the pane
 
@@ -330,6 +366,7 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
     if (!place) return;
     // In a shadow root CodeMirror adopts its style sheets, so that the page needs no inline styles.
     const root = place.shadowRoot ?? place.attachShadow({ mode: "open", delegatesFocus: true });
+    applyAction.value = apply;
     const states = new Map<string, EditorState>();
     let shown = "";
     let keyOfCursor: string | null = null;
@@ -349,13 +386,7 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
     });
 
     const selectAtCursor = () => {
-      const head = positionAt(view.state.doc, view.state.selection.main.head);
-      let best: string | null = null;
-      let from: Position | null = null;
-      for (const { key, place, end } of drawing.value?.nodes ?? []) {
-        if (place.uri !== shown || !isBefore(place.position, head) || !isBefore(head, end)) continue;
-        if (!from || isBefore(from, place.position) && !isEqual(from, place.position)) [best, from] = [key, place.position];
-      }
+      const best = keyAt(shown, positionAt(view.state.doc, view.state.selection.main.head));
       if (best && !selection.value.includes(best)) {
         keyOfCursor = best;
         selection.value = [best];
@@ -370,7 +401,7 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
       const doc = home.documents.text(address);
       view.setState(known?.doc.eq(doc) ? known : EditorState.create({
         doc, selection: known ? EditorSelection.cursor(Math.min(known.selection.main.head, doc.length)) : EditorSelection.cursor(0),
-        extensions: [extensions(home), EditorView.contentAttributes.of({ "aria-label": label, spellcheck: "false" })],
+        extensions: [extensions(home), EditorView.contentAttributes.of({ "aria-label": label, "aria-description": texts.leaveEditor, tabindex: "0", spellcheck: "false" })],
       }));
       view.dispatch({ effects: isFixed.reconfigure(start.value?.readOnly ? [EditorState.readOnly.of(true)] : []) });
       showMarks();
@@ -385,10 +416,7 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
     };
 
     const showMarks = () => {
-      const { state } = view;
-      void marks(state, shown, apply).then((found) => {
-        if (view.state.doc === state.doc) view.dispatch(setDiagnostics(view.state, found));
-      });
+      view.dispatch(setDiagnostics(view.state, marks(view.state, shown, apply)));
     };
 
     home.documents.listen(({ uri: address, changes, origin }: Change) => {
@@ -423,7 +451,7 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
         });
       }),
       effect(() => {
-        if (diagnostics.value) untracked(() => { if (shown) showMarks(); });
+        if (diagnostics.value && fixes.value) untracked(() => { if (shown) showMarks(); });
       }),
     ];
     return () => {
@@ -435,48 +463,12 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
     <section class="text" aria-label={texts.text}>
       <h2>{fileName(shownUri.value) || texts.text}</h2>
       <div class="editor" ref={frame} />
-      <RenameDialog apply={apply} />
     </section>
   );
 }
-
-const isBefore = (a: Position, b: Position) => a.line < b.line || (a.line === b.line && a.character <= b.character);
-const isEqual = (a: Position, b: Position) => a.line === b.line && a.character === b.character;
 
 function lastChange(changes: ChangeSet): number {
   let last = 0;
   changes.iterChangedRanges((_from, _to, _start, end) => { last = end; });
   return last;
-}
-
-function RenameDialog({ apply }: { apply: (action: CodeAction) => void }) {
-  const dialog = useRef<HTMLDialogElement>(null);
-  const wanted = renaming.value;
-  useEffect(() => {
-    if (wanted && !dialog.current?.open) dialog.current?.showModal();
-  }, [wanted]);
-  if (!wanted) return null;
-  const close = () => { renaming.value = null; };
-  const rename = async (event: SubmitEvent) => {
-    event.preventDefault();
-    const newName = String(new FormData(event.target as HTMLFormElement).get("name"));
-    close();
-    try {
-      const edit = await actions.request<WorkspaceEdit | null>("textDocument/rename", {
-        textDocument: { uri: wanted.uri }, position: wanted.position, newName,
-      });
-      if (edit) apply({ title: texts.rename, edit });
-    } catch (error) {
-      show(error);
-    }
-  };
-  return (
-    <dialog ref={dialog} onClose={close} aria-label={texts.rename}>
-      <form onSubmit={rename}>
-        <label>{texts.renameTo} <input name="name" defaultValue={wanted.name} autofocus /></label>
-        <button type="submit">{texts.rename}</button>
-        <button type="button" onClick={close}>{texts.cancel}</button>
-      </form>
-    </dialog>
-  );
 }

@@ -1,3 +1,82 @@
+// The moments of a recording.
+
+import { effect, signal, untracked } from "@preact/signals";
+import { useMemo } from "preact/hooks";
+import { statuses } from "./live";
+import type { Moment, Recording } from "./protocol";
+import { actions, live, message, start } from "./state";
+import { tree as texts } from "./tree_texts";
+
+export const moment = signal<Moment | null>(null);
+const position = signal(0);
+let isMoving = false;
+
+effect(() => {
+  const recording = start.value?.recording;
+  // Otherwise each new position would lead back to the start.
+  if (recording) untracked(() => void goTo(recording, recording.start));
+});
+
+/** Show the moment after a number of steps. While the slider moves, the newest position counts. */
+async function goTo(recording: Recording, wanted: number): Promise<void> {
+  position.value = Math.max(0, Math.min(recording.count, wanted));
+  if (isMoving) return;
+  isMoving = true;
+  try {
+    for (let shown = -1; shown !== position.value;) {
+      const next = position.value;
+      const data = await actions.request<Moment>("btcore/moment", { position: next });
+      show(recording, data);
+      // A part that is shown for the first time is run in several replies.
+      if (data.position === next || data.problem) shown = next;
+    }
+  } catch (error) {
+    message.value = (error as Error).message;
+  } finally {
+    isMoving = false;
+  }
+}
+
+function show(recording: Recording, data: Moment): void {
+  moment.value = data;
+  live.value = {
+    address: "", connection: "connected", detail: "", problem: data.problem && texts.notReplayed(data.problem),
+    statuses: data.statuses, results: data.results, entries: data.entries, wanted: [], breakpoints: [], stopped: "",
+    keys: recording.keys,
+  };
+}
+
 export function Timeline() {
-  return null;
+  const recording = start.value?.recording;
+  const runs = useMemo(() => [...(recording?.colours ?? "").matchAll(/(.)\1*/g)], [recording]);
+  if (!recording) return null;
+  const at = moment.value;
+  const name = !at ? "" : at.tick ? texts.tick(at.tick) : at.position ? texts.halt : texts.beginning;
+  const time = at ? texts.seconds(at.time) : "";
+  const step = (by: number) => void goTo(recording, position.value + by);
+  return (
+    <section class="timeline" aria-label={texts.timeline}>
+      <div class="group">
+        <button title={texts.back} aria-label={texts.back} disabled={position.value === 0} onClick={() => step(-1)}>◀</button>
+        <button title={texts.forth} aria-label={texts.forth} disabled={position.value === recording.count} onClick={() => step(1)}>▶</button>
+      </div>
+      <div class="track">
+        <input
+          type="range" min={0} max={recording.count} value={position.value} aria-label={texts.moment}
+          aria-valuetext={at ? `${name}, ${time}, ${statuses[at.root]}` : ""}
+          onInput={(event) => void goTo(recording, Number(event.currentTarget.value))}
+        />
+        <svg viewBox={`0 0 ${Math.max(1, recording.count)} 1`} preserveAspectRatio="none" aria-hidden="true">
+          {runs.map((run) => (
+            <rect key={run.index} class={`s${run[0][0]}`} x={run.index * recording.width} width={run[0].length * recording.width} height={1} />
+          ))}
+        </svg>
+      </div>
+      <output>
+        <b>{name}</b> · {time}
+        {at && at.position !== position.value && !at.problem && <small> {texts.runningTo(position.value)}</small>}
+        {at && at.tick > 0 && <span class={`status s${at.root}`}>{statuses[at.root]}</span>}
+      </output>
+    </section>
+  );
 }

@@ -35,6 +35,20 @@ effect(() => {
   store(STORED, chosen);
 });
 
+/** The panes that the user has hidden. */
+export type Pane = "left" | "right" | "text";
+const PANES: readonly Pane[] = ["left", "right", "text"];
+const HIDDEN = "btcore-studio-hidden";
+export const hiddenPanes = signal<ReadonlySet<Pane>>(
+  new Set(PANES.filter((name) => (stored(HIDDEN) ?? "").split(" ").includes(name))));
+
+function togglePane(name: Pane): void {
+  const hidden = new Set(hiddenPanes.value);
+  if (!hidden.delete(name)) hidden.add(name);
+  hiddenPanes.value = hidden;
+  store(HIDDEN, [...hidden].join(" "));
+}
+
 export const fileName = (address: string): string => decodeURIComponent(address.split("/").at(-1) ?? address);
 
 async function exportDrawing(home: Home, format: "svg" | "png"): Promise<void> {
@@ -80,7 +94,9 @@ export function Toolbar({ home }: { home: Home }) {
         {isUnsaved && <span class="tag">{texts.unsaved}</span>}
       </div>
       <div class="group">
-        <button onClick={() => actions.save()} disabled={isFixed || !isUnsaved} title={`${texts.save} (Ctrl+S)`}>{texts.save}</button>
+        {home.documents && (
+          <button onClick={() => actions.save()} disabled={isFixed || !isUnsaved} title={`${texts.save} (Ctrl+S)`}>{texts.save}</button>
+        )}
         <button onClick={() => actions.undo()} disabled={!canUndo.value} title={`${texts.undo} (Ctrl+Z)`}>{texts.undo}</button>
         <button onClick={() => actions.redo()} disabled={!canRedo.value} title={`${texts.redo} (Ctrl+Shift+Z)`}>{texts.redo}</button>
       </div>
@@ -91,6 +107,11 @@ export function Toolbar({ home }: { home: Home }) {
       <div class="group" role="group" aria-label={texts.export}>
         <button onClick={() => exportDrawing(home, "svg")} title={texts.exportAs("SVG")}>{texts.exportSvg}</button>
         <button onClick={() => exportDrawing(home, "png")} title={texts.exportAs("PNG")}>{texts.exportPng}</button>
+      </div>
+      <div class="group" role="group" aria-label={texts.panes}>
+        {PANES.filter((name) => home.documents || name !== "text").map((name) => (
+          <button key={name} aria-pressed={!hiddenPanes.value.has(name)} onClick={() => togglePane(name)}>{texts.paneNames[name]}</button>
+        ))}
       </div>
       {home.documents && (
         <select aria-label={texts.theme} value={theme.value}

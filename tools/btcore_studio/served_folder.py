@@ -1,4 +1,4 @@
-"""The folder whose files an agent may name."""
+"""The folder whose files an agent or a page of the studio may name."""
 
 import os
 import re
@@ -27,11 +27,11 @@ _CONTROL: Final = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029\ud800-\udfff]")
 
 
 class RefusedError(BtcoreError):
-    """Raised for a request of an agent that is not permitted or not possible."""
+    """Raised for a request that is not permitted or not possible; the message is for the client."""
 
 
 class ServedFolder:
-    """A folder whose files an agent may read.
+    """A folder whose files a client may name.
 
     Args:
         root: The folder.
@@ -72,6 +72,28 @@ class ServedFolder:
             raise RefusedError(
                 f"'{name}' is refused: it has {state.st_size:,} bytes; at most {max_size:,} are permitted"
             )
+        return path
+
+    def find_new(self, name: str, suffixes: Sequence[str]) -> Path:
+        """Return the real path of a file that is to be created in an existing folder.
+
+        Args:
+            name: The path, relative to the folder.
+            suffixes: The permitted suffixes.
+
+        Raises:
+            RefusedError: The path is absolute, leads out of the folder, is hidden, or has another suffix; or
+                the file exists; or its folder does not.
+        """
+        path = self._inside(name)
+        if not path.name.lower().endswith(tuple(suffixes)):
+            raise RefusedError(f"'{name}' is refused: the name must end with {' or '.join(suffixes)}")
+        if any(part.startswith(".") for part in path.relative_to(self.root).parts):
+            raise RefusedError(f"'{name}' is refused: it is hidden")
+        if not path.parent.is_dir():
+            raise RefusedError(f"'{name}' can't be created: there is no folder '{Path(name).parent}'")
+        if os.path.lexists(path):
+            raise RefusedError(f"'{name}' can't be created: it exists")
         return path
 
     def find_tree(self, name: str) -> Path:

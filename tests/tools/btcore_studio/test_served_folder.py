@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from btcore_studio.agents.result_size import MAX_RESULT, to_bounded_json
-from btcore_studio.agents.served_folder import LOGS, MAX_LISTED, TREES, RefusedError, ServedFolder
+from btcore_studio.served_folder import LOGS, MAX_LISTED, TREES, RefusedError, ServedFolder
 
 
 @pytest.fixture

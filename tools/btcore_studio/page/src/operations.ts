@@ -1,0 +1,348 @@
+// What can be done with the selected nodes: the same list for keys, the menu and the help.
+
+import type { Command, DrawnNode, EditResult, Place } from "./protocol";
+import { toggleBreakpoint } from "./live";
+import { actions, drawing, live, message, selection, start, tree as shownTree } from "./state";
+import { prompt, quick } from "./quick_state";
+import { placeOfTree, type Structure } from "./tree";
+import { tree as texts } from "./tree_texts";
+import { view } from "./view";
+
+export type OperationId =
+  | "insert" | "wrap" | "unwrap" | "type" | "rename" | "toggle" | "duplicate" | "copy" | "cut" | "paste" | "remove"
+  | "earlier" | "later" | "out" | "in" | "extract" | "inline" | "open" | "text" | "fold" | "breakpoint";
+
+export interface Operation {
+  id: OperationId;
+  label: () => string;
+  /** The keys as they are shown. */
+  keys: string;
+  group: "edit" | "clipboard" | "move" | "tree" | "view";
+  /** Return why the operation is not possible, or "". */
+  refusal: () => string;
+  run: () => unknown;
+}
+
+// --- the selection
+
+const structure = (): Structure | undefined => view.value?.structure;
+
+/** The selected nodes without those below others, in the order of the tree. */
+export function chosen(): number[] {
+  const found = structure();
+  return found ? found.roots(selection.value.map((key) => found.at(key)).filter((index) => index >= 0)) : [];
+}
+
+const node = (index: number): DrawnNode => structure()!.nodes[index]!;
+const places = (indices: readonly number[]): Place[] => indices.map((index) => node(index).place);
+export const edit = (command: Command): Promise<EditResult | null> => actions.edit(command);
+
+const refusals = {
+  readOnly: () => start.value?.readOnly ? texts.refusal.readOnly : "",
+  some: () => refusals.readOnly() || (chosen().length ? "" : texts.refusal.noSelection),
+  single: () => refusals.some() || (chosen().length > 1 ? texts.refusal.several : ""),
+  format: () => drawing.value?.format === 3 ? texts.refusal.format3 : "",
+};
+
+/** Return why the nodes cannot be a row of siblings, or "". */
+function notConsecutive(nodes: readonly number[]): string {
+  const found = structure()!;
+  const parent = found.parent(nodes[0]!);
+  const isRow = nodes.every((index, position) =>
+    found.parent(index) === parent && found.positions[index] === found.positions[nodes[0]!]! + position);
+  return isRow ? "" : texts.refusal.notConsecutive;
+}
+
+/** Return why the parents of the nodes cannot have *count* more children each, or "". */
+function isFull(nodes: readonly number[]): string {
+  const found = structure()!;
+  for (const index of nodes) {
+    if (found.isRoot(index)) return texts.refusal.oneRoot;
+    const parent = found.parent(index);
+    const more = nodes.filter((other) => found.parent(other) === parent).length;
+    if (!found.canTake(parent, more)) return texts.refusal.full(node(parent));
+  }
+  return "";
+}
+
+// --- places for new nodes
+
+export type Where = "child" | "after" | "before" | "around";
+
+/** Return where a new node can be in relation to the cursor, the best place first. */
+export function wheres(kind?: DrawnNode["kind"]): Where[] {
+  const found = structure();
+  const index = cursor();
+  if (!found || index < 0) return ["child"];
+  const result: Where[] = [];
+  if (found.canTake(index, 1)) result.push("child");
+  if (!found.isRoot(index) && found.canTake(found.parent(index), 1)) result.push("after", "before");
+  if (kind === undefined || kind === "control" || kind === "decorator") result.push("around");
+  return result;
+}
+
+export function cursor(): number {
+  const found = structure();
+  return found?.at(selection.value.at(-1) ?? "") ?? -1;
+}
+
+/** Add a node of a type at the cursor. */
+export function addAtCursor(id: string, where: Where): Promise<EditResult | null> | undefined {
+  const at = target(where);
+  if (!at) return undefined;
+  if (where === "around" && cursor() >= 0) return edit({ kind: "wrap", nodes: places(chosen()), id });
+  return edit({ kind: "add", ...at, id });
+}
+
+const last = (parent: number) => ({ parent: node(parent).place, index: structure()!.children[parent]!.length });
+
+/** Return the parent and the index of a new node at the cursor. */
+function target(where: Where): { parent: Place; index: number } | null {
+  const found = structure();
+  const index = cursor();
+  if (!drawing.value || !found) return null;
+  if (index < 0) {
+    if (!found.nodes.length) {
+      const parent = placeOfTree(drawing.value);
+      return parent && { parent, index: 0 };
+    }
+    return last(0);
+  }
+  if (where === "child") return last(index);
+  const parent = found.parent(index);
+  if (parent < 0) return last(index);
+  return { parent: node(parent).place, index: found.positions[index]! - (where === "before" ? 1 : 0) };
+}
+
+// --- the clipboard
+
+let copied = "";
+
+/** Return the XML of the selected nodes. */
+async function copiedXml(): Promise<string> {
+  const { xml } = await actions.request<{ xml: string }>("btcore/copy", { nodes: places(chosen()) });
+  return xml;
+}
+
+export async function copy(): Promise<void> {
+  const promise = copiedXml();
+  try {
+    copied = await promise;
+    await navigator.clipboard.writeText(copied);
+    message.value = texts.copied(chosen().length);
+  } catch (error) {
+    message.value = copied ? texts.clipboardRefused : (error as Error).message;
+  }
+}
+
+async function cut(): Promise<void> {
+  const nodes = places(chosen());
+  await copy();
+  await edit({ kind: "remove", nodes });
+}
+
+/** Paste XML at the cursor; without a text, that of the clipboard. */
+export async function paste(xml?: string): Promise<void> {
+  let text = xml;
+  if (text === undefined) {
+    try { text = await navigator.clipboard.readText(); } catch { text = copied; }
+  }
+  text = text?.trim();
+  if (!text) { message.value = texts.nothingToPaste; return; }
+  const where = wheres("action")[0];
+  const at = where && target(where);
+  if (!at) { message.value = texts.refusal.noPlace; return; }
+  await edit({ kind: "paste", ...at, xml: text });
+}
+
+// --- movement
+
+type Direction = "earlier" | "later" | "out" | "in";
+
+/** Return where a movement of the nodes leads, or the reason why it is not possible. */
+function movement(direction: Direction): { parent: number; index: number } | string {
+  const found = structure()!;
+  const nodes = chosen();
+  const first = nodes[0]!;
+  const reason = notConsecutive(nodes);
+  if (reason) return reason;
+  if (found.isRoot(first)) return texts.refusal.root;
+  const parent = found.parent(first);
+  const siblings = found.siblings(first);
+  const [before, after] = [siblings[found.positions[first]! - 2], siblings[found.positions[nodes.at(-1)!]!]];
+  if (direction === "earlier") {
+    return before === undefined ? texts.refusal.first : { parent, index: found.positions[before]! - 1 };
+  }
+  if (direction === "later") return after === undefined ? texts.refusal.last : { parent, index: found.positions[after]! };
+  if (direction === "out") {
+    if (found.isRoot(parent)) return texts.refusal.top;
+    const outer = found.parent(parent);
+    if (!found.canTake(outer, nodes.length)) return texts.refusal.full(node(outer));
+    return { parent: outer, index: found.positions[parent]! };
+  }
+  // Into the sibling before, as its last child, or into the sibling after, as its first child.
+  if (before !== undefined && found.canTake(before, nodes.length)) {
+    return { parent: before, index: found.children[before]!.length };
+  }
+  if (after !== undefined && found.canTake(after, nodes.length)) return { parent: after, index: 0 };
+  return texts.refusal.noParent;
+}
+
+function move(direction: Direction): unknown {
+  const place = movement(direction);
+  if (typeof place === "string") { message.value = place; return undefined; }
+  return edit({ kind: "move", nodes: places(chosen()), parent: node(place.parent).place, index: place.index });
+}
+
+function moving(id: Direction, keys: string): Operation {
+  return {
+    id, keys, group: "move", label: () => texts.operation[id],
+    refusal: () => {
+      const reason = refusals.some();
+      if (reason) return reason;
+      const place = movement(id);
+      return typeof place === "string" ? place : "";
+    },
+    run: () => move(id),
+  };
+}
+
+// --- the list
+
+const allDisabled = () => chosen().length > 0 && chosen().every((index) => node(index).disabled);
+
+export const operations: readonly Operation[] = [
+  {
+    id: "insert", keys: "I", group: "edit", label: () => texts.operation.insert,
+    refusal: () => refusals.readOnly() || (wheres().length ? "" : texts.refusal.noPlace),
+    run: () => { quick.value = { mode: "insert" }; },
+  },
+  {
+    id: "wrap", keys: "W", group: "edit", label: () => texts.operation.wrap,
+    refusal: () => refusals.some() || notConsecutive(chosen()),
+    run: () => { quick.value = { mode: "wrap" }; },
+  },
+  {
+    id: "unwrap", keys: "U", group: "edit", label: () => texts.operation.unwrap,
+    refusal: () => {
+      const reason = refusals.single();
+      if (reason) return reason;
+      const found = structure()!;
+      const index = chosen()[0]!;
+      if (node(index).calls) return texts.refusal.callUnwrap;
+      if (node(index).leaf) return texts.refusal.noChildren;
+      const count = found.children[index]!.length;
+      if (found.isRoot(index)) return count > 1 ? texts.refusal.oneRoot : "";
+      const parent = found.parent(index);
+      return found.canTake(parent, count, [index]) ? "" : texts.refusal.full(node(parent));
+    },
+    run: () => edit({ kind: "unwrap", node: node(chosen()[0]!).place }),
+  },
+  {
+    id: "type", keys: "T", group: "edit", label: () => texts.operation.type,
+    refusal: refusals.single,
+    run: () => { quick.value = { mode: "type" }; },
+  },
+  {
+    id: "rename", keys: "F2", group: "edit", label: () => texts.operation.rename,
+    refusal: refusals.single,
+    run: () => {
+      const { place, name, id } = node(chosen()[0]!);
+      prompt.value = {
+        label: texts.nodeName, value: name === id ? "" : name,
+        accept: (text) => edit({ kind: "set", node: place, name: "name", text: text || null }),
+      };
+    },
+  },
+  {
+    id: "toggle", keys: "E", group: "edit", label: () => allDisabled() ? texts.operation.enable : texts.operation.disable,
+    refusal: () => refusals.some() || refusals.format(),
+    run: () => {
+      const isEnabling = allDisabled();
+      const nodes = chosen().filter((index) => node(index).disabled === isEnabling);
+      return edit({ kind: isEnabling ? "enable" : "disable", nodes: places(nodes) });
+    },
+  },
+  {
+    id: "duplicate", keys: "Ctrl+D", group: "edit", label: () => texts.operation.duplicate,
+    refusal: () => refusals.some() || isFull(chosen()),
+    run: () => edit({ kind: "duplicate", nodes: places(chosen()) }),
+  },
+  {
+    id: "remove", keys: "Delete", group: "edit", label: () => texts.operation.remove,
+    refusal: refusals.some,
+    run: () => edit({ kind: "remove", nodes: places(chosen()) }),
+  },
+  {
+    id: "cut", keys: "Ctrl+X", group: "clipboard", label: () => texts.operation.cut,
+    refusal: refusals.some, run: cut,
+  },
+  {
+    id: "copy", keys: "Ctrl+C", group: "clipboard", label: () => texts.operation.copy,
+    refusal: () => chosen().length ? "" : texts.refusal.noSelection, run: copy,
+  },
+  {
+    id: "paste", keys: "Ctrl+V", group: "clipboard", label: () => texts.operation.paste,
+    refusal: () => refusals.readOnly() || (wheres("action").length ? "" : texts.refusal.noPlace),
+    run: () => paste(),
+  },
+  moving("earlier", "Alt+←"),
+  moving("later", "Alt+→"),
+  moving("out", "Alt+↑"),
+  moving("in", "Alt+↓"),
+  {
+    id: "extract", keys: "X", group: "tree", label: () => texts.operation.extract,
+    refusal: refusals.single,
+    run: () => {
+      const { place } = node(chosen()[0]!);
+      prompt.value = {
+        label: texts.treeId, value: "",
+        accept: (text) => text ? edit({ kind: "extract", node: place, id: text }) : undefined,
+      };
+    },
+  },
+  {
+    id: "inline", keys: "Shift+X", group: "tree", label: () => texts.operation.inline,
+    refusal: () => refusals.single() || (node(chosen()[0]!).calls ? "" : texts.refusal.noCall),
+    run: () => edit({ kind: "inline", node: node(chosen()[0]!).place }),
+  },
+  {
+    id: "open", keys: "O", group: "tree", label: () => texts.operation.open,
+    refusal: () => cursor() >= 0 && node(cursor()).calls ? "" : texts.refusal.noCall,
+    run: () => openTree(node(cursor()).calls),
+  },
+  {
+    id: "text", keys: "Ctrl+Enter", group: "view", label: () => texts.operation.text,
+    refusal: () => cursor() >= 0 ? "" : texts.refusal.noSelection,
+    run: () => actions.reveal(node(cursor()).place),
+  },
+  {
+    id: "fold", keys: "Space", group: "view",
+    label: () => cursor() >= 0 && node(cursor()).hidden ? texts.operation.unfold : texts.operation.fold,
+    refusal: () => cursor() >= 0 && !node(cursor()).leaf ? "" : texts.refusal.noChildren,
+    run: () => view.value?.toggleFold(cursor()),
+  },
+  {
+    id: "breakpoint", keys: "B", group: "view",
+    label: () => cursor() >= 0 && live.value?.wanted.includes(node(cursor()).key)
+      ? texts.operation.noBreakpoint : texts.operation.breakpoint,
+    refusal: () => !start.value?.live ? texts.refusal.notLive : cursor() >= 0 ? "" : texts.refusal.noSelection,
+    run: () => toggleBreakpoint(node(cursor()).key),
+  },
+];
+
+const byId = new Map(operations.map((operation) => [operation.id, operation]));
+
+/** Show a tree alone. */
+export function openTree(id: string): void {
+  shownTree.value = id;
+  selection.value = [];
+}
+
+/** Run an operation, or show why it is not possible. */
+export function run(id: OperationId): void {
+  const operation = byId.get(id)!;
+  const reason = operation.refusal();
+  if (reason) message.value = reason;
+  else void operation.run();
+}

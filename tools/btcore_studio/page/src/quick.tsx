@@ -1,0 +1,154 @@
+// The popups at the selected node: a list of node types, searched by a few letters, and a field for a name.
+
+import { useSignal } from "@preact/signals";
+import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
+import { canWrap } from "./drag";
+import { search } from "./fuzzy";
+import { lastUsed, noteUse } from "./last_used";
+import { addAtCursor, chosen, edit, type Where, wheres } from "./operations";
+import { Highlighted, Symbol } from "./palette";
+import type { NodeForm, PaletteItem } from "./protocol";
+import { prompt, quick } from "./quick_state";
+import { actions, palette, selectedNode } from "./state";
+import { tree as texts } from "./tree_texts";
+import { view } from "./view";
+
+const MAX_SHOWN = 60;
+
+export function Quick() {
+  const isAsking = prompt.value !== null;
+  const mode = quick.value?.mode;
+  if (isAsking) return <Prompt />;
+  return mode ? <Chooser key={mode} mode={mode} /> : null;
+}
+
+/** Return the place below the cursor's card, within the window. */
+function usePlace(): { ref: { current: HTMLDivElement | null } } {
+  const ref = useRef<HTMLDivElement>(null);
+  useLayoutEffect(() => {
+    const element = ref.current;
+    const shown = view.value;
+    if (!element || !shown) return;
+    const box = shown.boxes[shown.structure.at(selectedNode.value?.key ?? "")];
+    const frame = shown.frame.getBoundingClientRect();
+    const card = box ? shown.screen(box) : new DOMRect(frame.left + frame.width / 2 - 150, frame.top + frame.height / 4, 300, 0);
+    const { width, height } = element.getBoundingClientRect();
+    const below = card.bottom + 8 + height <= innerHeight - 8;
+    const left = Math.max(8, Math.min(card.left, innerWidth - width - 8));
+    const top = below ? card.bottom + 8 : Math.max(8, Math.min(card.top - 8 - height, innerHeight - height - 8));
+    element.style.left = `${left}px`;
+    element.style.top = `${top}px`;
+  }, []);
+  return { ref };
+}
+
+function close(): void {
+  quick.value = null;
+  prompt.value = null;
+  view.value?.frame.focus({ preventScroll: true });
+}
+
+function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
+  const { ref } = usePlace();
+  const words = useSignal("");
+  const at = useSignal(0);
+  const where = useSignal<Where | null>(null);
+  const types = useSignal<ReadonlySet<string> | null>(null);
+  useLayoutEffect(() => ref.current?.querySelector("input")?.focus(), []);
+  useEffect(() => {
+    const place = selectedNode.value?.place;
+    if (mode !== "type" || !place) return;
+    actions.request<NodeForm>("btcore/node", place).then((form) => { types.value = new Set(form.types); }, () => {});
+  }, []);
+  const isPossible = (item: PaletteItem) => mode === "wrap" ? canWrap(item.kind)
+    : mode === "type" ? (types.value?.has(item.id) ?? false) : true;
+  const isRecent = (item: PaletteItem) => lastUsed.value.includes(item.id);
+  const items = palette.value.items.filter(isPossible);
+  const sorted = words.value ? items : [...items.filter(isRecent), ...items.filter((item) => !isRecent(item))];
+  const matches = search(words.value, sorted, (item) => item.id, (item) => isRecent(item) ? 2 : 0).slice(0, MAX_SHOWN);
+  const chosenItem = matches[Math.min(at.value, matches.length - 1)]?.item;
+  const places = mode === "insert" ? wheres(chosenItem?.kind) : [];
+  const place = where.value && places.includes(where.value) ? where.value : places[0];
+  const accept = (item: PaletteItem | undefined) => {
+    if (!item || mode === "insert" && !place) return;
+    noteUse(item.id);
+    const nodes = chosen().map((index) => view.value!.structure.nodes[index]!.place);
+    close();
+    if (mode === "insert") void addAtCursor(item.id, place!);
+    else if (mode === "wrap") void edit({ kind: "wrap", nodes, id: item.id });
+    else void edit({ kind: "change_type", node: nodes[0]!, id: item.id });
+  };
+  const key = (event: KeyboardEvent) => {
+    const step = { ArrowDown: 1, ArrowUp: -1, PageDown: 8, PageUp: -8 }[event.key];
+    const chosenPlace = event.altKey
+      ? ({ ArrowDown: "child", ArrowUp: "around", ArrowLeft: "before", ArrowRight: "after" } as const)[event.key as "ArrowUp"] : undefined;
+    if (chosenPlace) { if (places.includes(chosenPlace)) where.value = chosenPlace; }
+    else if (step) at.value = Math.max(0, Math.min(matches.length - 1, at.value + step));
+    else if (event.key === "Enter") accept(chosenItem);
+    else if (event.key === "Escape") close();
+    else return;
+    event.preventDefault();
+    event.stopPropagation();
+  };
+  useEffect(() => {
+    ref.current?.querySelector("[aria-selected=true]")?.scrollIntoView({ block: "nearest" });
+  }, [at.value, words.value]);
+  const leave = (event: FocusEvent) => {
+    if (!ref.current?.contains(event.relatedTarget as Node | null)) quick.value = null;
+  };
+  return (
+    <div class="popup quick" ref={ref} role="dialog" aria-label={texts.quick[mode]} onKeyDown={key} onFocusOut={leave}>
+      <input
+        role="combobox" aria-expanded="true" aria-controls="quick-list" aria-autocomplete="list" autocomplete="off" spellcheck={false}
+        aria-activedescendant={chosenItem ? `quick-${at.value}` : undefined} aria-label={texts.quick[mode]} placeholder={texts.quick[mode]}
+        value={words.value} onInput={(event) => { words.value = event.currentTarget.value; at.value = 0; }}
+      />
+      <ul id="quick-list" role="listbox" aria-label={texts.nodeTypes}>
+        {matches.map(({ item, at: letters }, index) => (
+          <li
+            key={item.id} id={`quick-${index}`} role="option" aria-selected={item === chosenItem}
+            onPointerDown={(event) => event.preventDefault()} onClick={() => accept(item)} onPointerMove={() => { at.value = index; }}
+          >
+            <Symbol item={item} /><Highlighted text={item.id} at={letters} /><small>{item.group}</small>
+          </li>
+        ))}
+        {!matches.length && <li class="none">{texts.noneFound}</li>}
+      </ul>
+      {chosenItem?.about && <p class="about">{firstSentence(chosenItem.about)}</p>}
+      {places.length > 1 && (
+        <div class="wheres" role="radiogroup" aria-label={texts.where}>
+          {places.map((name) => (
+            <button
+              key={name} type="button" role="radio" aria-checked={name === place} title={texts.whereKeys[name]} tabIndex={-1}
+              onPointerDown={(event) => event.preventDefault()} onClick={() => { where.value = name; }}
+            >{texts.wheres[name]}</button>
+          ))}
+        </div>
+      )}
+    </div>
+  );
+}
+
+const firstSentence = (text: string) => /^[^]*?[.!?](?=\s|$)/.exec(text)?.[0] ?? text;
+
+function Prompt() {
+  const { ref } = usePlace();
+  const { label, value, accept } = prompt.value!;
+  // Keys that follow at once are for the field.
+  useLayoutEffect(() => { ref.current?.querySelector("input")?.select(); }, []);
+  const key = (event: KeyboardEvent) => {
+    if (event.key === "Enter") {
+      const text = (event.target as HTMLInputElement).value.trim();
+      close();
+      if (text !== value) void accept(text);
+    } else if (event.key === "Escape") close();
+    else return;
+    event.preventDefault();
+    event.stopPropagation();
+  };
+  return (
+    <div class="popup prompt" ref={ref} role="dialog" aria-label={label}>
+      <label>{label}<input defaultValue={value} spellcheck={false} onKeyDown={key} onBlur={() => { prompt.value = null; }} /></label>
+    </div>
+  );
+}

@@ -1,0 +1,12 @@
+// What the popups at the selected node show.
+
+import { signal } from "@preact/signals";
+
+/** The list of node types: to insert a node, to wrap the selected nodes, or to change the type of a node. */
+export const quick = signal<{ mode: "insert" | "wrap" | "type" } | null>(null);
+
+/** A field at the selected node. */
+export const prompt = signal<{ label: string; value: string; accept: (text: string) => unknown } | null>(null);
+
+export const menu = signal<{ x: number; y: number } | null>(null);
+export const help = signal(false);

@@ -1,0 +1,464 @@
+// The picture of the tree as elements: only visible cards exist. No card has listeners of its own.
+
+import { effect, signal } from "@preact/signals";
+import { liveIndex, statuses } from "./live";
+import { type Box, type Card, type Picture, outline, overlaps, parsePicture } from "./picture";
+import type { Drawing } from "./protocol";
+import { drawing, folded, live, selection, severities } from "./state";
+import { tree as texts } from "./tree_texts";
+import { Structure } from "./tree";
+
+const SVG = "http://www.w3.org/2000/svg";
+const MIN_ZOOM = 0.08;
+const MAX_ZOOM = 3;
+/** Below this zoom the texts of many cards cannot be read, and are not drawn. */
+const FAR = 0.28;
+const MANY = 250;
+/** Pixels around the visible part in which cards exist, too. */
+const MARGIN = 300;
+const MOVE_MS = 130;
+
+export const query = signal("");
+/** The keys of the nodes that match the query. */
+export const found = signal<readonly string[]>([]);
+
+export function draw(tag: string, attributes: Record<string, string | number>, ...children: (Element | string)[]): SVGElement {
+  const element = document.createElementNS(SVG, tag);
+  for (const [name, value] of Object.entries(attributes)) element.setAttribute(name, String(value));
+  element.append(...children);
+  return element;
+}
+
+export class View {
+  drawing: Drawing | null = null;
+  structure = new Structure([]);
+  /** The box of each node in the drawing; undefined below a folded node. */
+  boxes: (Box | undefined)[] = [];
+  zoom = 0;
+  private picture: Picture = parsePicture("");
+  private cards: (Card | undefined)[] = [];
+  private svg: SVGSVGElement | null = null;
+  private layer: Element | null = null;
+  /** Insertion marks and other passing shapes, above the cards. */
+  readonly marks = draw("g", { class: "marks" });
+  private readonly groups = new Map<number, SVGGElement>();
+  private readonly foundKeys = new Set<string>();
+  private refreshing = false;
+  private readonly ends: (() => void)[] = [];
+
+  constructor(readonly frame: HTMLElement) {
+    const later = () => this.refreshSoon();
+    frame.addEventListener("scroll", later, { passive: true });
+    const observer = new ResizeObserver(later);
+    observer.observe(frame);
+    this.ends.push(
+      () => { frame.removeEventListener("scroll", later); observer.disconnect(); },
+      effect(() => this.show(drawing.value)),
+      effect(() => { void selection.value; this.dressAll(); }),
+      effect(() => { void severities.value; void live.value; this.dressAll(); }),
+      effect(() => this.search(query.value)),
+    );
+  }
+
+  close(): void {
+    for (const end of this.ends) end();
+  }
+
+  // --- the drawing
+
+  private show(next: Drawing | null): void {
+    const before = this.drawing;
+    if (next === before) return;
+    const cursor = selection.peek().at(-1) ?? "";
+    const old = this.structure;
+    const anchor = old.at(cursor);
+    const oldBox = this.boxes[Math.max(0, anchor)];
+    const oldPlace = oldBox && this.screen(oldBox);
+    const isOther = !before || before.tree !== next?.tree;
+    const places = isOther ? null : this.placesByKey();
+    this.drawing = next;
+    if (!next) {
+      this.frame.querySelector("svg.picture")?.remove();
+      return;
+    }
+    const picture = parsePicture(next.svg);
+    const structure = new Structure(next.nodes);
+    const isNew = picture.head !== this.picture.head || picture.tail !== this.picture.tail || !this.svg;
+    this.picture = picture;
+    this.structure = structure;
+    this.cards = next.nodes.map(() => undefined);
+    for (const card of picture.cards) this.cards[card.number - 1] = card;
+    this.boxes = this.cards;
+    this.groups.clear();
+    if (isNew) this.build();
+    else for (const group of this.layer!.querySelectorAll(":scope > g[data-uid]")) group.remove();
+    if (!this.zoom || isOther || !old.nodes.length) this.zoom = this.startZoom();
+    this.resize();
+    const kept = this.keep(old, isOther);
+    const newBox = this.boxes[Math.max(0, structure.at(kept))];
+    if (isOther || !old.nodes.length) this.centre(this.boxes[0]);
+    else if (oldPlace && newBox) {
+      const now = this.screen(newBox);
+      this.frame.scrollBy(now.left - oldPlace.left, now.top - oldPlace.top);
+    }
+    this.refresh();
+    if (kept && anchor >= 0 && !isOther) this.reveal(structure.at(kept));
+    if (places) this.animate(places);
+    this.search(query.peek(), false);
+    performance.mark("drawn");
+  }
+
+  /** Keep the selection where the keys have changed, by the nodes' places in the tree. Return the cursor's key. */
+  private keep(old: Structure, isOther: boolean): string {
+    const keys = selection.peek();
+    if (isOther || keys.length === 0 || keys.some((key) => this.structure.at(key) >= 0)) return keys.at(-1) ?? "";
+    let index = old.at(keys.at(-1)!);
+    if (index < 0) return "";
+    const path: number[] = [];
+    for (; old.parent(index) >= 0; index = old.parent(index)) path.unshift(old.positions[index]! - 1);
+    let at = 0;
+    for (const position of path) {
+      const children = this.structure.children[at] ?? [];
+      if (!children.length) break;
+      at = children[Math.min(position, children.length - 1)]!;
+    }
+    const key = this.structure.nodes[at]?.key;
+    selection.value = key ? [key] : [];
+    return key ?? "";
+  }
+
+  private build(): void {
+    // Chromium parses HTML three times as fast as XML. The server has escaped every text of the drawing.
+    const template = document.createElement("template");
+    template.innerHTML = this.picture.head + this.picture.tail || "<svg><g></g></svg>";
+    const svg = template.content.firstElementChild as SVGSVGElement;
+    svg.classList.add("picture");
+    svg.setAttribute("role", "none");
+    svg.querySelector(":scope > title")?.remove();
+    svg.prepend(hatching());
+    this.svg?.remove();
+    this.svg = svg;
+    this.layer = svg.querySelector(":scope > g");
+    this.layer?.append(this.marks);
+    this.frame.append(svg);
+  }
+
+  private resize(): void {
+    this.svg?.setAttribute("width", String(Math.round(this.picture.width * this.zoom)));
+    this.svg?.setAttribute("height", String(Math.round(this.picture.height * this.zoom)));
+    this.frame.classList.toggle("far", this.zoom < FAR);
+  }
+
+  private refreshSoon(): void {
+    if (this.refreshing) return;
+    this.refreshing = true;
+    requestAnimationFrame(() => { this.refreshing = false; this.refresh(); });
+  }
+
+  /** Make the cards in the visible part, and remove the others. */
+  refresh(): void {
+    if (!this.layer || !this.svg) return;
+    const isFar = this.zoom < FAR && this.picture.cards.length > MANY;
+    const all = this.picture.cards.length <= MANY / 2;
+    const area = this.visible(MARGIN);
+    const cursor = this.structure.at(selection.peek().at(-1) ?? "");
+    const shown = this.picture.cards.filter((card) => all || card.number - 1 === cursor || overlaps(card, area));
+    const wanted = new Set(shown.map((card) => card.number - 1));
+    for (const [index, group] of this.groups) {
+      if (wanted.has(index) && (group.dataset.far === "1") === isFar) continue;
+      group.remove();
+      this.groups.delete(index);
+    }
+    const missing = shown.filter((card) => !this.groups.has(card.number - 1));
+    if (missing.length) {
+      const template = document.createElement("template");
+      template.innerHTML = `<svg>${missing.map((card) => isFar ? outline(card) : card.text).join("")}</svg>`;
+      Array.from(template.content.firstElementChild!.children).forEach((element, position) => {
+        const group = element as SVGGElement;
+        const index = missing[position]!.number - 1;
+        if (isFar) group.dataset.far = "1";
+        this.groups.set(index, group);
+        this.describe(index, group);
+        this.dress(index, group);
+      });
+    }
+    // The groups are in the order of the tree, for screen readers.
+    let next: Element | null = this.layer.querySelector(":scope > g[data-uid]") ?? this.marks;
+    for (const card of shown) {
+      const group = this.groups.get(card.number - 1)!;
+      if (group === next) next = group.nextElementSibling;
+      else this.layer.insertBefore(group, next);
+    }
+    this.markActive();
+  }
+
+  /** Describe a node to screen readers: a flat tree, whose items have levels and positions. */
+  private describe(index: number, group: SVGGElement): void {
+    const node = this.structure.nodes[index]!;
+    group.id = `node-${index + 1}`;
+    group.setAttribute("role", "treeitem");
+    group.setAttribute("aria-level", String(this.structure.levels[index]));
+    group.setAttribute("aria-posinset", String(this.structure.positions[index]));
+    group.setAttribute("aria-setsize", String(this.structure.siblings(index).length));
+    group.setAttribute("aria-label", texts.nodeLabel(node, this.structure.disabled[index]!));
+    if (!node.leaf) group.setAttribute("aria-expanded", String(!node.hidden));
+  }
+
+  /** Give a group the classes of its present state. */
+  private dress(index: number, group: SVGGElement): void {
+    const node = this.structure.nodes[index]!;
+    const keys = selection.peek();
+    const isSelected = keys.includes(node.key);
+    const classes = ["node"];
+    if (isSelected) classes.push("selected");
+    if (keys.at(-1) === node.key) classes.push("cursor");
+    if (this.structure.disabled[index]) classes.push("disabled");
+    if (this.foundKeys.has(node.key)) classes.push("found");
+    const severity = severities.peek().get(node.key);
+    if (severity) classes.push(severity === 1 ? "error" : "warning");
+    const state = live.peek();
+    const isLive = Boolean(state?.connection) && liveIndex.peek().size > 0;
+    let spoken = severity ? texts.severity[severity] : "";
+    if (isLive && state) {
+      const at = liveIndex.peek().get(node.key);
+      const status = at === undefined ? "" : state.statuses[at] ?? "";
+      classes.push(status === "" ? "absent" : `s${status}`);
+      const result = status === "0" ? state.results[at!] ?? "0" : "0";
+      if (result !== "0") classes.push(`r${result}`);
+      if (state.stopped === node.key) classes.push("stopped");
+      spoken = [status === "" ? texts.absent : statuses[Number(status)], spoken].filter(Boolean).join(", ");
+    }
+    const stop = state?.wanted.includes(node.key) ? (state.breakpoints.includes(node.key) ? "set" : "pending") : "";
+    const dot = group.querySelector(":scope > .stop");
+    if (stop && !dot) group.append(draw("circle", { class: "stop", r: 6.5 }));
+    else if (!stop) dot?.remove();
+    if (stop) group.querySelector(":scope > .stop")!.classList.toggle("pending", stop === "pending");
+    const name = classes.join(" ");
+    if (group.getAttribute("class") !== name) group.setAttribute("class", name);
+    group.setAttribute("aria-selected", String(isSelected));
+    if (spoken) group.setAttribute("aria-description", spoken);
+    else group.removeAttribute("aria-description");
+    this.dressButtons(index, group, keys.length === 1 && isSelected);
+  }
+
+  dressAll(): void {
+    const isLive = Boolean(live.peek()?.connection) && liveIndex.peek().size > 0;
+    this.frame.classList.toggle("live", isLive);
+    for (const [index, group] of this.groups) this.dress(index, group);
+    const cursor = this.structure.at(selection.peek().at(-1) ?? "");
+    if (cursor >= 0 && !this.groups.has(cursor)) this.refresh();
+    this.markActive();
+  }
+
+  private markActive(): void {
+    const cursor = this.structure.at(selection.peek().at(-1) ?? "");
+    if (cursor >= 0 && this.groups.has(cursor)) this.frame.setAttribute("aria-activedescendant", `node-${cursor + 1}`);
+    else this.frame.removeAttribute("aria-activedescendant");
+  }
+
+  // --- the buttons of a card, while it is selected or under the pointer
+
+  hovered = -1;
+
+  hover(index: number): void {
+    if (index === this.hovered) return;
+    const before = this.hovered;
+    this.hovered = index;
+    for (const other of [before, index]) {
+      const group = this.groups.get(other);
+      if (group) this.dress(other, group);
+    }
+  }
+
+  private dressButtons(index: number, group: SVGGElement, isSelected: boolean): void {
+    const node = this.structure.nodes[index]!;
+    const card = this.cards[index]!;
+    const isFar = group.dataset.far === "1";
+    const hasFold = !isFar && (isSelected || this.hovered === index) && !node.leaf && !node.hidden;
+    const hasAdd = !isFar && isSelected && this.structure.canTake(index, 1);
+    const fold = group.querySelector(":scope > .fold.passing");
+    const add = group.querySelector(":scope > .adds");
+    if (!hasFold) fold?.remove();
+    else if (!fold) group.append(button("fold passing", card.width / 2, card.height, "M-4 0L4 0", texts.hideNodes));
+    if (!hasAdd) add?.remove();
+    else if (!add) group.append(button("adds", card.width - 16, card.height, "M-4 0L4 0M0-4L0 4", texts.addChild));
+  }
+
+  // --- geometry
+
+  /** Return the point of the drawing at a point of the screen. */
+  point(clientX: number, clientY: number): [number, number] {
+    const box = this.svg?.getBoundingClientRect() ?? new DOMRect();
+    return [(clientX - box.left) / this.zoom - this.picture.left, (clientY - box.top) / this.zoom - this.picture.top];
+  }
+
+  /** Return a box of the drawing on the screen. */
+  screen(box: Box): DOMRect {
+    const outer = this.svg?.getBoundingClientRect() ?? new DOMRect();
+    return new DOMRect(
+      outer.left + (box.x + this.picture.left) * this.zoom, outer.top + (box.y + this.picture.top) * this.zoom,
+      box.width * this.zoom, box.height * this.zoom);
+  }
+
+  private visible(margin: number): Box {
+    const frame = this.frame.getBoundingClientRect();
+    const [x, y] = this.point(frame.left - margin, frame.top - margin);
+    return { x, y, width: (frame.width + 2 * margin) / this.zoom, height: (frame.height + 2 * margin) / this.zoom };
+  }
+
+  /** Return the index of the node under an element, or -1. */
+  nodeAt(target: EventTarget | null): number {
+    const group = target instanceof Element ? target.closest<SVGGElement>("g[data-uid]") : null;
+    return group && this.frame.contains(group) ? Number(group.dataset.uid) - 1 : -1;
+  }
+
+  group(index: number): SVGGElement | undefined {
+    return this.groups.get(index);
+  }
+
+  cardText(index: number): string {
+    return this.cards[index]?.text ?? "";
+  }
+
+  /** Scroll so that a node is visible. */
+  reveal(index: number): void {
+    const box = this.boxes[index];
+    if (!box) return;
+    const [card, frame] = [this.screen(box), this.frame.getBoundingClientRect()];
+    const margin = 24;
+    const shift = (low: number, high: number, from: number, to: number) =>
+      low < from + margin ? low - from - margin : high > to - margin ? Math.min(high - to + margin, low - from - margin) : 0;
+    this.frame.scrollBy(
+      shift(card.left, card.right, frame.left, frame.right), shift(card.top, card.bottom, frame.top, frame.bottom));
+  }
+
+  private centre(box: Box | undefined): void {
+    if (!box) return;
+    const [card, frame] = [this.screen(box), this.frame.getBoundingClientRect()];
+    this.frame.scrollLeft += card.left + card.width / 2 - frame.left - frame.width / 2;
+  }
+
+  // --- zoom
+
+  private fitZoom(): number {
+    const { width, height } = this.picture;
+    return Math.min((this.frame.clientWidth - 4) / width, (this.frame.clientHeight - 4) / height);
+  }
+
+  private startZoom(): number {
+    // A tree that is too large for readable texts is scrolled.
+    const zoom = this.fitZoom();
+    return zoom < 0.5 ? 0.6 : Math.min(1.15, zoom);
+  }
+
+  fit(): void {
+    this.zoomTo(this.fitZoom());
+  }
+
+  /** Zoom, so that a point of the screen keeps its place; by default the middle. */
+  zoomTo(zoom: number, clientX?: number, clientY?: number): void {
+    if (!this.svg) return;
+    const frame = this.frame.getBoundingClientRect();
+    const [atX, atY] = [clientX ?? frame.left + frame.width / 2, clientY ?? frame.top + frame.height / 2];
+    const [x, y] = this.point(atX, atY);
+    this.zoom = Math.max(MIN_ZOOM, Math.min(MAX_ZOOM, zoom));
+    this.resize();
+    const now = this.screen({ x, y, width: 0, height: 0 });
+    this.frame.scrollBy(now.left - atX, now.top - atY);
+    this.refreshSoon();
+  }
+
+  // --- movement of the cards to their new places
+
+  private placesByKey(): Map<string, Box> {
+    const places = new Map<string, Box>();
+    for (const index of this.groups.keys()) places.set(this.structure.nodes[index]!.key, this.boxes[index]!);
+    return places;
+  }
+
+  private animate(before: Map<string, Box>): void {
+    if (matchMedia("(prefers-reduced-motion: reduce)").matches || this.groups.size > MANY / 2) return;
+    for (const [index, group] of this.groups) {
+      const box = this.boxes[index]!;
+      const old = before.get(this.structure.nodes[index]!.key);
+      if (!old) group.animate([{ opacity: 0 }, { opacity: 1 }], MOVE_MS);
+      else if (old.x !== box.x || old.y !== box.y) {
+        const frames = [old, box].map(({ x, y }) => ({ transform: `translate(${x}px, ${y}px)` }));
+        group.animate(frames, { duration: MOVE_MS, easing: "ease-out" });
+      }
+    }
+  }
+
+  // --- search
+
+  private search(words: string, isMoving = true): void {
+    const wanted = words.trim().toLowerCase();
+    this.frame.classList.toggle("searching", Boolean(wanted));
+    this.foundKeys.clear();
+    const keys: string[] = [];
+    if (wanted) {
+      for (const node of this.structure.nodes) {
+        const parts = [node.name, node.id, node.calls, ...node.ports.flat()];
+        if (!parts.some((text) => text.toLowerCase().includes(wanted))) continue;
+        keys.push(node.key);
+        this.foundKeys.add(node.key);
+      }
+    }
+    found.value = keys;
+    for (const [index, group] of this.groups) this.dress(index, group);
+    if (isMoving && keys.length) this.select([keys[0]!], true);
+  }
+
+  // --- selection and folding
+
+  /** Select nodes; the last one is the cursor. */
+  select(keys: readonly string[], isRevealing = false): void {
+    selection.value = keys;
+    const index = this.structure.at(keys.at(-1) ?? "");
+    if (index < 0 || !isRevealing) return;
+    this.unfoldAbove(index);
+    this.reveal(index);
+  }
+
+  private unfoldAbove(index: number): void {
+    const keys = new Set(folded.peek());
+    let isChanged = false;
+    for (let above = this.structure.parent(index); above >= 0; above = this.structure.parent(above)) {
+      if (this.structure.nodes[above]!.hidden) isChanged = keys.delete(this.structure.nodes[above]!.key) || isChanged;
+    }
+    if (isChanged) folded.value = keys;
+  }
+
+  toggleFold(index: number): void {
+    const node = this.structure.nodes[index];
+    if (!node || node.leaf) return;
+    const keys = new Set(folded.peek());
+    if (node.hidden) keys.delete(node.key);
+    else keys.add(node.key);
+    folded.value = keys;
+  }
+
+  foldSubtrees(): void {
+    const calls = this.structure.nodes.filter((node) => node.calls && node.parent);
+    folded.value = new Set([...folded.peek(), ...calls.map((node) => node.key)]);
+  }
+
+  unfoldAll(): void {
+    folded.value = new Set();
+  }
+}
+
+function button(name: string, x: number, y: number, path: string, title: string): SVGElement {
+  return draw("g", { class: name, transform: `translate(${x} ${y})` },
+    draw("title", {}, title), draw("circle", { class: "pill", r: 8 }), draw("path", { class: "sign", d: path }));
+}
+
+/** The pattern of disabled nodes, and their cards' second fill. */
+function hatching(): SVGElement {
+  return draw("defs", {},
+    draw("pattern", { id: "hatch", width: 8, height: 8, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" },
+      draw("rect", { class: "hatch-back", width: 8, height: 8 }), draw("rect", { class: "hatch-line", width: 2.4, height: 8 })));
+}
+
+/** The view of the page; null before the canvas exists. */
+export const view = signal<View | null>(null);

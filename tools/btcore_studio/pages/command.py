@@ -1,0 +1,208 @@
+"""`btcore studio`: edit trees in a browser, and watch them run."""
+
+import asyncio
+import gc
+import logging
+import posixpath
+import shutil
+import threading
+import webbrowser
+from collections.abc import Callable
+from contextlib import AsyncExitStack
+from importlib.resources.abc import Traversable
+from pathlib import Path
+from tempfile import mkdtemp
+from typing import TYPE_CHECKING, Annotated, Any
+
+import click
+
+from btcore import bundled_trees
+from btcore.cli import terminal
+from btcore.cli.node_libraries import LibraryOptions
+from btcore.cli.tree_source import STDIN, complete_tree, complete_tree_id, find_source
+from btcore.exit_codes import code_of_signal
+from btcore.field_options import ExtensibleCommand, pass_options
+from btcore.input_files import read_error, real_path
+from btcore.options import option
+from btcore.signals import EndingSignals
+from btcore.xml.plan.plan import Plans
+from btcore_studio.language.command import GC_THRESHOLD
+
+if TYPE_CHECKING:
+    from btcore_studio.pages.session import Shown, StudioSession
+
+
+class StudioOptions(LibraryOptions):
+    """The options that select what the studio shows."""
+
+    tree: (
+        Annotated[
+            str,
+            option(
+                "Show this tree of the file first instead of its main tree.",
+                metavar="ID",
+                complete=complete_tree_id,
+            ),
+        ]
+        | None
+    ) = None
+    read_only: Annotated[bool, option("Change and write no file.")] = False
+
+
+@click.command(
+    cls=ExtensibleCommand,
+    group="btcore.preview",
+    short_help="Edit trees in a browser, and watch them run.",
+)
+@click.argument("source", metavar="[SOURCE]", default=".", shell_complete=complete_tree)
+@pass_options(StudioOptions, "options")
+@click.option(
+    "--http-port",
+    type=click.IntRange(0, 65535),
+    default=0,
+    metavar="PORT",
+    help="The port of the page on 127.0.0.1; by default a free port.",
+)
+@click.option("--open/--no-open", "opens", default=True, help="Open the page in the browser, or do not.")
+@click.option("--json", "as_json", is_flag=True, help="Print the address of the page as a JSON object.")
+@click.pass_context
+def studio(
+    ctx: click.Context,
+    /,
+    source: str,
+    options: StudioOptions,
+    http_port: int,
+    opens: bool,
+    as_json: bool,
+    **extension_values: Any,
+) -> int:
+    """Serve a page that draws and edits trees on this machine, until Ctrl-C.
+
+    SOURCE is a folder, an XML file, a project of Groot 2 (.btproj), or the name of a tree that is bundled
+    with btcore; by default the current folder. The page writes only .xml and .btproj files of that folder, or
+    of the folder of the file. Bundled trees are read-only. SOURCE may also be a recording (.btrec.txt or
+    .mcap) of a run: the page then has a timeline, and shows the run at any moment.
+
+    The address of the page contains a secret token, without which the page cannot be opened. The page also
+    connects with running trees. Python code is imported only from installed libraries and from --plugin.
+    """
+    # The extra is imported only here, so that --help works without it.
+    from btcore_studio.pages.server import built_page
+    from btcore_studio.pages.session import StudioSession
+
+    page = built_page()
+    if page is None:
+        raise click.ClickException("the page is not built; in a checkout of btcore, build it with: make page")
+    assert isinstance(ctx.command, ExtensibleCommand)
+    ctx.command.create_extension(extension_values)
+    gc.set_threshold(GC_THRESHOLD)
+    # Whatever a page sends is answered with an error, and needs no log.
+    logging.getLogger("pygls").addHandler(logging.NullHandler())
+    # For what must not be lost: only this user can read it.
+    folder = Path(mkdtemp(prefix="btcore-studio-"))
+    try:
+        session = StudioSession(_find_shown(source, options, folder / "recording"), folder)
+
+        def show(url: str) -> None:
+            if as_json:
+                terminal.print_json({"url": url})
+                return
+            click.echo(f"{source} is shown at {url} (Ctrl-C ends the studio)")
+            if opens:
+                _open_page(url, folder)
+
+        with EndingSignals() as signals:
+            asyncio.run(_serve(session, http_port, page, signals, show))
+        _keep_unsaved(session, folder)
+    finally:
+        if not (folder / "unsaved").exists():
+            shutil.rmtree(folder, ignore_errors=True)
+    return code_of_signal(signals.number)
+
+
+async def _serve(
+    session: "StudioSession",
+    port: int,
+    page: Traversable,
+    signals: EndingSignals,
+    show: Callable[[str], None],
+) -> None:
+    """Serve pages until the first signal."""
+    from btcore_studio.pages.server import StudioServer
+
+    stop, loop = asyncio.Event(), asyncio.get_running_loop()
+    signals.stop = lambda: loop.call_soon_threadsafe(stop.set)
+    async with AsyncExitStack() as opened:
+        await opened.enter_async_context(session)
+        try:
+            server = await opened.enter_async_context(StudioServer(session, port, page))
+        except OSError as error:
+            raise click.ClickException(f"cannot listen on port {port}: {error.strerror}") from None
+        show(server.url)
+        await stop.wait()
+
+
+def _find_shown(source: str, options: StudioOptions, recording: Path) -> "Shown":
+    """Return what is shown for the argument of the command.
+
+    Args:
+        recording: A folder to create for the documents of a recording.
+    """
+    from btcore_studio.language.project import SUFFIXES
+    from btcore_studio.pages.session import Shown
+    from btcore_studio.preview.timeline import RecordedRun, open_timeline
+
+    plugins = tuple(str(Path(name).absolute()) if name.endswith(".py") else name for name in options.plugins)
+    models = tuple(str(path.absolute()) for path in options.models)
+    if Path(source).is_dir():
+        return Shown(Path(source), None, options.tree, options.read_only, plugins, models)
+    path = find_source(source)
+    if path == STDIN:
+        raise click.UsageError("btcore studio needs a file: a tree on stdin cannot be saved again.")
+    timeline = open_timeline(path)
+    if timeline is not None:
+        main = _write_documents(timeline.plans, recording)
+        return Shown(recording, main, options.tree, True, plugins, models, RecordedRun(timeline))
+    if path.suffix.lower() not in SUFFIXES:
+        raise click.UsageError(f"'{path}' has no trees: its name must end with {' or '.join(SUFFIXES)}.")
+    is_bundled = path.is_relative_to(bundled_trees.folder()) and not Path(source).exists()
+    file = real_path(path)
+    return Shown(file.parent, file, options.tree, options.read_only or is_bundled, plugins, models)
+
+
+def _write_documents(plans: Plans, folder: Path) -> Path:
+    """Write the documents of a recorded tree below *folder*. Return the file of the main document."""
+    files: list[Path] = []
+    for document in plans.definitions.sources.documents:
+        # A recording may come from a stranger, and from a machine with other folders.
+        recorded = posixpath.normpath(posixpath.join("/recorded/tree", document.file.replace("\\", "/")))
+        file = folder / recorded.lstrip("/").replace(":", "")
+        file = file if file.suffix in (".xml", ".btproj") else file / "tree.xml"
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            file.write_bytes(document.text.encode())
+        except (OSError, ValueError) as error:
+            reason = read_error(error) if isinstance(error, OSError) else str(error)
+            raise click.ClickException(f"the recorded tree can't be written: {reason}") from None
+        files.append(file)
+    return real_path(files[-1])
+
+
+def _keep_unsaved(session: "StudioSession", folder: Path) -> None:
+    """Keep the unsaved changes of the pages in *folder*, and report where."""
+    for number, (name, data) in enumerate(session.files.unsaved(), 1):
+        kept = folder / "unsaved" / f"{number}-{name}"
+        kept.parent.mkdir(exist_ok=True)
+        kept.write_bytes(data)
+        terminal.print_warning(f"{name} has unsaved changes, which are kept in {kept}")
+
+
+def _open_page(url: str, folder: Path) -> None:
+    """Open the page in the browser by a file in *folder*, which only the user can read.
+
+    Other users could read the token in the arguments of the browser's process.
+    """
+    redirection = folder / "studio.html"
+    redirection.write_bytes(f'<!doctype html><meta http-equiv="refresh" content="0;url={url}">'.encode())
+    # A browser in the terminal would be waited for.
+    threading.Thread(target=webbrowser.open, args=(redirection.as_uri(),), daemon=True).start()

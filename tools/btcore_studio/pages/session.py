@@ -1,0 +1,428 @@
+"""The state of a studio that all its pages share, and the messages of each page."""
+
+import asyncio
+from collections import deque
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Final, Literal
+
+import msgspec
+from lsprotocol import types
+from pygls import uris
+from websockets.asyncio.server import ServerConnection
+from websockets.exceptions import ConnectionClosed
+
+from btcore.errors import BtcoreError
+from btcore.json_text import load_json
+from btcore_studio.language.project import MAX_FILES, PROJECT_SUFFIX, SUFFIXES, find_files
+from btcore_studio.language.server import TreeServer, create_server
+from btcore_studio.pages.shared_files import PushedEdit, SharedFiles, StaleTextError
+from btcore_studio.preview.timeline import RecordedRun
+
+CHECK_INTERVAL_S: Final = 0.1
+"""Time between two checks of the open files on disk (s)."""
+SCAN_INTERVAL_S: Final = 1.0
+"""Minimum time between two searches for the files of the folder (s)."""
+_SCAN_SHARE: Final = 0.05
+"""Maximum share of the time in which the folder is searched."""
+_MAX_WAITING: Final = 64 << 20
+"""Maximum bytes that wait until a page receives them. A page that is slower is closed."""
+
+_PARSE_ERROR: Final = -32700
+_INVALID_REQUEST: Final = -32600
+_METHOD_NOT_FOUND: Final = -32601
+_INVALID_PARAMS: Final = -32602
+_INTERNAL_ERROR: Final = -32603
+_CONTENT_MODIFIED: Final = -32801
+_REQUEST_FAILED: Final = -32803
+
+_LANGUAGE_PREFIXES: Final = ("textDocument/", "btcore/")
+_LANGUAGE_METHODS: Final = frozenset(
+    {
+        types.INITIALIZE,
+        types.INITIALIZED,
+        types.CANCEL_REQUEST,
+        types.WORKSPACE_SYMBOL,
+        types.COMPLETION_ITEM_RESOLVE,
+        types.CODE_ACTION_RESOLVE,
+    }
+)
+"""What a page may request from its language server, beside the methods with the prefixes."""
+
+
+class _Document(msgspec.Struct):
+    uri: str
+
+
+class _Pushed(msgspec.Struct):
+    uri: str
+    version: int
+    edits: list[PushedEdit]
+
+
+class _Created(msgspec.Struct):
+    name: str
+    text: str
+
+
+class _Resolved(msgspec.Struct):
+    uri: str
+    keep: Literal["disk", "page"]
+
+
+class _Moment(msgspec.Struct):
+    position: int
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a studio shows.
+
+    Attributes:
+        folder: The folder whose files are shown.
+        file: The file to show first; None for the first file of the folder.
+        tree: The ID of the tree to show first; None for the main tree.
+        is_read_only: Whether nothing is written.
+        plugins: Node libraries that the user of the command line trusts.
+        models: Files with a TreeNodesModel.
+        recorded: A recording of the tree in *file*, or None.
+    """
+
+    folder: Path
+    file: Path | None = None
+    tree: str | None = None
+    is_read_only: bool = False
+    plugins: tuple[str, ...] = ()
+    models: tuple[str, ...] = ()
+    recorded: RecordedRun | None = None
+
+
+class StudioSession:
+    """The shared state of a studio. Use it in an `async with` statement.
+
+    Args:
+        shown: What is shown.
+        previous: A folder for the previous contents of the files that are written.
+        new_language_server: Returns a language server, each for a page.
+
+    Raises:
+        RefusedError: There is no such folder.
+    """
+
+    def __init__(
+        self, shown: Shown, previous: Path, new_language_server: Callable[[], TreeServer] = create_server
+    ) -> None:
+        self.shown = shown
+        self.files = SharedFiles(shown.folder, shown.is_read_only, previous)
+        self.new_language_server = new_language_server
+        self._pages: set[PageSession] = set()
+        self._stamps: dict[Path, object] = {}
+        self._tasks: list[asyncio.Task[None]] = []
+        self._scanner = ThreadPoolExecutor(1, "folder")
+
+    async def __aenter__(self) -> "StudioSession":
+        self._stamps = self._scan()
+        self.files.set_files(_of_trees(self._stamps))
+        self._tasks = [asyncio.create_task(task) for task in (self._check_disk(), self._watch_folder())]
+        return self
+
+    async def __aexit__(self, *error: object) -> None:
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        self._scanner.shutdown()
+
+    async def serve_page(self, connection: ServerConnection) -> None:
+        """Serve a page until it is closed."""
+        page = PageSession(self, connection)
+        self._pages.add(page)
+        self.files.join(page)
+        try:
+            await page.serve()
+        finally:
+            self._pages.discard(page)
+            self.files.leave(page)
+
+    def start(self) -> dict[str, object]:
+        """Return the reply to `btcore/start`."""
+        shown = self.shown
+        file = shown.file
+        if file is None:
+            trees = _of_trees(self._stamps)
+            file = next((path for path in trees if path.suffix != PROJECT_SUFFIX), next(iter(trees), None))
+        return {
+            "folder": str(self.files.folder),
+            "uri": "" if file is None else uris.from_fs_path(str(file)),
+            "tree": shown.tree,
+            "readOnly": shown.is_read_only,
+            "live": False,
+            "recording": None if shown.recorded is None else shown.recorded.summary(),
+        }
+
+    # --- the folder
+
+    async def _check_disk(self) -> None:
+        while True:
+            await asyncio.sleep(CHECK_INTERVAL_S)
+            self.files.check_disk()
+
+    async def _watch_folder(self) -> None:
+        """Notify the language servers of files that other programs create, change or delete."""
+        loop = asyncio.get_running_loop()
+        wait = SCAN_INTERVAL_S
+        while True:
+            await asyncio.sleep(wait)
+            begun = loop.time()
+            stamps = await loop.run_in_executor(self._scanner, self._scan)
+            wait = max(SCAN_INTERVAL_S, (loop.time() - begun) / _SCAN_SHARE)
+            before, self._stamps = self._stamps, stamps
+            kinds = types.FileChangeType
+            changes = [
+                {
+                    "uri": uris.from_fs_path(str(path)),
+                    "type": kinds.Created
+                    if path not in before
+                    else (kinds.Changed if path in stamps else kinds.Deleted),
+                }
+                for path in before.keys() | stamps.keys()
+                if before.get(path) != stamps.get(path)
+            ]
+            if changes:
+                self.files.set_files(_of_trees(stamps))
+                for page in self._pages:
+                    page.notify_language_server(
+                        types.WORKSPACE_DID_CHANGE_WATCHED_FILES, {"changes": changes}
+                    )
+
+    def _scan(self) -> dict[Path, object]:
+        """Return the files of the folder, with a value that changes with the content."""
+        stamps: dict[Path, object] = {}
+        for path in find_files([self.files.folder], (*SUFFIXES, ".py"), MAX_FILES):
+            with suppress(OSError):
+                state = path.stat(follow_symlinks=False)
+                stamps[path] = state.st_mtime_ns, state.st_size, state.st_ino
+        return stamps
+
+
+class PageSession:
+    """The messages of one page: those of shared files, and those of its own language server.
+
+    Args:
+        studio: What the pages share.
+        connection: The WebSocket.
+    """
+
+    def __init__(self, studio: StudioSession, connection: ServerConnection) -> None:
+        self._studio = studio
+        self._connection = connection
+        self._loop = asyncio.get_running_loop()
+        self._waiting: deque[bytes] = deque()
+        self._waiting_size = 0
+        self._has_waiting = asyncio.Event()
+        self._language_server = studio.new_language_server()
+        # pygls sends by `write` of this object.
+        self._language_server.protocol.set_writer(self, include_headers=False)
+        features = self._language_server.protocol.fm
+        self._language_methods = {
+            method
+            for method in (*features.features, *features.builtin_features)
+            if method.startswith(_LANGUAGE_PREFIXES) or method in _LANGUAGE_METHODS
+        } | {types.CANCEL_REQUEST}
+        self._handlers: Mapping[str, Callable[[Any], object]] = {
+            "btcore/start": lambda _: studio.start(),
+            "btcore/files": lambda _: studio.files.files(),
+            "btcore/read": self._read,
+            "btcore/push": self._push,
+            "btcore/save": self._save,
+            "btcore/create": self._create,
+            "btcore/resolve": self._resolve,
+        }
+        if studio.shown.recorded is not None:
+            self._handlers = {**self._handlers, "btcore/moment": self._moment}
+
+    async def serve(self) -> None:
+        """Handle messages until the page is closed."""
+        sending = asyncio.create_task(self._send_waiting())
+        try:
+            async for message in self._connection:
+                await self._receive(message)
+                # A page with many requests does not delay the others.
+                await asyncio.sleep(0)
+        except ConnectionClosed:
+            pass
+        finally:
+            sending.cancel()
+            await self._language_server.close()
+
+    # --- sending
+
+    def notify(self, method: str, params: object) -> None:
+        """Send a notification."""
+        self.write(msgspec.json.encode({"jsonrpc": "2.0", "method": method, "params": params}))
+
+    def write(self, data: bytes) -> None:
+        """Send a message when the page has received the earlier messages. Any thread may call this."""
+        try:
+            is_here = asyncio.get_running_loop() is self._loop
+        except RuntimeError:
+            is_here = False
+        if is_here:
+            self._append(data)
+        else:
+            with suppress(RuntimeError):  # the loop has ended
+                self._loop.call_soon_threadsafe(self._append, data)
+
+    def close(self) -> None:
+        """Do nothing: pygls closes its writer after `exit`, which a page cannot send."""
+
+    def _append(self, data: bytes) -> None:
+        self._waiting.append(data)
+        self._waiting_size += len(data)
+        self._has_waiting.set()
+        if self._waiting_size > _MAX_WAITING:
+            self._connection.transport.abort()
+
+    async def _send_waiting(self) -> None:
+        with suppress(ConnectionClosed):
+            while True:
+                await self._has_waiting.wait()
+                self._has_waiting.clear()
+                while self._waiting:
+                    data = self._waiting.popleft()
+                    await self._connection.send(data, text=True)
+                    self._waiting_size -= len(data)
+
+    def _reply(self, request: object, result: object) -> None:
+        self.write(msgspec.json.encode({"jsonrpc": "2.0", "id": request, "result": result}))
+
+    def _refuse(self, request: object, code: int, message: str) -> None:
+        error = {"code": code, "message": message}
+        self.write(msgspec.json.encode({"jsonrpc": "2.0", "id": request, "error": error}))
+
+    # --- receiving
+
+    async def _receive(self, message: str | bytes) -> None:
+        """Handle a message. Whatever it is, the page gets a reply, and this process continues."""
+        try:
+            data = load_json(message) if isinstance(message, str) else None
+        except ValueError as error:
+            self._refuse(None, _PARSE_ERROR, f"invalid JSON: {error}")
+            return
+        request = data.get("id") if isinstance(data, dict) else None
+        if (
+            not isinstance(data, dict)
+            or data.get("jsonrpc") != "2.0"
+            or not isinstance(request, str | int | None)
+            or isinstance(request, bool)
+        ):
+            self._refuse(None, _INVALID_REQUEST, "expected a message of JSON-RPC 2.0")
+            return
+        method = data.get("method")
+        if not isinstance(method, str):
+            method = repr(method)
+        try:
+            if "method" not in data:  # the reply to a request of the language server
+                with suppress(Exception):
+                    self._to_language_server(data)
+            elif method in self._handlers:
+                result = self._handlers[method](data.get("params"))
+                if isinstance(result, Awaitable):
+                    result = await result
+                if request is not None:
+                    self._reply(request, result)
+            elif method in self._language_methods:
+                self._to_language_server(data)
+            elif request is not None:
+                self._refuse(request, _METHOD_NOT_FOUND, f"unknown method {str(method)[:100]!a}")
+        except StaleTextError:
+            self._refuse(request, _CONTENT_MODIFIED, "the text has changed")
+        except BtcoreError as error:
+            self._refuse(request, _REQUEST_FAILED, str(error))
+        except msgspec.ValidationError as error:
+            self._refuse(request, _INVALID_PARAMS, f"invalid parameters: {error}")
+        except Exception as error:
+            self._refuse(request, _INTERNAL_ERROR, f"internal error (please report it): {error!r}")
+
+    # --- the language server
+
+    def notify_language_server(self, method: str, params: object) -> None:
+        """Let the page's language server handle a notification."""
+        self._handle({"jsonrpc": "2.0", "method": method, "params": params})
+
+    def _to_language_server(self, data: dict[str, Any]) -> None:
+        """Let the page's language server handle a message of the page."""
+        if data.get("method") == types.INITIALIZE:
+            data["params"] = self._own_settings(data.get("params"))
+        else:
+            for uri in _uris_in(data.get("params")):
+                self._studio.files.path(uri)
+        self._handle(data)
+
+    def _handle(self, data: dict[str, Any]) -> None:
+        protocol = self._language_server.protocol
+        # pygls would also interpret the objects inside a message that look like messages.
+        protocol.handle_message(protocol.structure_message(data))
+
+    def _own_settings(self, params: object) -> dict[str, Any]:
+        """Return the parameters of `initialize` with this studio's folder and settings.
+
+        A page must not decide which Python code is imported.
+        """
+        shown, folder = self._studio.shown, self._studio.files.folder
+        return {
+            "capabilities": params.get("capabilities", {}) if isinstance(params, dict) else {},
+            "processId": None,
+            "rootUri": None,
+            "workspaceFolders": [{"uri": uris.from_fs_path(str(folder)), "name": folder.name}],
+            "initializationOptions": {
+                "trusted": bool(shown.plugins),
+                "plugins": list(shown.plugins),
+                "models": list(shown.models),
+            },
+        }
+
+    # --- shared files
+
+    def _read(self, params: object) -> object:
+        return self._studio.files.read(self, msgspec.convert(params, _Document).uri)
+
+    def _push(self, params: object) -> object:
+        pushed = msgspec.convert(params, _Pushed)
+        return {"version": self._studio.files.push(self, pushed.uri, pushed.version, pushed.edits)}
+
+    def _save(self, params: object) -> None:
+        self._studio.files.save(msgspec.convert(params, _Document).uri)
+
+    def _create(self, params: object) -> object:
+        created = msgspec.convert(params, _Created)
+        return {"uri": self._studio.files.create(created.name, created.text)}
+
+    def _resolve(self, params: object) -> None:
+        resolved = msgspec.convert(params, _Resolved)
+        self._studio.files.resolve(resolved.uri, resolved.keep)
+
+    async def _moment(self, params: object) -> object:
+        recorded, position = self._studio.shown.recorded, msgspec.convert(params, _Moment).position
+        assert recorded is not None
+        # It runs a part of the recorded tree again, which takes some time.
+        return await asyncio.to_thread(recorded.moment, position)
+
+
+def _of_trees(paths: Iterable[Path]) -> list[Path]:
+    return sorted(path for path in paths if path.suffix in SUFFIXES)
+
+
+def _uris_in(value: object) -> Iterator[str]:
+    """Yield the URIs of documents in the parameters of a request."""
+    if isinstance(value, dict):
+        for name, item in value.items():
+            if name == "uri" and isinstance(item, str):
+                yield item
+            else:
+                yield from _uris_in(item)
+    elif isinstance(value, list):
+        for item in value:
+            yield from _uris_in(item)

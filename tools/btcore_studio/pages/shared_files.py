@@ -1,0 +1,524 @@
+"""The files that all pages of a studio share: who changes a text, and when it is written to the disk.
+
+A text accepts edits of its present version only. A page that was slower than another page or the disk
+receives the other edits, rebases its own, and repeats. So no edit is lost.
+"""
+
+import re
+from collections.abc import Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from difflib import SequenceMatcher
+from pathlib import Path
+from typing import Any, Final, Protocol
+
+import msgspec
+from lsprotocol import types
+from pygls import uris
+
+from btcore.input_files import read_error, read_file, real_path
+from btcore.output_files import write_file
+from btcore.xml.edit.editor import Edit, EditError, apply_edits
+from btcore_studio.edit.text_edits import difference, rebase_edits
+from btcore_studio.language.project import SUFFIXES
+from btcore_studio.language.text_positions import TextPositions
+from btcore_studio.served_folder import RefusedError, ServedFolder
+
+MAX_TEXT: Final = 8 << 20
+"""Maximum size of a text (bytes), so that a message of 16 MiB can contain it."""
+MAX_TEXTS: Final = 256
+"""Maximum number of texts that are open at the same time."""
+MAX_EDITS: Final = 10_000
+"""Maximum number of edits in a request."""
+MAX_KEPT: Final = 256_000_000
+"""Maximum size of the previous contents that are kept (bytes). The oldest are deleted first."""
+
+_BOM: Final = b"\xef\xbb\xbf"
+_LINE: Final = re.compile(r"[^\r\n]*(?:\r\n?|\n)|[^\r\n]+")
+_MAX_COMPARED_LINES: Final = 4_000
+"""Maximum number of lines that are compared one by one. In a longer change, all lines are replaced."""
+_ENCODING: Final = re.compile(r"""<\?xml\b[^>]{0,200}?\bencoding\s*=\s*["']([\w.-]{1,40})""")
+
+
+class StaleTextError(Exception):
+    """The edits are edits of an older version."""
+
+
+class Page(Protocol):
+    """A page, as far as the shared files need it."""
+
+    def notify(self, method: str, params: object) -> None:
+        """Send a notification."""
+
+
+class _Position(msgspec.Struct, frozen=True):
+    line: int
+    character: int
+
+
+class _Range(msgspec.Struct, frozen=True):
+    start: _Position
+    end: _Position
+
+
+class PushedEdit(msgspec.Struct, frozen=True, rename="camel"):
+    """A TextEdit of the Language Server Protocol."""
+
+    range: _Range
+    new_text: str
+
+
+@dataclass(eq=False)
+class SharedText:
+    """The text of a file.
+
+    Attributes:
+        path: The real path.
+        uri: The URI.
+        text: The text without a byte order mark.
+        disk: The content of the file that the text contains or, by a decision of the user, replaces.
+        base: The text in *disk*, from which unsaved changes are counted.
+        version: The number of the text, which each change increases.
+        pages: The pages that have read the text.
+        conflict: The content of the file if it changed on disk where the text has unsaved changes.
+        is_deleted: Whether the file was deleted.
+    """
+
+    path: Path
+    uri: str
+    text: str
+    disk: bytes
+    base: str
+    version: int = 1
+    pages: set[Page] = field(default_factory=set)
+    conflict: bytes | None = None
+    is_deleted: bool = False
+    # The state of the file when it was read, and at the last check: a file that is being written is not read.
+    read_stamp: object = None
+    seen_stamp: object = None
+
+    @property
+    def is_unsaved(self) -> bool:
+        """Whether the text is not in the file."""
+        return self.is_deleted or self.encoded() != self.disk
+
+    def encoded(self) -> bytes:
+        """Return the text as the content of the file, with the byte order mark that the file had."""
+        return (_BOM if self.disk.startswith(_BOM) else b"") + self.text.encode()
+
+
+class SharedFiles:
+    """The texts of the files in a folder. All methods are called by the event loop's thread.
+
+    Args:
+        folder: The folder.
+        is_read_only: Whether nothing is written.
+        previous: A folder for the previous contents of the files that are written.
+    """
+
+    def __init__(self, folder: Path, is_read_only: bool, previous: Path) -> None:
+        self.is_read_only = is_read_only
+        self._served = ServedFolder(folder)
+        self.folder = self._served.root
+        self._previous = previous
+        self._kept: list[tuple[Path, int]] = []
+        self._writes = 0
+        self._texts: dict[Path, SharedText] = {}
+        self._names: list[Path] = []
+        self._pages: set[Page] = set()
+        self._shown: object = None
+
+    # --- pages
+
+    def join(self, page: Page) -> None:
+        """Notify *page* of changes from now on."""
+        self._pages.add(page)
+
+    def leave(self, page: Page) -> None:
+        """Forget *page*. Its unsaved texts are kept for the next page."""
+        self._pages.discard(page)
+        for text in list(self._texts.values()):
+            text.pages.discard(page)
+            if not text.pages and not text.is_unsaved:
+                del self._texts[text.path]
+
+    # --- the files of the folder
+
+    def path(self, uri: str) -> Path:
+        """Return the real path of a file in the folder. It need not exist.
+
+        Raises:
+            RefusedError: The file is outside of the folder, or is no file of trees.
+        """
+        path = uris.to_fs_path(uri) if uri.startswith("file:///") else None
+        if not path or "\0" in path:
+            raise RefusedError(f"{uri[:200]!a} is refused: it is not the URI of a file on this machine")
+        real = real_path(path)
+        if not real.is_relative_to(self.folder):
+            raise RefusedError(f"'{path}' is refused: it is outside of the folder '{self.folder}'")
+        if real.suffix.lower() not in SUFFIXES:
+            raise RefusedError(f"'{path}' is refused: its name must end with {' or '.join(SUFFIXES)}")
+        return real
+
+    def files(self) -> list[dict[str, object]]:
+        """Return the files of the folder, and whether each has unsaved changes."""
+        paths = dict.fromkeys([*self._names, *sorted(self._texts)])
+        return [
+            {
+                "uri": _uri(path),
+                "name": path.relative_to(self.folder).as_posix(),
+                "unsaved": path in self._texts and self._texts[path].is_unsaved,
+            }
+            for path in paths
+        ]
+
+    def set_files(self, paths: Iterable[Path]) -> None:
+        """Set the files that were found in the folder."""
+        self._names = list(paths)
+        self._show_files()
+
+    def _show_files(self) -> None:
+        unsaved = {path for path, text in self._texts.items() if text.is_unsaved}
+        shown = self._names, self._texts.keys() - set(self._names), unsaved
+        if shown != self._shown:
+            self._shown = shown
+            files = self.files()
+            for page in self._pages:
+                page.notify("btcore/files", files)
+
+    # --- texts
+
+    def read(self, page: Page, uri: str) -> dict[str, object]:
+        """Return the text of a file, and notify *page* of its changes from now on.
+
+        Raises:
+            RefusedError: The file is not permitted, or cannot be read.
+        """
+        path = self.path(uri)
+        text = self._texts.get(path)
+        if text is None:
+            if len(self._texts) >= MAX_TEXTS:
+                raise RefusedError(f"more than {MAX_TEXTS} files are open: close another page")
+            name = path.relative_to(self.folder).as_posix()
+            data = self._read(self._served.find(name, SUFFIXES, MAX_TEXT))
+            try:
+                content = _decode(data)
+            except UnicodeDecodeError:
+                raise RefusedError(f"'{name}' is not UTF-8: convert it first") from None
+            text = self._texts[path] = SharedText(path, _uri(path), content, data, content)
+            text.read_stamp = text.seen_stamp = _stamp(path)
+        text.pages.add(page)
+        if text.conflict is not None:
+            page.notify("btcore/disk", _conflict(text))
+        return {"text": text.text, "version": text.version, "unsaved": text.is_unsaved}
+
+    def push(self, page: Page, uri: str, version: int, edits: list[PushedEdit]) -> int:
+        """Apply the edits of *page*, and return the new version.
+
+        Raises:
+            RefusedError: Nothing may be changed, or the edits are invalid.
+            StaleTextError: The text has another version.
+        """
+        self._check_writable()
+        text = self._open_text(uri)
+        if version != text.version:
+            raise StaleTextError
+        if len(edits) > MAX_EDITS:
+            raise RefusedError(f"more than {MAX_EDITS} edits are refused")
+        positions = TextPositions(text.text)
+        changes = [_edit(positions, edit) for edit in edits]
+        done = 0
+        for start, end, _ in sorted(changes, key=lambda edit: edit[:2]):
+            if start < done or end < start:
+                raise RefusedError("edits that overlap are refused")
+            done = end
+        result = apply_edits(text.text, changes)
+        try:
+            size = len(result.encode())
+        except UnicodeEncodeError:
+            raise RefusedError("a text with half of a surrogate pair is refused") from None
+        if size > MAX_TEXT:
+            raise RefusedError(f"the file would be too large: at most {MAX_TEXT:,} bytes are permitted")
+        text.text = result
+        text.version += 1
+        pushed = {"uri": text.uri, "version": version, "edits": msgspec.to_builtins(edits)}
+        for other in text.pages - {page}:
+            other.notify("btcore/pushed", pushed)
+        self._show_files()
+        return text.version
+
+    def save(self, uri: str) -> None:
+        """Write the text of a file.
+
+        Raises:
+            RefusedError: Nothing may be written, the file has changed on disk, or it cannot be written.
+        """
+        self._check_writable()
+        text = self._open_text(uri)
+        name = self._name(text)
+        version = text.version
+        self._take_disk(text)
+        if text.conflict is not None:
+            raise RefusedError(f"'{name}' has changed on disk: decide which text to keep, then save it")
+        if not text.is_unsaved:
+            self._show_files()
+            return
+        if text.version != version:
+            raise RefusedError(f"'{name}' has changed on disk: check the merged text, then save it")
+        encoding = _ENCODING.match(text.text)
+        if encoding and encoding[1].lower() not in ("utf-8", "utf8") and not text.text.isascii():
+            raise RefusedError(
+                f"'{name}' would be UTF-8, but its XML declaration says {encoding[1]}: change the declaration"
+            )
+        data = text.encoded()
+        if real_path(text.path) != text.path:
+            raise RefusedError(f"'{name}' is refused: it has become a symbolic link")
+        self._keep(text.path, text.disk)
+        try:
+            write_file(text.path, data)
+        except OSError as error:
+            raise RefusedError(f"'{name}' can't be written: {read_error(error)}") from None
+        text.disk, text.base, text.is_deleted = data, text.text, False
+        text.read_stamp = text.seen_stamp = _stamp(text.path)
+        self._show_files()
+
+    def create(self, name: str, content: str) -> str:
+        """Create a file, and return its URI.
+
+        Args:
+            name: The path, relative to the folder.
+            content: The text.
+
+        Raises:
+            RefusedError: The file exists, is not permitted, or cannot be written.
+        """
+        self._check_writable()
+        path = self._served.find_new(name, SUFFIXES)
+        try:
+            data = content.encode()
+        except UnicodeEncodeError:
+            raise RefusedError("a text with half of a surrogate pair is refused") from None
+        if len(data) > MAX_TEXT:
+            raise RefusedError(f"the file would be too large: at most {MAX_TEXT:,} bytes are permitted")
+        try:
+            with path.open("xb") as file:
+                file.write(data)
+        except OSError as error:
+            raise RefusedError(f"'{name}' can't be created: {read_error(error)}") from None
+        self.set_files(sorted({*self._names, path}))
+        return _uri(path)
+
+    # --- changes on disk
+
+    def check_disk(self) -> None:
+        """Take the changes of other programs. Call this regularly."""
+        for text in self._texts.values():
+            stamp = _stamp(text.path)
+            is_settled, text.seen_stamp = stamp == text.seen_stamp, stamp
+            if is_settled and stamp != text.read_stamp:
+                # An unreadable file is reported when it is saved.
+                with suppress(RefusedError):
+                    self._take_disk(text)
+        self._show_files()
+
+    def resolve(self, uri: str, keep: str) -> None:
+        """Decide about a text that was changed here and on disk.
+
+        Args:
+            keep: "disk" discards the unsaved changes; "page" discards the content of the file with the next
+                save.
+
+        Raises:
+            RefusedError: The content of the file is not UTF-8, so that it cannot be kept.
+        """
+        self._check_writable()
+        text = self._open_text(uri)
+        disk = text.disk if text.conflict is None else text.conflict
+        try:
+            base = _decode(disk)
+        except UnicodeDecodeError:
+            if keep == "disk":
+                raise RefusedError(f"'{self._name(text)}' on disk is not UTF-8") from None
+            base = text.text
+        text.disk, text.base, text.conflict = disk, base, None
+        if keep == "disk":
+            self._change(text, line_edits(text.text, base))
+        self._show_files()
+
+    def unsaved(self) -> Iterator[tuple[str, bytes]]:
+        """Yield the name and the content of each file with unsaved changes."""
+        for text in self._texts.values():
+            if text.is_unsaved:
+                yield text.path.name, text.encoded()
+
+    def _take_disk(self, text: SharedText) -> None:
+        """Take a change of the file on disk: as edits, merged with unsaved changes, or as a conflict."""
+        stamp = _stamp(text.path)
+        text.is_deleted = stamp is None
+        data = text.disk if text.is_deleted else self._read(text.path)
+        text.read_stamp = stamp
+        if data == text.disk:
+            text.conflict = None
+            return
+        try:
+            theirs = _decode(data)
+            merged = merge_edits(text.base, theirs, text.text)
+        except UnicodeDecodeError:
+            merged = None
+        if merged is not None:
+            text.disk, text.base, text.conflict = data, theirs, None
+            self._change(text, merged)
+        elif data != text.conflict:
+            text.conflict = data
+            for page in text.pages:
+                page.notify("btcore/disk", _conflict(text))
+
+    def _change(self, text: SharedText, edits: list[Edit]) -> None:
+        """Apply edits that no page has made."""
+        if not edits:
+            return
+        positions = TextPositions(text.text)
+        pushed = [
+            {"range": _range(positions, start, end), "newText": new}
+            for start, end, new in (
+                _beside_line_breaks(text.text, _smallest(text.text, edit)) for edit in edits
+            )
+        ]
+        text.text = apply_edits(text.text, edits)
+        text.version += 1
+        for page in text.pages:
+            page.notify("btcore/pushed", {"uri": text.uri, "version": text.version - 1, "edits": pushed})
+
+    # ---
+
+    def _check_writable(self) -> None:
+        if self.is_read_only:
+            raise RefusedError("the studio is read-only: nothing is changed")
+
+    def _open_text(self, uri: str) -> SharedText:
+        path = self.path(uri)
+        if path not in self._texts:
+            raise RefusedError(f"'{path}' is not open")
+        return self._texts[path]
+
+    def _name(self, text: SharedText) -> str:
+        return text.path.relative_to(self.folder).as_posix()
+
+    def _read(self, path: Path) -> bytes:
+        try:
+            data = read_file(path, MAX_TEXT + 1)
+        except (OSError, ValueError) as error:
+            reason = read_error(error) if isinstance(error, OSError) else str(error)
+            raise RefusedError(f"'{path.name}' can't be read: {reason}") from None
+        if len(data) > MAX_TEXT:
+            raise RefusedError(f"'{path.name}' is too large: at most {MAX_TEXT:,} bytes are permitted")
+        return data
+
+    def _keep(self, path: Path, data: bytes) -> None:
+        """Keep the previous content of a file that is about to be written."""
+        self._writes += 1
+        kept = self._previous / f"{self._writes:04}-{path.name}"
+        try:
+            kept.write_bytes(data)
+        except OSError as error:
+            raise RefusedError(
+                f"the previous content of '{path.name}' can't be kept: {read_error(error)}"
+            ) from None
+        self._kept.append((kept, len(data)))
+        while sum(size for _, size in self._kept) > MAX_KEPT and len(self._kept) > 1:
+            self._kept.pop(0)[0].unlink(missing_ok=True)
+
+
+def line_edits(before: str, after: str) -> list[Edit]:
+    """Return edits of *before* that make it *after*, and keep the lines that both have."""
+    changed = difference(before, after)
+    start = _line_start(before, changed.start)
+    # The rest of a line that begins with the change is the same in both.
+    rest = _LINE.match(before, changed.end)
+    end = rest.end() if rest is not None else len(before)
+    old, new = before[start:end], after[start : len(after) - (len(before) - end)]
+    old_lines, new_lines = _LINE.findall(old), _LINE.findall(new)
+    if max(len(old_lines), len(new_lines)) > _MAX_COMPARED_LINES:
+        return [Edit(start, end, new)]
+    offsets = [start]
+    for line in old_lines:
+        offsets.append(offsets[-1] + len(line))
+    return [
+        Edit(offsets[first], offsets[last], "".join(new_lines[new_first:new_last]))
+        for kind, first, last, new_first, new_last in SequenceMatcher(
+            None, old_lines, new_lines
+        ).get_opcodes()
+        if kind != "equal"
+    ]
+
+
+def merge_edits(base: str, disk: str, text: str) -> list[Edit] | None:
+    """Return the edits of *text* that add the changes between *base* and *disk*.
+
+    Returns:
+        None if both have changed the same lines.
+    """
+    own = line_edits(base, text)
+    theirs = [edit for edit in line_edits(base, disk) if edit not in own]
+    try:
+        return rebase_edits(theirs, own)
+    except EditError:
+        return None
+
+
+def _smallest(text: str, edit: Edit) -> Edit:
+    inner = difference(text[edit.start : edit.end], edit.text)
+    return Edit(edit.start + inner.start, edit.start + inner.end, inner.text)
+
+
+def _line_start(text: str, offset: int) -> int:
+    """Return where the line of *offset* starts."""
+    start = max(text.rfind("\n", 0, offset), text.rfind("\r", 0, offset)) + 1
+    return _line_start(text, start - 1) if start and text[start - 1 : start + 1] == "\r\n" else start
+
+
+def _beside_line_breaks(text: str, edit: Edit) -> Edit:
+    """Return the edit without an end between CR and LF, where positions cannot be."""
+    start, end, new = edit
+    if text[max(0, start - 1) : start + 1] == "\r\n":
+        start, new = start - 1, "\r" + new
+    if text[max(0, end - 1) : end + 1] == "\r\n":
+        end, new = end + 1, new + "\n"
+    return Edit(start, end, new)
+
+
+def _edit(positions: TextPositions, edit: PushedEdit) -> Edit:
+    start, end = (
+        positions.offset(types.Position(place.line, place.character))
+        for place in (edit.range.start, edit.range.end)
+    )
+    return Edit(start, end, edit.new_text)
+
+
+def _range(positions: TextPositions, start: int, end: int) -> dict[str, Any]:
+    return {
+        name: {"line": place.line, "character": place.character}
+        for name, place in (("start", positions.position(start)), ("end", positions.position(end)))
+    }
+
+
+def _decode(data: bytes) -> str:
+    return data.removeprefix(_BOM).decode()
+
+
+def _conflict(text: SharedText) -> dict[str, object]:
+    assert text.conflict is not None
+    return {"uri": text.uri, "text": text.conflict.removeprefix(_BOM).decode(errors="replace")}
+
+
+def _uri(path: Path) -> str:
+    return uris.from_fs_path(str(path)) or ""
+
+
+def _stamp(path: Path) -> object:
+    """Return a value that changes with the content of the file; None if there is no file."""
+    try:
+        state = path.stat()
+    except OSError:
+        return None
+    return state.st_mtime_ns, state.st_size, state.st_ino
