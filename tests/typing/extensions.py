@@ -9,10 +9,10 @@ from btcore_proof.outcome_replay import OutcomesReader
 from btcore_recorder.commands.replay import LogViewer as ReplayExtension
 from btcore_recorder.moments import Moments
 from btcore_recorder.outcomes import read_outcomes
-from btcore_studio.preview.live import PreviewExtension
-from btcore_studio.preview.timeline import Timeline
+from btcore_studio.language.live import LiveExtension
+from btcore_studio.pages.timeline import Timeline
 
-preview: PreviewExtension = RobotPreview()
+preview: LiveExtension = RobotPreview()
 replay: ReplayExtension = LogViewer()
 timeline: Callable[[Path], Timeline] = Moments
 outcomes: OutcomesReader = read_outcomes

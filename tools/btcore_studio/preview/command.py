@@ -16,10 +16,10 @@ from btcore.exit_codes import code_of_signal
 from btcore.field_options import ExtensibleCommand, pass_options
 from btcore.loading.hot_reload import FileWatcher
 from btcore.signals import EndingSignals
-from btcore_studio.preview.live import PreviewExtension
+from btcore_studio.language.live import LiveExtension
+from btcore_studio.pages.timeline import open_timeline
 from btcore_studio.preview.server import PreviewServer
 from btcore_studio.preview.session import PreviewSession
-from btcore_studio.preview.timeline import open_timeline
 from btcore_studio.preview.tree_reading import RecordedTree, TreeFile
 
 
@@ -60,7 +60,7 @@ def preview(
     if path == STDIN:
         raise click.UsageError("btcore preview needs a file: a tree on stdin cannot be saved again.")
     assert isinstance(ctx.command, ExtensibleCommand)
-    live: PreviewExtension | None = ctx.command.create_extension(extension_values)
+    live: LiveExtension | None = ctx.command.create_extension(extension_values)
     file_watcher = None
     timeline = open_timeline(path)
     if timeline is not None:

@@ -7,9 +7,9 @@ from typing import Any, Final
 
 from btcore.errors import BtcoreError
 from btcore.extras import install_command
+from btcore_studio.language.live import LiveConnection, LiveState
 from btcore_studio.language.node_keys import KeyedNode, node_keys
-from btcore_studio.preview.live import LiveConnection, LiveState
-from btcore_studio.preview.timeline import RecordedRun, Timeline
+from btcore_studio.pages.timeline import RecordedRun, Timeline
 from btcore_studio.preview.tree_reading import RecordedTree, TreeFile, draw
 
 Connect = Callable[[str], LiveConnection]

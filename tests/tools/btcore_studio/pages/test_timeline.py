@@ -16,9 +16,9 @@ from btcore_recorder import record
 from btcore_recorder.files import read_recording
 from btcore_recorder.moments import Moments
 from btcore_recorder.replay import STATE_INTERVAL
+from btcore_studio.pages.timeline import RecordedRun, open_timeline
 from btcore_studio.preview.server import PreviewServer
 from btcore_studio.preview.session import PreviewSession
-from btcore_studio.preview.timeline import RecordedRun, open_timeline
 from btcore_studio.preview.tree_reading import RecordedTree
 from tests.tools.btcore_studio.preview.test_server import JSON, request
 
