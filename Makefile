@@ -60,6 +60,8 @@ PAGE := tools/btcore_studio/page
 PAGE_SOURCES := $(PAGE)/tsconfig.json $(wildcard $(PAGE)/*.html $(PAGE)/*.css $(PAGE)/src/*)
 VULKAN := mesa-vulkan-drivers libvulkan1
 
+NPM_OPTIONS := --loglevel=error --no-audit --no-fund --no-package-lock
+
 # What the demo runs, and for how long (s of the robot's time).
 DEMO := bumpgo_wide --world arena_boxes --seed 7 --duration 60
 
@@ -283,7 +285,7 @@ accept-engine: .venv/ready .venv-compiled/ready
 
 accept-tools: .venv/ready
 	@$(if $(filter none,$(EDITS)),,BTCORE_EXPECT=pure BTCORE_EDITS=$(EDITS) .venv/bin/pytest -n $(CORES) \
-		--dist worksteal tests/tools/btcore_studio/edit)
+		--dist worksteal tests/tools/btcore_studio/edit tests/tools/btcore_studio/language/test_edit_commands.py)
 	@$(if $(filter none,$(RECORDED_RUNS)),,BTCORE_EXPECT=pure BTCORE_RUNS=$(RECORDED_RUNS) .venv/bin/pytest -n $(CORES) \
 		$(addprefix tests/tools/btcore_recorder/,test_excerpts.py test_replay.py test_what_if.py test_why.py))
 	$(call acceptance,mcp_attacks,$(MCP_ATTACKS))
@@ -308,14 +310,16 @@ $(PAGE)/built/index.html: $(PAGE)/node_modules/ready $(PAGE_SOURCES)
 	@touch $@
 
 $(PAGE)/node_modules/ready: $(PAGE)/package.json
-	@cd $(PAGE) && PYTHON='$(PYTHON)' $(CURDIR)/.ci/npm install --loglevel=error --no-audit --no-fund --no-package-lock
+	@cd $(PAGE) && PYTHON='$(PYTHON)' $(CURDIR)/.ci/npm install $(NPM_OPTIONS)
 	@touch $@
 
-vscode:
+# The extension contains the page.
+vscode: page
 	@mkdir -p out
 	@cp LICENSE editors/vscode/LICENSE
-	@cd editors/vscode && npm install --loglevel=error --no-audit --no-fund --no-package-lock
-	@cd editors/vscode && npm run --silent package
+	@mkdir -p editors/vscode/out/page
+	@cp $(PAGE)/built/studio.{js,css} editors/vscode/out/page
+	@cd editors/vscode && npm install $(NPM_OPTIONS) && npm run --silent package
 
 # Each is skipped if npm cannot bring its tool.
 npm-checks: .venv/ready

@@ -4,12 +4,12 @@ import * as vscode from "vscode";
 import { LANGUAGE } from "./language";
 import { folderOf, libraryOptions, settings } from "./settings";
 
-/** Return the document that a command concerns: of a code lens, or of the active editor; saved if it has a file. */
-export async function documentFor(uri?: unknown): Promise<vscode.TextDocument | undefined> {
+/** Return the document that a command concerns: of a code lens, or of the active editor, which may be a studio. */
+export async function documentFor(uri?: unknown, ofStudio?: vscode.TextDocument): Promise<vscode.TextDocument | undefined> {
   const document =
     typeof uri === "string" || uri instanceof vscode.Uri
       ? await vscode.workspace.openTextDocument(typeof uri === "string" ? vscode.Uri.parse(uri) : uri)
-      : vscode.window.activeTextEditor?.document;
+      : (vscode.window.activeTextEditor?.document ?? ofStudio);
   if (document?.uri.scheme !== "file" || document.languageId !== LANGUAGE) {
     void vscode.window.showInformationMessage("Open an XML file with behavior trees first.");
     return undefined;
@@ -31,8 +31,7 @@ async function execute(name: string, args: string[], folder: string): Promise<vo
 }
 
 /** Run a command on the saved tree of a document in a terminal. */
-async function executeOnTree(name: string, more: string[], uri?: unknown, tree?: unknown): Promise<void> {
-  const document = await documentFor(uri);
+async function executeOnTree(name: string, more: string[], document: vscode.TextDocument | undefined, tree?: unknown): Promise<void> {
   if (!document) return;
   if (document.isDirty) await document.save();
   const options = typeof tree === "string" ? ["--tree", tree] : [];
@@ -40,8 +39,7 @@ async function executeOnTree(name: string, more: string[], uri?: unknown, tree?:
 }
 
 /** Replace the text of a document in format 3 by its conversion to format 4, as one edit that can be undone. */
-async function convert(output: vscode.OutputChannel): Promise<void> {
-  const document = await documentFor();
+async function convert(output: vscode.OutputChannel, document: vscode.TextDocument | undefined): Promise<void> {
   if (!document) return;
   if (document.isDirty) await document.save();
   const args = ["convert", ...libraryOptions(), "--", document.uri.fsPath];
@@ -61,17 +59,21 @@ async function convert(output: vscode.OutputChannel): Promise<void> {
   output.show(true);
 }
 
-/** Register the commands, except those of the preview and of the language server. */
-export function registerCommands(context: vscode.ExtensionContext): void {
+/**
+ * Register the commands, except those of the studio and of the language server.
+ *
+ * @param ofStudio Returns the document of the active studio.
+ */
+export function registerCommands(context: vscode.ExtensionContext, ofStudio: () => vscode.TextDocument | undefined): void {
   const output = vscode.window.createOutputChannel("btcore");
   const register = (name: string, action: (...args: unknown[]) => Promise<void>): vscode.Disposable =>
     vscode.commands.registerCommand(`btcore.${name}`, action);
   context.subscriptions.push(
     output,
-    register("validate", (uri, tree) => executeOnTree("validate", [], uri, tree)),
-    register("run", (uri, tree) => executeOnTree("run", settings().runArguments, uri, tree)),
-    register("prove", (uri, tree) => executeOnTree("prove", [], uri, tree)),
-    register("convert", () => convert(output)),
+    register("validate", async (uri, tree) => executeOnTree("validate", [], await documentFor(uri, ofStudio()), tree)),
+    register("run", async (uri, tree) => executeOnTree("run", settings().runArguments, await documentFor(uri, ofStudio()), tree)),
+    register("prove", async (uri, tree) => executeOnTree("prove", [], await documentFor(uri, ofStudio()), tree)),
+    register("convert", async () => convert(output, await documentFor(undefined, ofStudio()))),
     register("monitor", async () => {
       const folder = vscode.workspace.workspaceFolders?.[0]?.uri.fsPath ?? ".";
       await execute("monitor", ["--", settings().address], folder);

@@ -1,8 +1,10 @@
 import * as vscode from "vscode";
-import { LanguageClient } from "vscode-languageclient/node";
+import { LanguageClient, State } from "vscode-languageclient/node";
 import { settings } from "./settings";
 
 export const LANGUAGE = "behaviortree";
+/** The nodes that documents can use have changed. */
+export const REFRESH = "workspace/semanticTokens/refresh";
 
 const TREES = /<\s*(?:BehaviorTree|TreeNodesModel)\b|<\s*root\b[^>]*\bBTCPP_format\b/;
 const SEARCHED = 20_000;
@@ -27,10 +29,24 @@ export function associate(context: vscode.ExtensionContext): void {
   );
 }
 
+/** What the server sends to its client. */
+export interface ServerMessage {
+  method: string;
+  params?: unknown;
+}
+
+/** The messages of the server that pages need, too. */
+const FORWARDED = new Set(["textDocument/publishDiagnostics", "btcore/live", REFRESH]);
+
 /** The language server: `btcore lsp`. */
 export class Server {
   private client: LanguageClient | undefined;
   private last: Promise<void> = Promise.resolve();
+  private readonly messages = new vscode.EventEmitter<ServerMessage>();
+  private readonly starts = new vscode.EventEmitter<void>();
+  readonly onMessage = this.messages.event;
+  /** The server was started, also again. */
+  readonly onStart = this.starts.event;
 
   /** Start the server, or start it again. */
   start(): Promise<void> {
@@ -39,6 +55,13 @@ export class Server {
 
   stop(): Promise<void> {
     return this.next(() => this.stopClient());
+  }
+
+  /** Send a request to the server that is running, or starting. */
+  async request<T>(method: string, params: unknown): Promise<T> {
+    await this.last;
+    if (!this.client) throw new Error("The language server does not run.");
+    return this.client.sendRequest<T>(method, params);
   }
 
   /** Run an action after all earlier actions: a client that is starting cannot be stopped. */
@@ -60,9 +83,21 @@ export class Server {
         synchronize: {
           fileEvents: vscode.workspace.createFileSystemWatcher("**/*.{xml,btproj,py}"),
         },
+        connectionOptions: {
+          messageStrategy: {
+            handleMessage: (message, next) => {
+              next(message);
+              const { method, params } = message as Partial<ServerMessage>;
+      if (method !== undefined && FORWARDED.has(method)) this.messages.fire({ method, params });
+            },
+          },
+        },
       },
     );
     this.client = client;
+    client.onDidChangeState(({ newState }) => {
+      if (newState === State.Running && this.client === client) this.starts.fire();
+    });
     try {
       await client.start();
     } catch (error) {

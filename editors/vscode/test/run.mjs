@@ -37,7 +37,7 @@ const file = path.join(folder, "Küche ; echo $(x).xml");
 writeFileSync(file, XML);
 const document = new vscode.Document(file);
 vscode.workspace.textDocuments.push(document);
-const context = { subscriptions: [] };
+const context = { subscriptions: [], extensionUri: vscode.Uri.file("/extension") };
 await extension.activate(context);
 vscode.window.activeTextEditor = { document };
 const call = (name, ...args) => vscode.handlers.get(`btcore.${name}`)(...args);
@@ -95,75 +95,121 @@ test("a document in format 3 is converted as an edit", async () => {
   const old = path.join(folder, "old.xml");
   writeFileSync(old, '<root main_tree_to_execute="A"><BehaviorTree ID="A"><SequenceStar><AlwaysSuccess/></SequenceStar></BehaviorTree></root>');
   const third = new vscode.Document(old, "behaviortree");
+  vscode.workspace.textDocuments.push(third);
   vscode.window.activeTextEditor = { document: third };
   await call("convert");
-  assert.match(vscode.calls.edits.at(-1)?.text ?? "", /BTCPP_format="4"[^]*SequenceWithMemory/);
+  assert.match(third.text, /BTCPP_format="4"[^]*SequenceWithMemory/);
   vscode.window.activeTextEditor = { document };
 });
 
-test("the preview shows unsaved text, moves the cursor, follows it, and sets breakpoints", async () => {
-  await document.save();
-  await call("show", document.uri.toString(), "Runde");
-  const panel = vscode.calls.panels.at(-1);
-  const ask = async (name, body) => {
-    const id = Math.random();
-    panel.receive({ type: "request", id, name, body });
-    return (await vscode.message(panel, (item) => item.id === id)).value;
+/** Open the studio of a document; return its web view, with the state of the page. */
+async function open(shown, tree) {
+  await call("show", shown.uri.toString(), tree);
+  const panel = vscode.calls.panels.find((item) => item.document === shown);
+  const page = { panel, uri: shown.uri.toString(), tree: null, ask: panel.request, close: panel.dispose };
+  page.start = await panel.request("studio/start", {});
+  page.draw = async (wanted = page.start.tree) =>
+    (page.drawing = await panel.request("btcore/drawing", { textDocument: { uri: page.uri }, tree: wanted, folded: [] }));
+  /** Do what the page does for a command. */
+  page.edit = async (command) => {
+    const { versions } = page.drawing;
+    const result = await panel.request("btcore/edit", { command, versions });
+    await panel.request("studio/apply", { edit: result.edit });
+    return result;
   };
-  const drawing = await ask("drawing", { tree: "Runde", folded: [] });
-  assert.deepEqual(drawing.nodes.map((node) => node.name), ["Küche 🍳", "1", "Teil", "zwei", "Teil", "zwei"]);
-  const { html } = await vscode.message(panel, (item) => item.type === "page");
-  assert.match(html, /script-src 'nonce-/);
-  assert.ok(!html.includes('src="preview.js"') && !html.includes("(prefers-color-scheme"));
-  if (process.env.SAVE_PAGE) writeFileSync(process.env.SAVE_PAGE, html);
+  return page;
+}
 
-  panel.receive({ type: "ready" });
-  assert.ok((await vscode.message(panel, (item) => item.name === "document")).value.drawable);
-  assert.equal((await vscode.message(panel, (item) => item.type === "tree")).tree, "Runde");
+/** Return the next message of the extension with a method, for which *matches* holds. */
+const notified = (panel, method, matches, from) =>
+  vscode.message(panel, (item) => item.method === method && matches(item.params), from).then(({ params }) => params);
+const names = ({ nodes }) => nodes.map(({ name }) => name);
+const node = ({ nodes }, wanted) => nodes.find(({ name }) => name === wanted);
 
-  let from = panel.sent.length;
-  document.type(document.text.replace("zwei", "drei"));
-  await vscode.message(panel, (item) => item.name === "document" && item.value.unsaved, from);
-  assert.equal((await ask("drawing", { tree: "Runde", folded: [] })).nodes[3].name, "drei");
-  assert.ok(!readFileSync(file, "utf8").includes("drei"));
-  from = panel.sent.length;
-  document.type(document.text.replace("</Sequence>", ""));
-  const broken = await vscode.message(panel, (item) => item.name === "document" && !item.value.drawable, from);
-  assert.equal(broken.value.diagnostics[0].code, "E002");
-  from = panel.sent.length;
-  document.type(XML);
-  await vscode.message(panel, (item) => item.name === "document" && item.value.drawable, from);
-
-  panel.receive({ type: "reveal", file, line: 4, column: 7 });
-  vscode.fire("selection", { textEditor: { document }, selections: [new vscode.Selection(new vscode.Position(9, 0), new vscode.Position(9, 0))] });
-  assert.deepEqual(panel.sent.filter((item) => item.type === "cursor"), [{ type: "cursor", file, line: 10 }]);
-  await new Promise(setImmediate);
-  assert.deepEqual([vscode.window.shown.selection.active.line, vscode.window.shown.selection.active.character], [3, 6]);
-
-  from = panel.sent.length;
-  panel.receive({ type: "breakpoint", file, line: 10 });
-  const live = await vscode.message(panel, (item) => item.name === "live" && item.value.wanted.length, from);
-  // The tree is called twice.
-  assert.deepEqual(live.value.wanted, [drawing.nodes[3].key, drawing.nodes[5].key].sort());
-  from = panel.sent.length;
-  panel.receive({ type: "breakpoint", file, line: 10 });
-  await vscode.message(panel, (item) => item.name === "live" && !item.value.wanted.length, from);
-
-  panel.receive({ type: "request", id: -1, name: "text", body: { text: "x" } });
-  assert.ok((await ask("drawing", { tree: "Teil", folded: [], styled: true })).svg.includes("<style>"));
-  assert.ok(!panel.sent.some((item) => item.id === -1), "the page cannot change the text");
-  panel.receive({ type: "export", name: "../../Teil.svg", svg: "<svg/>" });
-  await new Promise(setImmediate);
-  assert.deepEqual([...vscode.calls.written.keys()], [path.join(folder, ".._.._Teil.svg")]);
-  panel.dispose();
+test("the page of the studio loads nothing but its own files", async () => {
+  const { panel, start, close } = await open(document);
+  const policy = /Content-Security-Policy" content="([^"]*)"/.exec(panel.html)[1];
+  assert.match(policy, /^default-src 'none'; img-src blob:; style-src https:\/\/files.example; script-src 'nonce-[\w+/=]+'$/);
+  assert.deepEqual([...panel.html.matchAll(/(?:src|href)="([^"]*)"/g)].map(([, address]) => address), [
+    "https://files.example/extension/out/page/studio.css", "https://files.example/extension/out/page/studio.js",
+  ]);
+  assert.deepEqual(panel.webview.options.localResourceRoots.map(String), ["file:///extension/out/page"]);
+  assert.deepEqual([start.uri, start.tree, start.live, start.readOnly], [document.uri.toString(), null, true, false]);
+  close();
 });
 
-test("a preview that cannot start is explained", async () => {
-  vscode.configuration.set("command", path.join(folder, "nowhere"));
-  await call("show");
-  const panel = vscode.calls.panels.at(-1);
-  await new Promise((resolve) => panel.onDidDispose(resolve));
-  assert.match(vscode.calls.errors.at(-1), /btcore preview ended: .*ENOENT/);
+test("the studio shows unsaved text, and problems", async () => {
+  const page = await open(document, "Runde");
+  assert.equal(page.start.tree, "Runde");
+  assert.deepEqual(names(await page.draw()), ["Küche 🍳", "1", "Teil", "zwei", "Teil", "zwei"]);
+  let from = page.panel.sent.length;
+  document.type(document.text.replace("zwei", "drei"));
+  await notified(page.panel, "studio/changed", ({ uri }) => uri === page.uri, from);
+  assert.equal(names(await page.draw())[3], "drei");
+  assert.ok(!readFileSync(file, "utf8").includes("drei"));
+  from = page.panel.sent.length;
+  document.type(document.text.replace("<AlwaysFailure", "<Unknown"));
+  const isHere = ({ uri, diagnostics }) => uri === page.uri && diagnostics.some(({ severity }) => severity === 1);
+  await notified(page.panel, "textDocument/publishDiagnostics", isHere, from);
+  const second = await open(document);
+  assert.equal(second.panel, page.panel, "the studio is open already");
+  from = page.panel.sent.length;
+  document.type(XML);
+  await notified(page.panel, "textDocument/publishDiagnostics", (params) => params.uri === page.uri && !isHere(params), from);
+  await call("show", page.uri, "Teil");
+  assert.deepEqual(await notified(page.panel, "studio/tree", () => true), { tree: "Teil" });
+  page.close();
+});
+
+test("the cursor selects a node, and a node moves the cursor of the text beside", async () => {
+  const page = await open(document);
+  const editor = { document, viewColumn: 2, revealRange() {} };
+  vscode.window.visibleTextEditors.push(editor);
+  const at = (line, character) => ({ textEditor: editor, selections: [new vscode.Selection(new vscode.Position(line, character), new vscode.Position(line, character))] });
+  vscode.fire("selection", at(9, 6));
+  assert.deepEqual(page.panel.sent.at(-1).params, { uri: page.uri, position: { line: 9, character: 6 } });
+  const drawing = await page.draw();
+  const { place } = node(drawing, "Küche 🍳");
+  page.panel.notify("studio/select", place);
+  assert.deepEqual({ ...editor.selection.active }, place.position);
+  const from = page.panel.sent.length;
+  vscode.fire("selection", at(place.position.line, place.position.character));
+  assert.equal(page.panel.sent.length, from, "the cursor that the page has moved selects nothing");
+  await page.ask("studio/reveal", drawing.nodes[1].place);
+  assert.deepEqual({ ...vscode.window.shown.selection.active }, drawing.nodes[1].place.position);
+  vscode.window.visibleTextEditors.pop();
+  page.close();
+});
+
+test("the page cannot do what it does not need", async () => {
+  const page = await open(document);
+  await assert.rejects(page.ask("workspace/executeCommand", { command: "x" }), { code: -32601 });
+  await assert.rejects(page.ask("btcore/start", {}), { code: -32601 });
+  const edits = [{ range: { start: { line: 0, character: 0 }, end: { line: 0, character: 0 } }, newText: "x" }];
+  for (const uri of ["file:///etc/passwd", "untitled:tree.xml", "https://example.com/tree.xml", "tree.xml"]) {
+    await assert.rejects(page.ask("studio/apply", { edit: { changes: { [uri]: edits } } }), (error) => error.message.length > 0);
+  }
+  await page.ask("studio/export", { name: "../../Teil.svg", base64: Buffer.from("<svg/>").toString("base64") });
+  assert.deepEqual([...vscode.calls.written], [[path.join(folder, ".._.._Teil.svg"), "<svg/>"]]);
+  page.close();
+});
+
+test("edits and commands of an earlier text apply to the present text", async () => {
+  const page = await open(document);
+  const drawing = await page.draw();
+  const { place } = node(drawing, "eins");
+  const before = document.text;
+  const insert = (text) => ({ changes: { [page.uri]: [{ range: { start: place.position, end: place.position }, newText: text }] }, versions: drawing.versions });
+  document.type(before.replace("<BehaviorTree", "<!-- ä\n -->\n<BehaviorTree"));
+  await page.ask("studio/apply", { edit: insert("<!--here-->") });
+  assert.ok(document.text.includes("<!--here--><AlwaysSuccess"));
+  document.type(document.text.replace('<AlwaysSuccess name="eins"/>', ""));
+  const gone = { range: { start: place.position, end: { ...place.position, character: place.position.character + 5 } }, newText: "" };
+  await assert.rejects(page.ask("studio/apply", { edit: { changes: { [page.uri]: [gone] }, versions: drawing.versions } }), /repeat the command/);
+  await assert.rejects(page.edit({ kind: "remove", nodes: [place] }), /not in the text any more/);
+  document.type(before);
+  await document.save();
+  page.close();
 });
 
 test("a server that is starting can be restarted", async () => {

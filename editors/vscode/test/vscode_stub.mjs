@@ -1,11 +1,14 @@
 // A stand-in for VS Code's module `vscode`: it keeps what the extension registers, for the test to call.
-import { EventEmitter } from "node:events";
+import { spawn } from "node:child_process";
+import { EventEmitter as Hub, once } from "node:events";
 import { readFileSync, writeFileSync } from "node:fs";
 import path from "node:path";
+import { createMessageConnection, StreamMessageReader, StreamMessageWriter } from "vscode-jsonrpc/node.js";
 
-export const calls = { errors: [], infos: [], tasks: [], languages: [], edits: [], written: new Map(), clients: [], panels: [] };
+export const calls = { errors: [], infos: [], tasks: [], languages: [], written: new Map(), clients: [], panels: [] };
 export const handlers = new Map();
-const hub = new EventEmitter();
+const hub = new Hub();
+hub.setMaxListeners(0);
 const event = (name) => (listener) => {
   hub.on(name, listener);
   return { dispose: () => hub.off(name, listener) };
@@ -42,23 +45,55 @@ export class Task {
 export class ProcessExecution {
   constructor(process, args, options) { Object.assign(this, { process, args, options }); }
 }
+export class EventEmitter {
+  hub = new Hub();
+  event = (listener) => {
+    this.hub.on("event", listener);
+    return { dispose: () => this.hub.off("event", listener) };
+  };
+  fire(value) { this.hub.emit("event", value); }
+}
 export class WorkspaceEdit {
-  replace(uri, range, text) { calls.edits.push({ uri, text }); }
+  edits = [];
+  replace(uri, range, text) { this.edits.push({ uri, range, text }); }
 }
 export const TaskScope = { Workspace: 2 };
 export const ViewColumn = { One: 1, Beside: -2 };
 export const TextEditorRevealType = { InCenterIfOutsideViewport: 2 };
-export const ColorThemeKind = { Light: 1, Dark: 2, HighContrast: 3 };
 
 export class Document {
   constructor(fsPath, languageId = "xml") {
     Object.assign(this, { uri: Uri.file(fsPath), languageId, isDirty: false, version: 1 });
     this.text = readFileSync(fsPath, "utf8");
   }
-  get lineCount() { return this.text.split("\n").length; }
-  getText() { return this.text; }
-  positionAt() { return new Position(this.lineCount, 0); }
-  type(text) { Object.assign(this, { text, isDirty: true, version: this.version + 1 }); fire("change", { document: this }); }
+  get lineStarts() { return [0, ...Array.from(this.text.matchAll(/\r\n|\r|\n/g), (found) => found.index + found[0].length)]; }
+  get lineCount() { return this.lineStarts.length; }
+  getText(range) { return range ? this.text.slice(this.offsetAt(range.start), this.offsetAt(range.end)) : this.text; }
+  positionAt(offset) {
+    const starts = this.lineStarts, line = starts.findLastIndex((start) => start <= offset);
+    return new Position(line, Math.min(offset, this.text.length) - starts[line]);
+  }
+  offsetAt({ line, character }) {
+    const starts = this.lineStarts;
+    return line < starts.length ? Math.min(starts[line] + character, starts[line + 1] ?? Infinity, this.text.length) : this.text.length;
+  }
+  /** Replace the text by typing: one change, which is as short as possible. */
+  type(text) {
+    const before = this.text;
+    let start = 0, end = 0;
+    while (start < Math.min(before.length, text.length) && before[start] === text[start]) start += 1;
+    while (end < Math.min(before.length, text.length) - start && before.at(-1 - end) === text.at(-1 - end)) end += 1;
+    this.change([{ range: new Range(this.positionAt(start), this.positionAt(before.length - end)), text: text.slice(start, text.length - end) }]);
+  }
+  /** Apply changes whose ranges are of the present text. */
+  change(changes) {
+    const placed = changes.map((item, index) => ({ ...item, index, from: this.offsetAt(item.range.start), to: this.offsetAt(item.range.end) }));
+    // As in VS Code, the last one comes first.
+    placed.sort((a, b) => b.from - a.from || b.to - a.to || b.index - a.index);
+    for (const { from, to, text } of placed) this.text = this.text.slice(0, from) + text + this.text.slice(to);
+    Object.assign(this, { isDirty: true, version: this.version + 1 });
+    fire("change", { document: this, contentChanges: placed.map(({ range, text }) => ({ range, text })) });
+  }
   async save() { writeFileSync(this.uri.fsPath, this.text); this.isDirty = false; fire("save", this); return true; }
 }
 
@@ -69,20 +104,62 @@ export const workspace = {
   getConfiguration: () => ({ get: (name) => configuration.get(name) }),
   getWorkspaceFolder: () => undefined,
   createFileSystemWatcher: () => ({ dispose() {} }),
-  openTextDocument: async (uri) => workspace.textDocuments.find((item) => item.uri.fsPath === uri.fsPath),
-  applyEdit: async () => true,
-  fs: { writeFile: async (uri, data) => { calls.written.set(uri.fsPath, String(data)); } },
+  openTextDocument: async (uri) => {
+    let document = workspace.textDocuments.find((item) => item.uri.fsPath === uri.fsPath);
+    if (!document) {
+      document = new Document(uri.fsPath);
+      workspace.textDocuments.push(document);
+      fire("open", document);
+    }
+    return document;
+  },
+  applyEdit: async ({ edits }) => {
+    const documents = new Map();
+    for (const edit of edits) {
+      const document = await workspace.openTextDocument(edit.uri);
+      documents.set(document, [...(documents.get(document) ?? []), edit]);
+    }
+    const step = [...documents.keys()].map((document) => ({ document, before: document.text }));
+    for (const [document, changes] of documents) document.change(changes);
+    steps.undo.push(step.map((part) => ({ ...part, after: part.document.text })));
+    steps.redo = [];
+    return true;
+  },
+  fs: { isWritableFileSystem: () => true, writeFile: async (uri, data) => { calls.written.set(uri.fsPath, String(data)); } },
   onDidOpenTextDocument: event("open"),
   onDidSaveTextDocument: event("save"),
   onDidChangeTextDocument: event("change"),
+  onDidCloseTextDocument: event("close"),
   onDidChangeConfiguration: event("configuration"),
   onDidGrantWorkspaceTrust: event("trust"),
 };
 export const languages = {
-  setTextDocumentLanguage: async (document, id) => { document.languageId = id; calls.languages.push(id); return document; },
+  setTextDocumentLanguage: async (document, id) => {
+    document.languageId = id;
+    calls.languages.push(id);
+    fire("language", document);
+    return document;
+  },
 };
+
+/** The steps that `undo` and `redo` can take. VS Code asks before it undoes a step of several files; here it does so. */
+export const steps = { undo: [], redo: [] };
+function step(from, to, side) {
+  const active = calls.panels.find((panel) => panel.active)?.document;
+  const index = steps[from].findLastIndex((parts) => parts.some(({ document }) => document === active));
+  if (index < 0) return;
+  const [parts] = steps[from].splice(index, 1);
+  for (const part of parts) part.document.type(part[side]);
+  steps[to].push(parts);
+}
 export const commands = {
   registerCommand: (name, action) => { handlers.set(name, action); return { dispose() {} }; },
+  executeCommand: async (name, ...args) => {
+    if (name === "undo") step("undo", "redo", "before");
+    else if (name === "redo") step("redo", "undo", "after");
+    else if (name === "vscode.openWith") await openWith(...args);
+    else throw new Error(`command '${name}' not found`);
+  },
 };
 export const tasks = { executeTask: async (task) => { calls.tasks.push(task); } };
 export const debug = {
@@ -94,9 +171,7 @@ export const debug = {
 export const window = {
   activeTextEditor: undefined,
   visibleTextEditors: [],
-  activeColorTheme: { kind: ColorThemeKind.Dark },
   onDidChangeTextEditorSelection: event("selection"),
-  onDidChangeActiveColorTheme: event("theme"),
   showErrorMessage: async (text) => { calls.errors.push(text); },
   showInformationMessage: async (text) => { calls.infos.push(text); },
   showInputBox: async ({ value }) => value,
@@ -107,24 +182,54 @@ export const window = {
     return editor;
   },
   createOutputChannel: () => ({ text: "", append(text) { calls.output = (calls.output ?? "") + text; }, show() {}, dispose() {} }),
-  createWebviewPanel: (type, title) => {
-    const messages = new EventEmitter(), ended = new EventEmitter(), sent = [];
-    const panel = {
-      type, title, sent,
-      webview: {
-        set html(html) { sent.push({ type: "page", html }); hub.emit("sent"); },
-        onDidReceiveMessage: (listener) => { messages.on("message", listener); return { dispose() {} }; },
-        postMessage: async (message) => { sent.push(message); hub.emit("sent"); return true; },
-      },
-      onDidDispose: (listener) => { ended.on("end", listener); return { dispose() {} }; },
-      reveal() {},
-      dispose: () => ended.emit("end"),
-      receive: (message) => messages.emit("message", message),
-    };
-    calls.panels.push(panel);
-    return panel;
+  registerCustomEditorProvider: (type, provider, options) => {
+    Object.assign(editors, { type, provider, options });
+    return { dispose() {} };
   },
 };
+
+/** The custom editor of the extension. */
+export const editors = {};
+export async function openWith(uri, type, { viewColumn } = {}) {
+  if (type !== editors.type) throw new Error(`no editor ${type}`);
+  const messages = new Hub(), ended = new Hub(), sent = [], replies = new Map();
+  let last = 0;
+  const panel = {
+    sent, viewColumn, active: true,
+    document: await workspace.openTextDocument(uri),
+    webview: {
+      cspSource: "https://files.example",
+      asWebviewUri: ({ fsPath }) => `https://files.example${fsPath}`,
+      set html(html) { panel.html = html; },
+      onDidReceiveMessage: (listener) => { messages.on("message", listener); return { dispose() {} }; },
+      postMessage: async (message) => {
+        // As in VS Code, nothing but JSON arrives.
+        message = JSON.parse(JSON.stringify(message));
+        sent.push(message);
+        replies.get(message.id)?.(message);
+        hub.emit("sent");
+        return true;
+      },
+    },
+    onDidDispose: (listener) => { ended.on("end", listener); return { dispose() {} }; },
+    reveal() { calls.panels.forEach((item) => (item.active = item === panel)); },
+    dispose: () => { calls.panels.splice(calls.panels.indexOf(panel), 1); ended.emit("end"); },
+    notify: (method, params) => messages.emit("message", { jsonrpc: "2.0", method, params }),
+    /** Send a request of the page. */
+    request: async (method, params) => {
+      const id = ++last;
+      const reply = new Promise((resolve) => replies.set(id, resolve));
+      messages.emit("message", { jsonrpc: "2.0", id, method, params });
+      const { result, error } = await reply;
+      replies.delete(id);
+      if (error) throw Object.assign(new Error(error.message), { code: error.code });
+      return result;
+    },
+  };
+  calls.panels.push(panel);
+  panel.reveal();
+  await editors.provider.resolveCustomTextEditor(panel.document, panel);
+}
 
 /** Return the first message to the page that matches, also one that is sent later; fail after 30 s. */
 export async function message(panel, matches, from = 0) {
@@ -139,17 +244,61 @@ export async function message(panel, matches, from = 0) {
   }
 }
 
-// The client of the language server needs the real VS Code: its settings are recorded only.
+export const State = { Stopped: 1, Running: 2 };
+
+/** The client of the language server, whose process and messages are real. */
 export class LanguageClient {
-  constructor(id, name, server, client) { Object.assign(this, { server, client, sent: [] }); calls.clients.push(this); }
+  sent = [];
+  states = new EventEmitter();
+  onDidChangeState = this.states.event;
+  documents = new Set();
+  constructor(id, name, server, client) { Object.assign(this, { server, client }); calls.clients.push(this); }
+
   async start() {
-    await new Promise((resolve) => setTimeout(resolve, 5));
+    this.process = spawn(this.server.command, this.server.args, { stdio: ["pipe", "pipe", "inherit"] });
+    await once(this.process, "spawn");
+    const streams = [new StreamMessageReader(this.process.stdout), new StreamMessageWriter(this.process.stdin)];
+    this.connection = createMessageConnection(...streams, undefined, this.client.connectionOptions);
+    this.connection.onRequest(() => null);
+    this.connection.listen();
+    const capabilities = { workspace: { semanticTokens: { refreshSupport: true } } };
+    const { initializationOptions } = this.client;
+    await this.connection.sendRequest("initialize", { processId: null, rootUri: null, capabilities, initializationOptions });
     this.started = true;
-    if (this.server.command === "missing") throw new Error("ENOENT");
+    this.connection.sendNotification("initialized", {});
+    workspace.textDocuments.forEach((document) => this.open(document));
+    const isSynchronized = ({ uri }) => this.documents.has(uri.toString());
+    this.ends = [
+      event("open")((document) => this.open(document)),
+      event("language")((document) => this.open(document)),
+      event("change")(({ document, contentChanges }) => {
+        const textDocument = { uri: document.uri.toString(), version: document.version };
+        if (isSynchronized(document)) this.connection.sendNotification("textDocument/didChange", { textDocument, contentChanges });
+      }),
+    ];
+    this.states.fire({ newState: State.Running });
   }
+
+  open({ uri, languageId, version, text }) {
+    if (languageId !== "behaviortree" || this.documents.has(uri.toString())) return;
+    this.documents.add(uri.toString());
+    this.connection.sendNotification("textDocument/didOpen", { textDocument: { uri: uri.toString(), languageId, version, text } });
+  }
+
   async stop() {
     if (!this.started) throw new Error("Client is not running and can't be stopped.");
     this.stopped = true;
+    this.ends.forEach((end) => end.dispose());
+    await this.connection.sendRequest("shutdown");
+    await this.connection.sendNotification("exit");
+    await once(this.process, "exit");
+    this.connection.dispose();
   }
-  async sendNotification(method, value) { this.sent.push([method, value]); }
+
+  sendRequest(method, params) { return this.connection.sendRequest(method, params); }
+
+  async sendNotification(method, value) {
+    this.sent.push([method, value]);
+    await this.connection.sendNotification(method, value);
+  }
 }

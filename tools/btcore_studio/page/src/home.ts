@@ -1,11 +1,11 @@
 // Where the page lives: in a browser, or in a web view of VS Code.
 
-import { signal } from "@preact/signals";
+import { effect, signal } from "@preact/signals";
 import { type Change, Documents, Mark, type Reply } from "./documents";
 import { type Done, History } from "./history";
 import type { Place, Pushed, SharedText, Start, WorkspaceEdit } from "./protocol";
 import { Connection, CONTENT_MODIFIED, RpcError, type Transport } from "./rpc";
-import { message, selection } from "./state";
+import { keyAt, message, selectedNode, selection, tree } from "./state";
 import { texts } from "./texts";
 
 const FIRST_WAIT_MS = 250;
@@ -204,6 +204,16 @@ export class BrowserHome implements Home {
   }
 }
 
+/** Follow the colours of VS Code, not those of the desktop. */
+function followTheme(): void {
+  const follow = () => {
+    const isLight = /vscode-(high-contrast-)?light/.test(document.body.className);
+    document.documentElement.dataset.theme = isLight ? "light" : "dark";
+  };
+  new MutationObserver(follow).observe(document.body, { attributeFilter: ["class"] });
+  follow();
+}
+
 interface EditorApi { postMessage(message: unknown): void }
 declare const acquireVsCodeApi: undefined | (() => EditorApi);
 
@@ -211,12 +221,29 @@ declare const acquireVsCodeApi: undefined | (() => EditorApi);
 class EditorHome implements Home {
   readonly connection: Connection;
   readonly documents = null;
+  private keyOfCursor: string | null = null;
 
   constructor(api: EditorApi) {
     const transport: Transport = { send: (message) => api.postMessage(message), receive: () => {}, lost: () => {} };
     this.connection = new Connection(transport, texts.lost);
     window.addEventListener("message", ({ data }) => transport.receive(data));
     canUndo.value = canRedo.value = true;
+    followTheme();
+    this.connection.on<{ tree: string }>("studio/tree", (params) => { tree.value = params.tree; });
+    this.connection.on<Place>("studio/cursor", ({ uri, position }) => {
+      const key = keyAt(uri, position);
+      if (!key || selection.value.includes(key)) return;
+      this.keyOfCursor = key;
+      selection.value = [key];
+    });
+    // A selected node moves the cursor of the text beside it, unless the cursor has selected it.
+    let last: string | null = null;
+    effect(() => {
+      const node = selectedNode.value;
+      if (node && node.key !== last && node.key !== this.keyOfCursor) this.connection.notify("studio/select", node.place);
+      last = node?.key ?? null;
+      this.keyOfCursor = null;
+    });
   }
 
   begin(): Promise<Start> {

@@ -96,10 +96,10 @@ function inOrder<T>(run: () => Promise<T>): Promise<T> {
 }
 
 /** Return the command with its places in the present text; null if an element is gone. */
-function present(command: Command): Command | null {
+function present(command: Command, since: Mark): Command | null {
   let isGone = false;
   const move = (place: Place): Place => {
-    const position = home.documents ? home.documents.position(place.uri, place.position, sinceDrawing) : place.position;
+    const position = home.documents ? home.documents.position(place.uri, place.position, since) : place.position;
     if (!position) isGone = true;
     return { uri: place.uri, position: position ?? place.position };
   };
@@ -111,19 +111,21 @@ function present(command: Command): Command | null {
 }
 
 function edit(command: Command): Promise<EditResult | null> {
+  // The places are those of the present drawing, which earlier commands may replace.
+  const [since, versions] = [sinceDrawing, drawing.value?.versions];
   return inOrder(async () => {
     if (start.value?.readOnly) {
       message.value = texts.readOnly;
       return null;
     }
-    const moved = present(command);
+    const moved = present(command, since);
     if (!moved) {
       message.value = texts.gone;
       return null;
     }
     try {
       const mark = home.mark();
-      const result = await actions.request<EditResult>("btcore/edit", { command: moved });
+      const result = await actions.request<EditResult>("btcore/edit", { command: moved, ...(versions && { versions }) });
       toSelect = result.select;
       await home.apply(result.edit, mark);
       message.value = result.notes.join(" ");
@@ -234,6 +236,7 @@ home.onChange((_, origin) => {
 
 /** How often the text of the field was undone by the browser, and can be repeated. */
 const undone = new WeakMap<EventTarget, number>();
+/** The text before the user changed it. A field of the form has the file's text in `data-text`. */
 const before = new WeakMap<EventTarget, string>();
 type TextField = HTMLInputElement | HTMLTextAreaElement;
 const isTextField = (target: EventTarget | undefined): target is TextField =>
@@ -253,22 +256,30 @@ addEventListener("input", (event) => {
   undone.set(target, steps ? (undone.get(target) ?? 0) + steps : 0);
 });
 
-addEventListener("keydown", (event) => {
-  if (event.defaultPrevented || event.altKey || !(event.ctrlKey || event.metaKey)) return;
+/** Handle the keys of the page. Returns whether a key is the page's, or that of one of its fields. */
+function handleKey(event: KeyboardEvent): boolean {
+  if (event.defaultPrevented) return true;
+  if (event.altKey || !(event.ctrlKey || event.metaKey)) return false;
   const key = event.key.toLowerCase();
   const isUndo = key === "z" && !event.shiftKey;
   const isRedo = key === "y" || (key === "z" && event.shiftKey);
   const target = event.composedPath()[0];
   if (isTextField(target)) {
     // In a field: first its own text, then the file.
-    if (isUndo && target.value !== before.get(target)) return;
-    if (isRedo && (undone.get(target) ?? 0) > 0) return;
+    if (isUndo && target.value !== (target.dataset.text ?? before.get(target))) return true;
+    if (isRedo && (undone.get(target) ?? 0) > 0) return true;
   }
   if (isUndo) void actions.undo();
   else if (isRedo) void actions.redo();
   else if (key === "s" && !event.shiftKey) void actions.save();
-  else return;
+  else return false;
   event.preventDefault();
+  return true;
+}
+
+// VS Code listens at the window. It would undo the file on Ctrl+Z in a field, too (its issue 227849).
+document.addEventListener("keydown", (event) => {
+  if (handleKey(event) && !home.documents) event.stopPropagation();
 });
 addEventListener("beforeunload", (event) => {
   if (!isConnected.value && home.documents) event.preventDefault();

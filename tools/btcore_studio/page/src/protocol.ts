@@ -4,7 +4,8 @@
 export interface Position { line: number; character: number }
 export interface Range { start: Position; end: Position }
 export interface TextEdit { range: Range; newText: string }
-export interface WorkspaceEdit { changes: Record<string, TextEdit[]> }
+/** *versions* are those of the texts before the edit; only in VS Code, which applies it to later texts, too. */
+export interface WorkspaceEdit { changes: Record<string, TextEdit[]>; versions?: Record<string, number> }
 export interface Document { textDocument: { uri: string } }
 
 /** An element of a document: *position* is where its start tag begins. */
@@ -43,6 +44,8 @@ export interface Drawing {
   trees: TreeSummary[];
   /** Why the document ends early in the drawing, or "". */
   broken: string;
+  /** Only in VS Code: the versions of the drawn texts. It finds the places of a command in later texts by them. */
+  versions?: Record<string, number>;
 }
 
 export interface DrawnNode {
@@ -115,7 +118,7 @@ export interface Field {
 
 // --- btcore/edit: EditParams → EditResult. An operation that cannot be applied is an error with the reason.
 
-export interface EditParams { command: Command }
+export interface EditParams { command: Command; versions?: Drawing["versions"] }
 
 export type Command =
   | { kind: "add"; parent: Place; index: number; id: string }
@@ -210,6 +213,8 @@ export interface Start {
   readOnly: boolean;
   /** Whether running trees can be watched. */
   live: boolean;
+  /** The address that is proposed. */
+  address?: string;
   recording: Recording | null;
 }
 

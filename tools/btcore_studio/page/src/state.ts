@@ -34,7 +34,7 @@ export const selectedNodes = computed(() =>
 );
 export const selectedNode = computed<DrawnNode | null>(() => selectedNodes.value.at(-1) ?? null);
 
-const isBefore = (a: Position, b: Position) => a.line < b.line || (a.line === b.line && a.character <= b.character);
+export const isBefore = (a: Position, b: Position) => a.line < b.line || (a.line === b.line && a.character <= b.character);
 
 /** The most severe problem of each node, by its key: 1 error, 2 warning. Problems of a child are not its parent's. */
 export const severities = computed(() => {
@@ -58,6 +58,18 @@ export const severities = computed(() => {
   }
   return found;
 });
+
+/** Return the key of the innermost node of the drawing around a position of a text. */
+export function keyAt(uri: string, position: Position): string | null {
+  let best: DrawnNode | null = null;
+  for (const node of drawing.value?.nodes ?? []) {
+    const { place, end } = node;
+    if (place.uri !== uri || !isBefore(place.position, position) || !isBefore(position, end)) continue;
+    // A tree that is called several times is drawn several times.
+    if (!best || !isBefore(place.position, best.place.position)) best = node;
+  }
+  return best?.key ?? null;
+}
 
 /** What the page's home (browser or VS Code) and its documents offer to the parts; set by main.tsx. */
 export interface Actions {

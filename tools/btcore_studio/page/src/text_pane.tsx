@@ -28,7 +28,7 @@ import { ask } from "./dialog";
 import { type CodeAction, fixes, fixesOf } from "./problems";
 import type { Place, Position, Range, WorkspaceEdit } from "./protocol";
 import { rendered } from "./markdown";
-import { actions, diagnostics, drawing, message, selectedNode, selection, start, uri } from "./state";
+import { actions, diagnostics, keyAt, message, selectedNode, selection, start, uri } from "./state";
 import { texts } from "./texts";
 import { fileName } from "./toolbar";
 
@@ -192,7 +192,8 @@ const wholeBreaks = EditorState.transactionFilter.of((transaction) => {
     transaction.changes.iterChanges((from, to, start, end, inserted) => {
       if (from < to && isInBreak(doc, from)) changes.push({ from: start - 1, to: start });
       for (const { index } of hasReturns ? inserted.toString().matchAll(/(?<!\r)\n/g) : []) changes.push({ from: start + index, insert: "\r" });
-      if (from < to && isInBreak(doc, to)) changes.push({ from: end, to: end + 1 });
+      // The command of Enter replaces the white space after the cursor, and so the CR.
+      if (from < to && isInBreak(doc, to)) changes.push(inserted.length ? { from: end, insert: "\r" } : { from: end, to: end + 1 });
     });
     if (changes.length) specs.push({ changes, sequential: true });
   } else if (transaction.selection?.ranges.some(({ anchor, head }) => isInBreak(newDoc, anchor) || isInBreak(newDoc, head))) {
@@ -385,13 +386,7 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
     });
 
     const selectAtCursor = () => {
-      const head = positionAt(view.state.doc, view.state.selection.main.head);
-      let best: string | null = null;
-      let from: Position | null = null;
-      for (const { key, place, end } of drawing.value?.nodes ?? []) {
-        if (place.uri !== shown || !isBefore(place.position, head) || !isBefore(head, end)) continue;
-        if (!from || isBefore(from, place.position) && !isEqual(from, place.position)) [best, from] = [key, place.position];
-      }
+      const best = keyAt(shown, positionAt(view.state.doc, view.state.selection.main.head));
       if (best && !selection.value.includes(best)) {
         keyOfCursor = best;
         selection.value = [best];
@@ -471,9 +466,6 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
     </section>
   );
 }
-
-const isBefore = (a: Position, b: Position) => a.line < b.line || (a.line === b.line && a.character <= b.character);
-const isEqual = (a: Position, b: Position) => a.line === b.line && a.character === b.character;
 
 function lastChange(changes: ChangeSet): number {
   let last = 0;

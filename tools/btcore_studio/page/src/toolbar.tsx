@@ -94,7 +94,9 @@ export function Toolbar({ home }: { home: Home }) {
         {isUnsaved && <span class="tag">{texts.unsaved}</span>}
       </div>
       <div class="group">
-        <button onClick={() => actions.save()} disabled={isFixed || !isUnsaved} title={`${texts.save} (Ctrl+S)`}>{texts.save}</button>
+        {home.documents && (
+          <button onClick={() => actions.save()} disabled={isFixed || !isUnsaved} title={`${texts.save} (Ctrl+S)`}>{texts.save}</button>
+        )}
         <button onClick={() => actions.undo()} disabled={!canUndo.value} title={`${texts.undo} (Ctrl+Z)`}>{texts.undo}</button>
         <button onClick={() => actions.redo()} disabled={!canRedo.value} title={`${texts.redo} (Ctrl+Shift+Z)`}>{texts.redo}</button>
       </div>
