@@ -55,9 +55,12 @@ ENGINE_BENCHMARKS := startup ticking features observers recording load editing g
 # PyPI has wheels of ROS 2 for this platform only.
 ROS2 := $(filter Linux-x86_64,$(shell uname -sm | tr ' ' -))
 MESSAGES := $(shell find ros2/btcore_ros2/message_packages -type f -not -name '*.pyc')
+# The page of the studio, whose sources are in TypeScript.
+PAGE := tools/btcore_studio/page
+PAGE_SOURCES := $(PAGE)/tsconfig.json $(wildcard $(PAGE)/*.html $(PAGE)/*.css $(PAGE)/src/*)
 VULKAN := mesa-vulkan-drivers libvulkan1
 
-NPM_INSTALL := npm install --loglevel=error --no-audit --no-fund --no-package-lock
+NPM_OPTIONS := --loglevel=error --no-audit --no-fund --no-package-lock
 
 # What the demo runs, and for how long (s of the robot's time).
 DEMO := bumpgo_wide --world arena_boxes --seed 7 --duration 60
@@ -93,7 +96,7 @@ RECORDED_RUNS ?= 2000
 acceptance = @$(if $(filter none,$(2)),,$(or $(4),.venv)/bin/python tests/acceptance/$(1).py $(3) $(2))
 
 .PHONY: help setup setup-core demo test $(LANES) test-ros2 check environments lint lint-and-pure other-tests pure compiled vulkan accept \
-	accept-robot accept-engine accept-tools accept-ros2 docs vscode npm-checks dist bench clean
+	accept-robot accept-engine accept-tools accept-ros2 docs page vscode npm-checks dist bench clean
 
 help:
 	@echo 'make setup   .venv with all packages; make setup-core: only what work on the engine needs'
@@ -105,6 +108,7 @@ help:
 	@echo 'make check   style, types and the closest tests of the changed files, or of FILES="…"'
 	@echo 'make accept  the acceptance runs, on all cores; goes on where it was interrupted'
 	@echo 'make docs    the documentation site, in out/docs/site'
+	@echo 'make page    the page of btcore studio; with npm, or with Node from PyPI'
 	@echo 'make vscode  the extension for VS Code, out/btcore.vsix; needs npm'
 	@echo 'make dist    the files of a release for this machine, in dist'
 	@echo 'make lint    style and types only'
@@ -233,7 +237,8 @@ lint: .venv/ready
 	@$(if $(CI),.venv/bin/mypy --platform win32 --cache-dir .mypy_cache/win32 --follow-imports silent \
 		$$(grep -rlE '^ *(import|from) ($(PLATFORM_MODULES))\b' --include='*.py' $(PYTHON_FOLDERS)))
 
-pure: .venv/ready vulkan
+# Continuous integration tests the page, too.
+pure: .venv/ready vulkan $(if $(CI),page)
 	@echo '· the tests, on the pure build$(if $(CI),, (the pages of the documentation: make test-docs))'
 	@# In a new checkout, each process would compile all tests, at the same time.
 	@test -d tests/__pycache__ || .venv/bin/pytest -q --collect-only >/dev/null || true
@@ -280,7 +285,7 @@ accept-engine: .venv/ready .venv-compiled/ready
 
 accept-tools: .venv/ready
 	@$(if $(filter none,$(EDITS)),,BTCORE_EXPECT=pure BTCORE_EDITS=$(EDITS) .venv/bin/pytest -n $(CORES) \
-		--dist worksteal tests/tools/btcore_studio/edit)
+		--dist worksteal tests/tools/btcore_studio/edit tests/tools/btcore_studio/language/test_edit_commands.py)
 	@$(if $(filter none,$(RECORDED_RUNS)),,BTCORE_EXPECT=pure BTCORE_RUNS=$(RECORDED_RUNS) .venv/bin/pytest -n $(CORES) \
 		$(addprefix tests/tools/btcore_recorder/,test_excerpts.py test_replay.py test_what_if.py test_why.py))
 	$(call acceptance,mcp_attacks,$(MCP_ATTACKS))
@@ -296,28 +301,39 @@ accept-ros2: .venv-ros/ready
 	$(call acceptance,ros2_runs,$(ROS2_RUNS),,.venv-ros)
 	$(call acceptance,ros2_goals,$(ROS2_GOALS),,.venv-ros)
 
-# Nothing of this is committed: npm brings the tools, in the versions of package.json. The extension contains the page.
-vscode:
+# Nothing of this is committed: npm brings the tools, in the versions of package.json.
+page: $(PAGE)/built/index.html
+
+$(PAGE)/built/index.html: $(PAGE)/node_modules/ready $(PAGE_SOURCES)
+	@echo '· building the page of the studio'
+	@cd $(PAGE) && rm -rf built && $(CURDIR)/.ci/npm run --silent build -- --log-level=warning
+	@touch $@
+
+$(PAGE)/node_modules/ready: $(PAGE)/package.json
+	@cd $(PAGE) && PYTHON='$(PYTHON)' $(CURDIR)/.ci/npm install $(NPM_OPTIONS)
+	@touch $@
+
+# The extension contains the page.
+vscode: page
 	@mkdir -p out
 	@cp LICENSE editors/vscode/LICENSE
-	@cd tools/btcore_studio/page && $(NPM_INSTALL) && npm run --silent check && npm run --silent build -- --log-level=warning
 	@mkdir -p editors/vscode/out/page
-	@cp tools/btcore_studio/page/built/studio.{js,css} editors/vscode/out/page
-	@cd editors/vscode && $(NPM_INSTALL)
-	@cd editors/vscode && npm run --silent package
+	@cp $(PAGE)/built/studio.{js,css} editors/vscode/out/page
+	@cd editors/vscode && npm install $(NPM_OPTIONS) && npm run --silent package
 
 # Each is skipped if npm cannot bring its tool.
 npm-checks: .venv/ready
 	@.ci/pyright
 	@.ci/workflows
 	@MAKEFLAGS= .ci/vscode
+	@MAKEFLAGS= .ci/page
 
 docs: .venv/ready
 	@$(PROGRESS) 'building the documentation site' .venv/bin/python -u docs/site/build_site.py
 	@echo '  out/docs/site/index.html'
 
 # Both wheels are built from the sdist, which proves that the sdist is complete.
-dist: .venv-release/ready
+dist: .venv-release/ready page
 	@rm -rf dist
 	@echo '· building the sdist and the pure wheel'
 	@BTCORE_PURE=1 .venv-release/bin/python -m build --quiet
@@ -351,5 +367,5 @@ bench: .venv/ready .venv-compiled/bench $(if $(ROS2),.venv-ros/ready)
 	@$(if $(ROS2),.venv-ros/bin/python benchmarks/ros2.py)
 
 clean:
-	rm -rf .venv .venv-compiled .venv-messages .venv-ros .venv-release build dist out editors/vscode/node_modules editors/vscode/out tools/btcore_studio/page/node_modules tools/btcore_studio/page/built .accept ./*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf .venv .venv-compiled .venv-messages .venv-ros .venv-release build dist out .venv-node $(PAGE)/node_modules $(PAGE)/built editors/vscode/node_modules editors/vscode/out .accept ./*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find . -name __pycache__ -prune -exec rm -rf {} +

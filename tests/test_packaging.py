@@ -1,12 +1,15 @@
 """The packaging metadata match the files of the repository."""
 
 import json
+import os
 import re
 import runpy
 import shutil
 import subprocess
 import sys
+import tarfile
 import tomllib
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
@@ -25,6 +28,8 @@ PACKAGES = {
 }  # fmt: skip
 
 DATA_SUFFIXES = {".action", ".hpp", ".json", ".msg", ".srv", ".typed", ".urdf", ".xml", ".yaml"}
+
+PAGE = ROOT / "tools/btcore_studio/page"
 
 PYTHONS = [
     classifier.rpartition(" ")[2]
@@ -64,7 +69,8 @@ def test_every_data_file_is_installed_with_its_package() -> None:
         path
         for package in packages
         for path in package.rglob("*")
-        if path.is_file() and path.suffix in DATA_SUFFIXES
+        # What builds the page is no data.
+        if path.is_file() and path.suffix in DATA_SUFFIXES and PAGE not in path.parents
     }
     assert there <= installed
 
@@ -74,6 +80,35 @@ def test_trees_and_pages_of_the_documentation_are_installed() -> None:
     suffixes = {(file.relative_to(ROOT).parts[0], file.suffix) for file in files}
     assert suffixes == {("docs", ".md"), ("trees", ".xml")}
     assert {ROOT / "docs/reference/errors.md", ROOT / "trees/bumpgo.xml"} <= set(files)
+
+
+def test_built_page_is_in_the_sdist_and_in_a_wheel(tmp_path: Path) -> None:
+    # A small checkout, because the whole wheel would take some 10 s.
+    checkout = tmp_path / "checkout"
+    for package in ("btcore", "tools/btcore_studio"):
+        target = checkout / package
+        target.mkdir(parents=True)
+        (target / "__init__.py").write_text("", encoding="utf-8")
+    for name in ("pyproject.toml", "setup.py", "README.md", "LICENSE"):
+        shutil.copy2(ROOT / name, checkout)
+    for folder in PARENTS:
+        (checkout / folder).mkdir(exist_ok=True)
+    for name in ("page/built/index.html", "page/built/studio.js", "page/src/main.tsx", "page/package.json"):
+        file = checkout / "tools/btcore_studio" / name
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text("x", encoding="utf-8")
+    command = [sys.executable, "setup.py", "-q", "sdist", "bdist_wheel"]
+    environment = os.environ | {"BTCORE_PURE": "1", "SETUPTOOLS_SCM_PRETEND_VERSION": "1.0"}
+    subprocess.run(command, cwd=checkout, env=environment, check=True, capture_output=True)
+    (sdist,) = (checkout / "dist").glob("*.tar.gz")
+    (wheel,) = (checkout / "dist").glob("*.whl")
+    with tarfile.open(sdist) as packed, zipfile.ZipFile(wheel) as archive:
+        for names in (packed.getnames(), archive.namelist()):
+            page = [name for name in names if "/page/" in name]
+            assert sorted(Path(name).name for name in page if "." in Path(name).name) == [
+                "index.html",
+                "studio.js",
+            ]
 
 
 def test_wheels_are_built_for_every_python_and_tested_as_compiled_builds() -> None:

@@ -41,7 +41,7 @@ def build_wheel(name: str, folder: Path, environment: dict[str, str]) -> Path:
     """Return the wheel that pip builds from a copy of the checkout, in *environment*."""
     checkout, dist = folder / name, folder / f"{name}-dist"
     for package in PACKAGES:
-        unwanted = shutil.ignore_patterns("__pycache__", "*.so")
+        unwanted = shutil.ignore_patterns("__pycache__", "*.so", "node_modules")
         shutil.copytree(ROOT / package, checkout / package, ignore=unwanted)
     for file in FILES:
         shutil.copy2(ROOT / file, checkout)

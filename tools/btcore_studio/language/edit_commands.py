@@ -27,7 +27,7 @@ from btcore.diagnostic_codes import (
 )
 from btcore.names import FORBIDDEN, is_port_name, port_name_error
 from btcore.registry.manifest import Manifest
-from btcore.suggestions import did_you_mean, with_article
+from btcore.suggestions import child_count_text, did_you_mean, with_article
 from btcore.xml.edit.editor import Edit, EditError, apply_edits, escape_value
 from btcore.xml.models.tree_nodes_model import TAG_OF
 from btcore.xml.read.dialect import EXPLICIT_TAGS, PORT_TAGS
@@ -66,7 +66,7 @@ from btcore_studio.language.studio_protocol import (
     WorkspaceEdit,
     Wrap,
 )
-from btcore_studio.language.symbols import is_call, node_id
+from btcore_studio.language.symbols import is_call, node_id, read_symbols
 from btcore_studio.language.tree_reading import TreeReading, read_trees
 
 MAX_NODES: Final = 5_000
@@ -155,9 +155,9 @@ class _Draft:
     @property
     def root(self) -> ScannedElement:
         """The outermost element."""
-        root = self.editor.scan.roots[0]
-        if root.tag != "root":
-            raise EditError(f"the outermost element is <{root.tag}>, not <root>")
+        root = next(iter(self.editor.scan.roots), None)
+        if root is None or root.tag != "root":
+            raise EditError("the outermost element of the document is not <root>")
         return root
 
     @property
@@ -251,6 +251,7 @@ class _Operation:
         self._drafts: dict[str, _Draft] = {}
         self._notes: list[str] = []
         self._tolerated: frozenset[DiagnosticCode] = _UNFINISHED
+        self._pasted: _Draft | None = None
 
     def apply(self, command: AnyCommand) -> None:
         """Compute the edits."""
@@ -404,6 +405,7 @@ class _Operation:
         if models:
             self._insert_models(draft, models)
         self._notes += notes
+        self._pasted = draft
         self._tolerated |= _OF_TEXTS | _OF_PASTED_NODES
 
     def _remove(self, nodes: Sequence[_Target]) -> None:
@@ -474,7 +476,8 @@ class _Operation:
         if node.id == id:
             return
         new = new_element(draft.reading, id)
-        _check_children(draft, new, id, len(node.children))
+        has = f"move the {child_count_text(len(node.children))} of {node.label} first"
+        _check_children(draft, new, id, len(node.children), has)
         editor, start = draft.editor, element.start
         manifest = draft.reading.nodes.get(id, draft.format)
         if new.tag == "SubTree" or manifest is None:
@@ -490,7 +493,7 @@ class _Operation:
         attributes = {
             name: text
             for name, text in new.attributes.items()
-            if element.attribute(name) is None and (name != "ID" or new.tag == "SubTree")
+            if (new.tag == "SubTree" if name == "ID" else element.attribute(name) is None)
         }
         draft.apply([draft.editor.set_attribute(element, name, text) for name, text in attributes.items()])
 
@@ -566,9 +569,7 @@ class _Operation:
             raise EditError(f"there is no tree '{id}' in this document")
         callers = [caller for caller in self._callers(draft, id) if caller != id]
         if callers:
-            raise EditError(
-                f"the tree '{id}' is called by '{callers[0]}': remove the call first, or inline it"
-            )
+            raise EditError(f"the tree '{callers[0]}' calls '{id}': remove the call first, or inline it")
         edits = [draft.editor.remove(tree)]
         if draft.root.get("main_tree_to_execute") == id:
             if len(trees) > 1:
@@ -649,6 +650,8 @@ class _Operation:
                 changes[uri] = [
                     TextEdit(_range(before, edit, draft.has_mark), edit.text) for edit in draft.edits
                 ]
+                if draft is self._pasted:
+                    self._notes += _unwritten_keys(read_trees(self._project, source), draft)
             for offset in dict.fromkeys(draft.selected):
                 selected.append(Place(uri, _position(source, offset + draft.has_mark)))
         return EditResult(WorkspaceEdit(changes), selected, list(dict.fromkeys(self._notes)))
@@ -668,8 +671,22 @@ class _Operation:
                 continue
             if error.code not in self._tolerated:
                 raise EditError(f"{error.message}: {error.hint}" if error.hint else error.message)
-            if error.code not in _UNFINISHED:
+            if error.code in _OF_TEXTS:
                 self._notes.append(error.message)
+
+
+def _unwritten_keys(reading: TreeReading, draft: _Draft) -> list[str]:
+    """Return a sentence about each key that the selected nodes bring into a tree, and no node writes."""
+    scanned = reading.document.source_map.scan
+    symbols = read_symbols(reading.source.uri, scanned, draft.format, reading.nodes)
+    starts = {below.start for start in draft.selected for below in draft.element_at(start).iter()}
+    tree = next(tree for tree in symbols.trees if any(node.start in starts for node in tree.nodes))
+    uses = [*tree.uses, *(port.outer for call in tree.calls for port in call.ports.values() if port.outer)]
+    new = [use for use in uses if use.element.start in starts and not use.key.startswith("@")]
+    # A called tree may write its keys.
+    known = {use.key for use in uses if use.writes or use.element.start not in starts or is_call(use.element)}
+    keys = dict.fromkeys(use.key for use in new if use.reads and use.key not in known)
+    return [f"no node of the tree writes {{{key}}}" for key in keys]
 
 
 def _position(source: SourceDocument, offset: int) -> Position:
@@ -709,17 +726,29 @@ def _index_of_new_tree(root: ScannedElement) -> int:
     return (trees or includes or [-1])[-1] + 1
 
 
-def _check_children(draft: _Draft, new: NewElement, id: str, count: int) -> None:
-    """Refuse *count* children of a new node."""
+def _check_children(draft: _Draft, new: NewElement, id: str, count: int, way_out: str = "") -> None:
+    """Refuse *count* children of a new node.
+
+    Args:
+        draft: The document.
+        new: The node.
+        id: The ID of the node, or of the called tree.
+        count: The number of its children.
+        way_out: What to do instead.
+    """
     _, most = child_limits(draft.reading, new.tag, id)
     if most is None or count <= most:
         return
     if new.tag == "SubTree":
-        raise EditError(f"the call of the tree '{id}' has no children: extract the nodes as a tree instead")
-    if not most:
-        raise EditError(f"<{id}> is a leaf, which has no children: use a control, such as <Sequence>")
-    limit = "exactly one child" if most == 1 else f"at most {most} children"
-    raise EditError(f"<{id}> has {limit}: wrap the nodes in a <Sequence> first")
+        reason = f"the call of the tree '{id}' has no children"
+        way_out = way_out or "extract the nodes as a tree instead"
+    elif not most:
+        reason = f"<{id}> is a leaf, which has no children"
+        way_out = way_out or "use a control, such as <Sequence>"
+    else:
+        reason = f"<{id}> has {'exactly one child' if most == 1 else f'at most {most} children'}"
+        way_out = way_out or "wrap the nodes in a <Sequence> first"
+    raise EditError(f"{reason}: {way_out}")
 
 
 def _runs(nodes: Sequence[_Target]) -> Iterator[list[_Target]]:

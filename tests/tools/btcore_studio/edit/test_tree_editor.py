@@ -42,9 +42,8 @@ def nodes() -> Registry:
     return nodes
 
 
-@pytest.fixture(scope="module")
-def texts() -> dict[str, list[str]]:
-    """The trees of the repository, and recorded documents of BehaviorTree.CPP, by file."""
+def repository_texts() -> dict[str, list[str]]:
+    """Return the trees of the repository, and recorded documents of BehaviorTree.CPP, by file."""
     files = [path for folder in FOLDERS for path in sorted((ROOT / folder).rglob("*.xml"))]
     found = {path.name: [path.read_bytes().decode()] for path in files}
     for name in RECORDED:
@@ -52,6 +51,11 @@ def texts() -> dict[str, list[str]]:
             cases = [json.loads(line) for line in lines]
         found[name] = [case["xml"] for case in cases if case.get("xml")]
     return found
+
+
+@pytest.fixture(scope="module")
+def texts() -> dict[str, list[str]]:
+    return repository_texts()
 
 
 def plain(element: Element) -> Plain:

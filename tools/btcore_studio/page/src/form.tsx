@@ -1,6 +1,7 @@
 // The form of the selected node. A field is written when it is left, or with Enter.
 
 import { useSignal } from "@preact/signals";
+import type { ComponentChildren } from "preact";
 import { useEffect, useRef } from "preact/hooks";
 import { statuses, statusOf } from "./live";
 import { edit, openTree, run } from "./operations";
@@ -54,7 +55,7 @@ function Head({ node }: { node: DrawnNode }) {
         </p>
       </div>
       <div class="form-buttons">
-        {node.calls && <button onClick={() => openTree(node.calls)}>{texts.operation.open}</button>}
+        {node.calls && <button onClick={() => openTree(node.calls)} title={texts.operation.open}>{texts.openTree}</button>}
         {!start.value?.readOnly && <button onClick={() => run("type")} title={texts.operation.type}>{texts.changeType}</button>}
       </div>
     </header>
@@ -122,12 +123,17 @@ const isAbout = ({ message }: Diagnostic, name: string) =>
 function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; problems: Diagnostic[] }) {
   const input = useRef<HTMLInputElement & HTMLTextAreaElement>(null);
   const isFocused = useSignal(false);
+  /** What is in the field of a script. */
+  const typed = useSignal<string | null>(null);
   const text = field.text ?? "";
   // The text of the file comes into the field, unless it is being edited.
   useEffect(() => {
     const element = input.current;
     if (element && (document.activeElement !== element || element.value === element.dataset.text)) element.value = text;
-    if (element) element.dataset.text = text;
+    if (element) {
+      element.dataset.text = text;
+      typed.value = element.value;
+    }
   }, [text]);
   const id = `field-${field.name}`;
   const own = problems.filter((problem) => isAbout(problem, field.name));
@@ -144,6 +150,7 @@ function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; pr
       commit();
     } else if (event.key === "Escape") {
       input.current!.value = text;
+      typed.value = text;
       view.value?.frame.focus({ preventScroll: true });
       event.preventDefault();
     } else if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "s") commit();
@@ -166,8 +173,8 @@ function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; pr
         {field.type && <small>{field.type}</small>}
       </label>
       {field.isScript
-        ? <textarea {...common} rows={Math.min(8, Math.max(1, Math.ceil(text.length / 38)))} class="script" />
-        : <input {...common} list={field.choices.length ? `${id}-choices` : undefined} />}
+        ? <Script text={typed.value ?? text}><textarea {...common} rows={1} onInput={(event) => { typed.value = event.currentTarget.value; }} /></Script>
+        : <input {...common} class={/^(\{|=$)/.test(text) ? "key" : ""} list={field.choices.length ? `${id}-choices` : undefined} />}
       {field.choices.length > 0 && <datalist id={`${id}-choices`}>{field.choices.map((choice) => <option key={choice} value={choice} />)}</datalist>}
       {read !== undefined && read !== text && <output class="value">= {read}</output>}
       {wrote !== undefined && wrote !== read && <output class="value">→ {wrote}</output>}
@@ -175,4 +182,16 @@ function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; pr
       {field.about && <p class={`about ${isFocused.value ? "" : "folded"}`} id={`${id}-about`}>{field.about}</p>}
     </div>
   );
+}
+
+const TOKEN = /('[^']*'?|"[^"]*"?)|(\d[\w.]*)|\b(true|false|and|or|not)\b|([\p{L}_@][\p{L}\p{N}_.]*)|([^\s\w'"]+)|\s+|./gu;
+const TOKENS = ["string", "number", "word", "name", "sign"];
+
+/** A field of a script, whose colours are in a copy of its text below it. */
+function Script({ text, children }: { text: string; children: ComponentChildren }) {
+  const parts = [...text.matchAll(TOKEN)].map((found, index) => {
+    const kind = found.slice(1).findIndex((group) => group !== undefined);
+    return kind < 0 ? found[0] : <span key={index} class={`script-${TOKENS[kind]}`}>{found[0]}</span>;
+  });
+  return <div class="script"><pre aria-hidden="true">{parts}{"\n"}</pre>{children}</div>;
 }

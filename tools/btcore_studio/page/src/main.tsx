@@ -236,6 +236,7 @@ home.onChange((_, origin) => {
 
 /** How often the text of the field was undone by the browser, and can be repeated. */
 const undone = new WeakMap<EventTarget, number>();
+/** The text before the user changed it. A field of the form has the file's text in `data-text`. */
 const before = new WeakMap<EventTarget, string>();
 type TextField = HTMLInputElement | HTMLTextAreaElement;
 const isTextField = (target: EventTarget | undefined): target is TextField =>
@@ -265,7 +266,7 @@ function handleKey(event: KeyboardEvent): boolean {
   const target = event.composedPath()[0];
   if (isTextField(target)) {
     // In a field: first its own text, then the file.
-    if (isUndo && target.value !== before.get(target)) return true;
+    if (isUndo && target.value !== (target.dataset.text ?? before.get(target))) return true;
     if (isRedo && (undone.get(target) ?? 0) > 0) return true;
   }
   if (isUndo) void actions.undo();

@@ -54,8 +54,8 @@ function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
   const at = useSignal(0);
   const where = useSignal<Where | null>(null);
   const types = useSignal<ReadonlySet<string> | null>(null);
+  useLayoutEffect(() => ref.current?.querySelector("input")?.focus(), []);
   useEffect(() => {
-    ref.current?.querySelector("input")?.focus();
     const place = selectedNode.value?.place;
     if (mode !== "type" || !place) return;
     actions.request<NodeForm>("btcore/node", place).then((form) => { types.value = new Set(form.types); }, () => {});
@@ -134,7 +134,8 @@ const firstSentence = (text: string) => /^[^]*?[.!?](?=\s|$)/.exec(text)?.[0] ??
 function Prompt() {
   const { ref } = usePlace();
   const { label, value, accept } = prompt.value!;
-  useEffect(() => { ref.current?.querySelector("input")?.select(); }, []);
+  // Keys that follow at once are for the field.
+  useLayoutEffect(() => { ref.current?.querySelector("input")?.select(); }, []);
   const key = (event: KeyboardEvent) => {
     if (event.key === "Enter") {
       const text = (event.target as HTMLInputElement).value.trim();

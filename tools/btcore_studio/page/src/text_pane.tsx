@@ -192,7 +192,8 @@ const wholeBreaks = EditorState.transactionFilter.of((transaction) => {
     transaction.changes.iterChanges((from, to, start, end, inserted) => {
       if (from < to && isInBreak(doc, from)) changes.push({ from: start - 1, to: start });
       for (const { index } of hasReturns ? inserted.toString().matchAll(/(?<!\r)\n/g) : []) changes.push({ from: start + index, insert: "\r" });
-      if (from < to && isInBreak(doc, to)) changes.push({ from: end, to: end + 1 });
+      // The command of Enter replaces the white space after the cursor, and so the CR.
+      if (from < to && isInBreak(doc, to)) changes.push(inserted.length ? { from: end, insert: "\r" } : { from: end, to: end + 1 });
     });
     if (changes.length) specs.push({ changes, sequential: true });
   } else if (transaction.selection?.ranges.some(({ anchor, head }) => isInBreak(newDoc, anchor) || isInBreak(newDoc, head))) {

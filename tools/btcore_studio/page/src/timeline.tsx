@@ -1,6 +1,6 @@
 // The moments of a recording.
 
-import { effect, signal } from "@preact/signals";
+import { effect, signal, untracked } from "@preact/signals";
 import { useMemo } from "preact/hooks";
 import { statuses } from "./live";
 import type { Moment, Recording } from "./protocol";
@@ -13,7 +13,8 @@ let isMoving = false;
 
 effect(() => {
   const recording = start.value?.recording;
-  if (recording) void goTo(recording, recording.start);
+  // Otherwise each new position would lead back to the start.
+  if (recording) untracked(() => void goTo(recording, recording.start));
 });
 
 /** Show the moment after a number of steps. While the slider moves, the newest position counts. */

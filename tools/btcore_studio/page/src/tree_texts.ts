@@ -140,6 +140,7 @@ export const tree = {
   kinds: { action: "action", condition: "condition", control: "control", decorator: "decorator", subtree: "subtree", undefined: "unknown node" },
   disabled: "disabled",
   changeType: "Change type",
+  openTree: "Open tree",
   ports: "Ports",
   conditions: "Conditions and scripts",
   other: "Other attributes",

@@ -1,0 +1,72 @@
+"""`btcore studio` as a process, and its page in Chromium."""
+
+import json
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from btcore_studio.pages import server
+
+FIRST_CHECK_MS = 30_000  # the first check of a page starts a process
+STRANGE = re.compile(r"Failed to load resource|WebSocket connection")
+
+
+@dataclass
+class Studio:
+    """A running `btcore studio`."""
+
+    process: subprocess.Popen[str]
+    url: str
+    folder: Path
+
+
+@contextmanager
+def running_studio(folder: Path, *arguments: str) -> Iterator[Studio]:
+    command = [sys.executable, "-m", "btcore", "studio", "--json", *arguments]
+    with subprocess.Popen(
+        command, cwd=folder, stdout=subprocess.PIPE, text=True, encoding="utf-8"
+    ) as process:
+        try:
+            assert process.stdout is not None
+            yield Studio(process, json.loads(process.stdout.readline())["url"], folder)
+        finally:
+            process.kill()
+
+
+@pytest.fixture
+def start_studio() -> Iterator[Callable[..., Studio]]:
+    """Return a function that starts the studio in a folder; skip the test if the page is not built."""
+    if server.built_page() is None:
+        pytest.skip("the page is not built: make page")
+    with ExitStack() as stack:
+        yield lambda folder, *arguments: stack.enter_context(running_studio(folder, *arguments))
+
+
+@pytest.fixture
+def open_page(browser: Any) -> Iterator[Callable[..., Any]]:
+    """Return a function that opens the page of a studio. Errors of a page fail the test."""
+    errors: list[str] = []
+    contexts: list[Any] = []
+
+    def open(studio: Studio, **options: Any) -> Any:
+        context = browser.new_context(**{"viewport": {"width": 1400, "height": 900}, **options})
+        contexts.append(context)
+        page = context.new_page()
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.on("console", lambda line: errors.append(line.text) if line.type == "error" else None)
+        page.goto(studio.url)
+        page.locator("main svg g[data-uid]").first.wait_for()
+        return page
+
+    yield open
+    for context in contexts:
+        context.close()
+    # The studio ends before the last page in some tests.
+    assert [error for error in errors if not STRANGE.search(error)] == []
