@@ -28,7 +28,7 @@ import { ask } from "./dialog";
 import { type CodeAction, fixes, fixesOf } from "./problems";
 import type { Place, Position, Range, WorkspaceEdit } from "./protocol";
 import { rendered } from "./markdown";
-import { actions, diagnostics, keyAt, message, selectedNode, selection, start, uri } from "./state";
+import { actions, diagnostics, drawing, keyAt, message, selectedNode, selection, start, uri } from "./state";
 import { texts } from "./texts";
 import { fileName } from "./toolbar";
 
