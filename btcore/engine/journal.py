@@ -283,7 +283,8 @@ class Journal(WriteRecorder):
         if len(transitions) != self._transition_count or transitions is not self._transitions:
             self._add_status_changes(transitions)
         if observers.only_need_checksum:
-            observers.flush()
+            if transitions:
+                observers.flush()
             observers.only_sums = True
 
     def _wait_for_writers(self) -> None:

@@ -82,6 +82,7 @@ class Observers(TransitionRecorder):
         # The observers that override `Observer.transition`, and those that override `Observer.transitions`.
         self._immediate_observers: list[Observer] = []
         self._batch_observers: list[Observer] = []
+        self.only_need_checksum = False  # whether no observer is notified of transitions
         self._flushing = False
         self._tick_start = 0  # ns of real time
 
@@ -163,11 +164,21 @@ class Observers(TransitionRecorder):
         self._batch_observers = [
             observer for observer in observers if type(observer).transitions is not Observer.transitions
         ]
+        self.only_need_checksum = (
+            self.has_checksum and not self._batch_observers and not self.notifies_at_once
+        )
 
-    @property
-    def only_need_checksum(self) -> bool:
-        """Whether no observer is notified of transitions, and the checksum is needed."""
-        return self.has_checksum and not self._batch_observers and not self.notifies_at_once
+    def start_checksum(self) -> None:
+        """Compute the checksum of the transitions from now on."""
+        self.flush()
+        self.has_checksum = True
+        self.checksum = 0
+        self._set_observers(self.observers)
+
+    def stop_checksum(self) -> None:
+        """Do not compute the checksum any more."""
+        self.has_checksum = False
+        self._set_observers(self.observers)
 
     def _unsubscribe_after_error(self, observer: Observer, error: Exception) -> None:
         self._set_observers([other for other in self.observers if other is not observer])

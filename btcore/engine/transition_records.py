@@ -29,6 +29,9 @@ from btcore.clock import FAST_NOW, Clock
 from btcore.engine.node_config import NodeConfig
 from btcore.status import IDLE, SUCCESS, Status, Transition
 
+# The values of members as constants, which are not converted in each call (compiled).
+IDLE_NUMBER: Final = 0
+SUCCESS_NUMBER: Final = 2
 # The constructor of Transition calls it too, but by way of an interpreted function, which takes much longer.
 _new_tuple: Final[Any] = tuple.__new__
 
@@ -61,15 +64,15 @@ class Transitions:
             node = records[at + 1]
             third = records[at + 2] if at + 2 < count else 0
             if type(third) is int:
-                checksum = _add_to_checksum(checksum, node, SUCCESS)
+                checksum = _add_to_checksum(checksum, cast(NodeConfig, node), SUCCESS_NUMBER)
                 at += 2
             elif type(third) is list:
-                for config, previous in zip(cast(list[object], node), third, strict=False):
+                for config, previous in zip(cast(list[NodeConfig], node), third, strict=False):
                     if previous is not IDLE:
-                        checksum = _add_to_checksum(checksum, config, IDLE)
+                        checksum = _add_to_checksum(checksum, config, IDLE_NUMBER)
                 at += 4
             else:
-                checksum = _add_to_checksum(checksum, node, cast(Status, records[at + 3]))
+                checksum = _add_to_checksum(checksum, cast(NodeConfig, node), cast(i64, records[at + 3]))
                 at += 4
         return checksum
 
@@ -97,8 +100,8 @@ class TransitionRecorder:
         now: Returns the time (ns) of the tree's clock.
         tick: The number of the latest tick that has started.
         notifies_at_once: Whether `notify_at_once` is called after each transition.
-        has_checksum: Whether `checksum` is computed.
-        checksum: The checksum of all transitions, except those since the last call of `take_transitions`.
+        has_checksum: Whether `checksum` is computed: the checksum of all transitions, except those since the
+            last call of `take_transitions`.
         only_sums: Whether transitions are only added to the checksum, and not recorded.
     """
 
@@ -116,7 +119,7 @@ class TransitionRecorder:
     def record_success(self, config: NodeConfig) -> None:
         """Record the transition from IDLE to SUCCESS of the node with *config*."""
         if self.only_sums:
-            self._add_to_checksum(config, SUCCESS)
+            self.add_to_checksum(config, SUCCESS_NUMBER)
             return
         stamp = self.now()
         records = self._records
@@ -129,7 +132,7 @@ class TransitionRecorder:
     def record_transition(self, config: NodeConfig, previous: Status, status: Status) -> None:
         """Record a transition of the node with *config*."""
         if self.only_sums:
-            self._add_to_checksum(config, status)
+            self.add_to_checksum(config, cast(i64, status))
             return
         self._record(self.now(), config, previous, status)
 
@@ -152,11 +155,6 @@ class TransitionRecorder:
             before: The previous statuses of the first children, or of all; IDLE = the child was not reset.
             count: The number of children that were reset.
         """
-        if self.only_sums:
-            for index in range(len(before)):  # compiled, this is faster than zip()
-                if before[index] is not IDLE:
-                    self._add_to_checksum(configs[index], IDLE)
-            return
         stamp = self.now()
         if self.notifies_at_once:
             for config, previous in zip(configs, before, strict=False):
@@ -170,7 +168,8 @@ class TransitionRecorder:
         records.append(IDLE)
         self._count += count
 
-    def _add_to_checksum(self, config: NodeConfig, status: Status) -> None:
+    def add_to_checksum(self, config: NodeConfig, status: i64) -> None:
+        """Add a transition to the checksum; *status* is the number of the new status."""
         self.checksum = _add_to_checksum(self.checksum, config, status)
         self._first += 1
 
@@ -202,10 +201,11 @@ class TransitionRecorder:
         return _create_transition(number, stamp, self.tick, config, previous, status)
 
 
-def _add_to_checksum(checksum: i64, config: object, status: Status) -> i64:
+def _add_to_checksum(checksum: i64, config: NodeConfig, status: i64) -> i64:
     # The factor of a linear congruential generator, VAX MTH$RANDOM. The products have at most 49 bits, but
     # mypyc multiplies an int of more than 30 bits many times slower than an i64.
-    return (checksum * 69069 + cast(NodeConfig, config).uid * 8 + cast(i64, status) + 1) & 0xFFFFFFFF
+    uid: i64 = config.uid
+    return (checksum * 69069 + uid * 8 + status + 1) & 0xFFFFFFFF
 
 
 def decode_transitions(number: int, tick: int, records: list[object]) -> list[Transition]:

@@ -185,7 +185,7 @@ class Recorder(Observer):
         self._unsubscribe = [tree.subscribe(observer) for observer in added]
         observers = tree.context.observers
         assert observers is not None
-        observers.has_checksum = True
+        observers.start_checksum()
         self._observers = observers
         self._journal = journal.Journal(observers, self._encoder.encode, self._end_step)
         self._result_lines: dict[NodeConfig, list[tuple[str, int, str]]] = {}
@@ -218,7 +218,7 @@ class Recorder(Observer):
             board.recorder = None
         for node in self._tree.nodes:
             stop_recording(node)
-        self._observers.has_checksum = False
+        self._observers.stop_checksum()
         for unsubscribe in self._unsubscribe:
             unsubscribe()
 
