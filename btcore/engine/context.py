@@ -3,7 +3,7 @@
 import threading
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import mypyc_attr
 
@@ -12,6 +12,9 @@ from btcore.engine.observers import Observers
 
 if TYPE_CHECKING:
     from btcore.engine.journal import Journal  # imported when a recording begins
+
+_REPETITIONS_PER_CHECK: Final = 16
+"""The number of repetitions after which a node in a tree without a tick limit checks the limit."""
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -108,7 +111,6 @@ class TreeContext:
         lock: Held while the callbacks and counters of a node change, which any thread may do.
         woken_by: The UID of the node that last requested a tick, −1 for `Tree.wake`, 0 for no request.
         limit: The limit of ticks that repeat nodes.
-        stopped_ns: How long breakpoints have stopped the present tick (ns of real time).
         uses_time: Whether a node has read the clock, so that the tree reads it at the start of each tick.
         tick_start: The time (ns) at which the present tick began, by which its timers are judged, or -1.
         journal: Records what the ticks depend on; None = nothing is recorded.
@@ -125,7 +127,6 @@ class TreeContext:
         self.on_wake_up: Callable[[], object] | None = None
         self.woken_by = 0
         self.limit = TickLimit()
-        self.stopped_ns = 0
         self.uses_time = False  # most trees without timers never read the clock, which takes time
         self.tick_start = -1
         self.journal: Journal | None = None
@@ -204,10 +205,11 @@ class TreeContext:
             self.wake_event.wait(seconds)
         self._clear_wake_up()
 
-    def add_stopped_time(self, nanoseconds: int) -> None:
+    def exclude_time(self, nanoseconds: int) -> None:
         """Do not count *nanoseconds*, during which the tick was stopped at a breakpoint."""
-        self.stopped_ns += nanoseconds
         self.limit.extend(nanoseconds)
+        if self.observers is not None:
+            self.observers.exclude_time(nanoseconds)
 
     def must_pause(self, uid: int, count: int) -> bool:
         """Return whether the node *uid*, which has repeated its child *count* times, must pause.
@@ -216,6 +218,9 @@ class TreeContext:
         """
         if self.recorded_pause is not None:
             return self.recorded_pause(uid, count)
+        # Without a limit, a check only lets Python handle signals, which takes time and may be late.
+        if not self.limit.is_set and count % _REPETITIONS_PER_CHECK != 0:
+            return False
         must_end = self.limit.check()
         if must_end and self.journal is not None:
             self.journal.add_pause(uid, count)

@@ -116,13 +116,13 @@ class Observers(TransitionRecorder):
         self.tick = tick
         self._tick_start = time.perf_counter_ns()
 
-    def end_tick(self, status: Status, stopped_ns: int) -> None:
-        """Notify the observers of the end of a tick with the result *status*.
+    def exclude_time(self, nanoseconds: int) -> None:
+        """Do not count *nanoseconds* of the present tick in its duration."""
+        self._tick_start += nanoseconds
 
-        Args:
-            stopped_ns: How long breakpoints have stopped the tick (ns).
-        """
-        duration_ns = time.perf_counter_ns() - self._tick_start - stopped_ns
+    def end_tick(self, status: Status) -> None:
+        """Notify the observers of the end of a tick with the result *status*."""
+        duration_ns = time.perf_counter_ns() - self._tick_start
         self.flush()
         stamp: int = self.now()
         for observer in self.observers:

@@ -105,26 +105,15 @@ class TransitionRecorder:
         self._records: list[object] = []
         self._count = 0  # of the recorded transitions
 
-    def record_success(self, config: NodeConfig) -> None:
-        """Record the transition from IDLE to SUCCESS of the node with *config*."""
+    def record_transition(self, config: NodeConfig, previous: Status, status: Status) -> None:
+        """Record a transition of the node with *config*."""
         stamp = self.now()
         records = self._records
         records.append(stamp)
         records.append(config)
-        self._count += 1
-        if self.notifies_at_once:
-            self.notify_at_once(self._latest(stamp, config, IDLE, SUCCESS))
-
-    def record_transition(self, stamp: object, config: NodeConfig, previous: Status, status: Status) -> None:
-        """Record a transition of the node with *config*, at *stamp* (ns).
-
-        *stamp* is typed as object because mypyc would unbox and box an int again.
-        """
-        records = self._records
-        records.append(stamp)
-        records.append(config)
-        records.append(previous)
-        records.append(status)
+        if previous is not IDLE or status is not SUCCESS:
+            records.append(previous)
+            records.append(status)
         self._count += 1
         if self.notifies_at_once:
             self.notify_at_once(self._latest(stamp, config, previous, status))
@@ -137,14 +126,13 @@ class TransitionRecorder:
             before: The previous statuses of the first children, or of all; IDLE = the child was not reset.
             count: The number of children that were reset.
         """
-        stamp = self.now()
         if self.notifies_at_once:
             for config, previous in zip(configs, before, strict=False):
                 if previous is not IDLE:
-                    self.record_transition(stamp, config, previous, IDLE)
+                    self.record_transition(config, previous, IDLE)
             return
         records = self._records
-        records.append(stamp)
+        records.append(self.now())
         records.append(configs)
         records.append(before)
         records.append(IDLE)
