@@ -48,28 +48,29 @@ class TickLimit:
     """Ends a tick that repeats nodes: after a time, or by an interruption. Those nodes check it.
 
     Attributes:
-        is_set: Whether there is a limit or an interruption, so that nodes check after each repetition.
         has_timed_out: Whether the time of `start` has ended the tick.
         is_interrupted: Whether ticks end as soon as possible, until `resume`.
     """
 
     def __init__(self) -> None:
-        self.is_set = False
         self.has_timed_out = False
         self.is_interrupted = False
         self._end = 0  # ns of real time, 0 = none
         self._event = threading.Event()
 
+    @property
+    def is_set(self) -> bool:
+        """Whether there is a limit or an interruption, so that nodes check it after each repetition."""
+        return self._end != 0 or self.is_interrupted
+
     def start(self, seconds: float) -> None:
         """Limit the tick that begins now to *seconds* of real time, whatever clock the tree has."""
         self._end = time.monotonic_ns() + round(seconds * NS_PER_S)
         self.has_timed_out = False
-        self.is_set = True
 
     def stop(self) -> None:
         """End the effect of `start`."""
         self._end = 0
-        self.is_set = self.is_interrupted
 
     def extend(self, nanoseconds: int) -> None:
         """Do not count *nanoseconds*, during which the tick was stopped at a breakpoint."""
@@ -79,12 +80,10 @@ class TickLimit:
     def interrupt(self) -> None:
         """End ticks as soon as possible, until `resume` is called. Thread-safe."""
         self.is_interrupted = True
-        self.is_set = True
 
     def resume(self) -> None:
         """End the effect of `interrupt`. Call it between ticks."""
-        if self.is_interrupted:
-            self.is_interrupted = self.is_set = False
+        self.is_interrupted = False
 
     def check(self) -> bool:
         """Return whether the tick must end now; set `has_timed_out`, and let Python handle signals."""
