@@ -16,9 +16,9 @@ from btcore.blackboard.blackboard import Blackboard
 from btcore.builds import active_build
 from btcore.engine import journal
 from btcore.engine.control import ControlNode, DecoratorNode
-from btcore.engine.node import start_recording, stop_recording
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.observers import Observer
+from btcore.engine.recorded_tick import start_recording, stop_recording
 from btcore.engine.transition_records import Transitions
 from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.registry.manifest import Manifest
