@@ -690,8 +690,7 @@ def _unwritten_keys(reading: TreeReading, draft: _Draft) -> list[str]:
 
 
 def _position(source: SourceDocument, offset: int) -> Position:
-    position = source.positions.position(offset)
-    return Position(position.line, position.character)
+    return Position(*source.positions.place(offset))
 
 
 def _range(source: SourceDocument, edit: Edit, shift: int) -> Range:

@@ -21,6 +21,7 @@ from pygls.protocol.language_server import lsp_method
 from btcore import __version__
 from btcore.errors import BtcoreError
 from btcore.input_files import real_path
+from btcore.loading.load import paused_garbage_collection
 from btcore_studio.language import (
     completion,
     formatting,
@@ -38,15 +39,20 @@ from btcore_studio.language.diagnostics import Report
 from btcore_studio.language.drawing import draw_document
 from btcore_studio.language.edit_commands import compute_edit, copy_nodes
 from btcore_studio.language.live import LiveExtension, LiveTree
+from btcore_studio.language.node_form import form_of
+from btcore_studio.language.palette import palette_of
 from btcore_studio.language.project import DocumentKey, Project, Settings, SourceDocument
 from btcore_studio.language.studio_protocol import (
     BreakpointsParams,
     CopyParams,
     CopyResult,
     Data,
+    DocumentParams,
     Drawing,
     DrawingParams,
     EditParams,
+    Palette,
+    Place,
     WatchParams,
 )
 
@@ -179,7 +185,13 @@ class TreeServer(LanguageServer):
             handler: Returns the result. The message of a BtcoreError is the error reply.
         """
         self.params_classes[method] = params_class
-        self.feature(method)(lambda params: msgspec.to_builtins(handler(params)))
+
+        def handle(params: Params) -> Any:
+            # A collection would take as long as the drawing of a large tree.
+            with paused_garbage_collection():
+                return msgspec.to_builtins(handler(params))
+
+        self.feature(method)(handle)
 
     async def close(self) -> None:
         """End the background checks and their process, and the connection with a running tree."""
@@ -312,6 +324,12 @@ def _add_studio_requests(server: TreeServer) -> None:
         return draw_document(project, document(params.text_document.uri), params)
 
     server.add_request("btcore/drawing", DrawingParams, draw)
+
+    def list_palette(params: DocumentParams) -> Palette:
+        return palette_of(project, document(params.text_document.uri))
+
+    server.add_request("btcore/palette", DocumentParams, list_palette)
+    server.add_request("btcore/node", Place, lambda place: form_of(project, document(place.uri), place))
     server.add_request("btcore/edit", EditParams, lambda params: compute_edit(project, params.command))
     server.add_request(
         "btcore/copy", CopyParams, lambda params: CopyResult(copy_nodes(project, params.nodes))

@@ -155,12 +155,14 @@ class PaletteItem(Data, frozen=True):
     Attributes:
         group: The library, model file or document from which the node is known; "BehaviorTree.CPP" for
             built-in nodes.
+        symbol: The SVG path of the symbol in the node's badge, around (0, 0) within a radius of 9 units.
     """
 
     id: str
     kind: NodeKind
     group: str
     about: str
+    symbol: str
     ports: list[PalettePort]
 
 

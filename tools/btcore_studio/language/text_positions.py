@@ -45,10 +45,14 @@ class TextPositions:
 
         An offset outside of the text or inside a line break means the nearest position before it.
         """
+        return Position(*self.place(offset))
+
+    def place(self, offset: int) -> tuple[int, int]:
+        """Return the line and the character of the position of an offset."""
         offset = max(0, min(offset, len(self.text)))
         line = self.line(offset)
         offset = min(offset, self._ends[line])
-        return Position(line, self._units(offset) - self._units(self._starts[line]))
+        return line, self._units(offset) - self._units(self._starts[line])
 
     def range(self, start: int, end: int) -> Range:
         """Return the range between two offsets."""
@@ -60,12 +64,16 @@ class TextPositions:
         A position after the end of its line means the end of the line, and a position after the last line
         means the end of the text. A position between the two code units of a character means its start.
         """
-        if position.line >= len(self._starts):
+        return self.offset_at(position.line, position.character)
+
+    def offset_at(self, line: int, character: int) -> int:
+        """Return the offset of the position with this line and character, as `offset` does."""
+        if line >= len(self._starts):
             return len(self.text)
-        if position.line < 0:
+        if line < 0:
             return 0
-        units = self._units(self._starts[position.line]) + max(0, position.character)
-        return min(units - bisect_left(self._wide_units, units), self._ends[position.line])
+        units = self._units(self._starts[line]) + max(0, character)
+        return min(units - bisect_left(self._wide_units, units), self._ends[line])
 
     def offset_of_column(self, line: int, column: int) -> int:
         """Return the offset of a place in a `Diagnostic`.
@@ -85,4 +93,4 @@ class TextPositions:
         return min(start + column - 1, end)
 
     def _units(self, offset: int) -> int:
-        return offset + bisect_left(self._wide, offset)
+        return offset + bisect_left(self._wide, offset) if self._wide else offset

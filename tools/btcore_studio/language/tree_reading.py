@@ -8,8 +8,6 @@ from pathlib import Path
 from typing import Final
 from weakref import WeakKeyDictionary
 
-from lsprotocol.types import Position as LspPosition
-
 from btcore.blackboard.ports import Port
 from btcore.diagnostic_codes import DOCUMENT_TOO_LARGE
 from btcore.errors import RegistrationError, TreeError
@@ -122,12 +120,11 @@ class TreeReading:
         source = self.files[document]
         # The text of a document has no byte order mark.
         shift = source.text.startswith("\ufeff")
-        position = source.positions.position(offset + shift)
-        return Position(position.line, position.character)
+        return Position(*source.positions.place(offset + shift))
 
     def element_at(self, position: Position) -> ScannedElement | None:
         """Return the element of the document that begins at a position, or None."""
-        offset = self.source.positions.offset(LspPosition(position.line, position.character))
+        offset = self.source.positions.offset_at(position.line, position.character)
         offset -= self.source.text.startswith("\ufeff")
         elements = self.document.source_map.scan.elements
         index = bisect_left(elements, offset, key=lambda element: element.start)

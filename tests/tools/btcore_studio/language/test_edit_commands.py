@@ -83,23 +83,23 @@ class Page:
 
     def selected(self, result: EditResult) -> list[str]:
         """Return the names of the selected tags."""
-        offsets = [self.source.positions.offset(lsp(place.position)) for place in result.select]
+        offsets = [offset_in(self.source, place.position) for place in result.select]
         return [self.text[at + 1 :].replace("/", " ").replace(">", " ").split()[0] for at in offsets]
-
-
-def lsp(position: Position) -> object:
-    return type("P", (), {"line": position.line, "character": position.character})
 
 
 def edits_of(source: SourceDocument, result: EditResult) -> list[Edit]:
     """Return the edits of the one document that an operation changes."""
     changes = result.edit.changes.get(source.uri, [])
     assert result.edit.changes.keys() <= {source.uri}
-    positions = source.positions
     return [
-        Edit(positions.offset(lsp(item.range.start)), positions.offset(lsp(item.range.end)), item.new_text)
+        Edit(offset_in(source, item.range.start), offset_in(source, item.range.end), item.new_text)
         for item in changes
     ]
+
+
+def offset_in(source: SourceDocument, position: Position) -> int:
+    """Return the offset of a position."""
+    return source.positions.offset_at(position.line, position.character)
 
 
 @pytest.fixture
@@ -640,7 +640,7 @@ def check_result(page: Page, before: str, edits: list[Edit], result: EditResult,
         assert page.text.count("\n") == page.text.count("\r\n"), place
     elements = {element.start for element in page.source.scan.elements}
     for selected in result.select:
-        assert page.source.positions.offset(lsp(selected.position)) in elements, place
+        assert offset_in(page.source, selected.position) in elements, place
     drawing = page.drawing()
     if drawing.broken:
         return

@@ -103,3 +103,60 @@ def test_a_request_without_id_is_ignored(client: Client) -> None:
     client.send({"method": "btcore/drawing", "params": {**DOCUMENT, "tree": None}})
     client.send({"method": "btcore/drawing", "params": None})
     assert client.sent == []
+
+
+NOWHERE = {"line": -1, "character": 1 << 60}
+SLEEP = {"uri": URI, "position": {"line": 0, "character": TREE.index("<Sleep")}}
+
+
+def test_the_palette_and_the_form_are_json_data(client: Client) -> None:
+    items = {item["id"]: item for item in client.result("btcore/palette", DOCUMENT)["items"]}
+    assert items["Sleep"]["ports"][0] | {"about": ""} == {
+        "name": "msec",
+        "direction": "in",
+        "type": "unsigned int",
+        "default": "",
+        "about": "",
+    }
+    form = client.result("btcore/node", SLEEP)
+    assert form["fields"][1] | {"about": ""} == {
+        "name": "msec",
+        "group": "port",
+        "text": "1",
+        "direction": "in",
+        "type": "unsigned int",
+        "default": None,
+        "isRequired": True,
+        "about": "",
+        "choices": [],
+        "isScript": False,
+    }
+
+
+def test_an_edit_and_a_copy_are_json_data(client: Client) -> None:
+    result = client.result("btcore/edit", {"command": {"kind": "change_type", "node": SLEEP, "id": "Script"}})
+    [edit] = result["edit"]["changes"][URI]
+    assert edit["newText"].startswith("Script")
+    assert (result["select"], result["notes"]) == ([SLEEP], [])
+    assert client.result("btcore/copy", {"nodes": [SLEEP]}) == {"xml": '<Sleep msec="1"/>\n'}
+
+
+@pytest.mark.parametrize(
+    ("command", "code", "reason"),
+    [
+        ({"kind": "add", "parent": SLEEP, "index": 0, "id": "Sleep"}, -32803, "<Sleep> is an action"),
+        ({"kind": "remove", "nodes": []}, -32803, "no node is selected"),
+        ({"kind": "explode"}, -32602, "Invalid value 'explode' - at `$.command.kind`"),
+        ({"kind": "add", "parent": SLEEP, "index": "0", "id": "Sleep"}, -32602, "`$.command.index`"),
+        ({"kind": "add", "parent": SLEEP, "index": 0}, -32602, "missing required field `id`"),
+        ({"kind": "set", "node": SLEEP, "name": "a", "text": 1}, -32602, "`$.command.text`"),
+        ({"kind": "move", "nodes": [SLEEP], "parent": {"uri": URI}, "index": 0}, -32602, "`position`"),
+        ({"kind": "remove", "nodes": [{"uri": URI, "position": NOWHERE}]}, -32803, "no node begins"),
+    ],
+)  # fmt: skip
+def test_an_operation_that_cannot_be_applied_gets_an_error_reply(
+    client: Client, command: dict[str, Any], code: int, reason: str
+) -> None:
+    error = client.request("btcore/edit", {"command": command})["error"]
+    assert error["code"] == code
+    assert reason in error["message"]

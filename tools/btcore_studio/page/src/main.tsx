@@ -157,7 +157,8 @@ async function move(step: () => Promise<Done | null>, nothing: string): Promise<
     const [first] = done.uris;
     if (first && !done.uris.includes(uri.value)) revealText({ uri: first, position: { line: 0, character: 0 } }, false);
     await (running ?? redraw()); // a changed text is being drawn already
-    selection.value = done.selection;
+    // In the text, the cursor shows what has changed.
+    if (!document.activeElement?.closest(".text")) selection.value = done.selection;
   });
 }
 

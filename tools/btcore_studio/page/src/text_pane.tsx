@@ -28,7 +28,7 @@ import { ask } from "./dialog";
 import { type CodeAction, fixes, fixesOf } from "./problems";
 import type { Place, Position, Range, WorkspaceEdit } from "./protocol";
 import { rendered } from "./markdown";
-import { actions, diagnostics, keyAt, message, selectedNode, selection, start, uri } from "./state";
+import { actions, diagnostics, drawing, keyAt, message, selectedNode, selection, start, uri } from "./state";
 import { texts } from "./texts";
 import { fileName } from "./toolbar";
 
@@ -381,13 +381,16 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
           }
         }
         const isMoved = transactions.some((transaction) => transaction.selection && !transaction.annotation(external));
-        if (isMoved) selectAtCursor();
+        // After a change, the nodes are where the cursor is only in the next drawing.
+        if (isMoved && !transactions.some((transaction) => transaction.docChanged)) selectAtCursor();
       },
     });
 
+    const isInText = () => root.activeElement === view.contentDOM;
+
     const selectAtCursor = () => {
       const best = keyAt(shown, positionAt(view.state.doc, view.state.selection.main.head));
-      if (best && !selection.value.includes(best)) {
+      if (best && !selection.peek().includes(best)) {
         keyOfCursor = best;
         selection.value = [best];
       }
@@ -444,11 +447,16 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
         }, show);
       }),
       effect(() => {
-        const node = selectedNode.value;
+        const key = selection.value.at(-1) ?? null;
         untracked(() => {
-          if (node && node.key !== keyOfCursor) revealText(node.place, false);
-          keyOfCursor = node?.key ?? null;
+          const node = selectedNode.value;
+          // While the user types, a broken text can lack the selected node.
+          if (node && key !== keyOfCursor && !isInText()) revealText(node.place, false);
+          keyOfCursor = key;
         });
+      }),
+      effect(() => {
+        if (drawing.value) untracked(() => { if (isInText()) selectAtCursor(); });
       }),
       effect(() => {
         if (diagnostics.value && fixes.value) untracked(() => { if (shown) showMarks(); });
