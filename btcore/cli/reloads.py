@@ -33,7 +33,7 @@ class Reloads:
         self._progress = progress
         self._count = 0
 
-    def show_end(self, error: NodeExecutionError | None) -> None:
+    def on_end(self, error: NodeExecutionError | None) -> None:
         """Print the exception of a leaf, if it has ended the tree, and show that the run waits for a save."""
         if error is not None:
             self._print_leaf_error(error)

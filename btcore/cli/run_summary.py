@@ -47,95 +47,87 @@ _MARGINS: Final = 2
 _MIN_NAME: Final = 8
 
 
-class RunSummary:
-    """The summary of a run at its end.
+def print_summary(name: str, run: Run) -> None:
+    """Print the summary of a run that has ended on stderr.
 
     Args:
         name: The name of the tree, for the heading.
-        run: The run; it has ended when a method is called.
     """
+    tree = run.tree
+    console = terminal.stderr_console()
+    table = terminal.new_table()
+    table.add_column("node", no_wrap=True)
+    for title, style in _COUNT_STYLES.items():
+        table.add_column(title, justify="right", style=style, no_wrap=True)
+    depths = node_depths(tree)
+    # `_tick_counts` lists the nodes in the order of the tree.
+    rows = list(zip(tree.nodes, _tick_counts(tree).values(), strict=True))[:_MAX_NODES]
+    widths = [max(len(title), *(len(str(row[title])) for _, row in rows)) for title in _COUNT_STYLES]
+    room = max(console.width - sum(widths) - _GAP * len(widths) - _MARGINS, _MIN_NAME)
+    for node, counts in rows:
+        never_ticked = not counts["ticks"]
+        symbol = terminal.node_symbol(node.spec.symbol, node.spec.node_type)
+        label = Text.assemble("  " * depths[node.config.uid], symbol)
+        label.append(node.name, style="dim" if never_ticked else "")
+        if node.name != node.config.id:
+            label.append(f" {node.config.id}", style="dim")
+        label.truncate(room, overflow="ellipsis")
+        columns = [str(counts[key] or "·") for key in _COUNT_STYLES]
+        table.add_row(label, *columns, style="dim" if never_ticked else "")
+    console.print(_format_heading(name, run), soft_wrap=True)
+    console.print()
+    console.print(table)
+    if len(tree.nodes) > _MAX_NODES:
+        console.print(f"  … and {len(tree.nodes) - _MAX_NODES} more nodes; --json lists all", style="dim")
+    print_reports(run.report)
 
-    def __init__(self, name: str, run: Run) -> None:
-        self.name = name
-        self._run = run
 
-    @property
-    def real_time_factor(self) -> float:
-        """The speed of the run as a multiple of real time."""
-        return self._run.elapsed_s / self._run.wall_s if self._run.wall_s > 0 else 0.0
+def _format_heading(name: str, run: Run) -> Text:
+    result = terminal.format_status(run.status if run.error is None else None)
+    ticks = terminal.counted(run.tree.ticks, "tick")
+    duration = f"{run.elapsed_s:.1f} s, {ticks}, ×{_real_time_factor(run):.1f} real time"
+    return Text.assemble(result, "  ", (name, "bold"), "  ", duration, END_REASON_TEXT[run.end_reason])
 
-    def print_summary(self) -> None:
-        """Print the summary on stderr."""
-        tree = self._run.tree
-        console = terminal.stderr_console()
-        table = terminal.new_table()
-        table.add_column("node", no_wrap=True)
-        for title, style in _COUNT_STYLES.items():
-            table.add_column(title, justify="right", style=style, no_wrap=True)
-        depths = node_depths(tree)
-        # `tick_counts` lists the nodes in the order of the tree.
-        rows = list(zip(tree.nodes, self.tick_counts().values(), strict=True))[:_MAX_NODES]
-        widths = [max(len(title), *(len(str(row[title])) for _, row in rows)) for title in _COUNT_STYLES]
-        room = max(console.width - sum(widths) - _GAP * len(widths) - _MARGINS, _MIN_NAME)
-        for node, counts in rows:
-            never_ticked = not counts["ticks"]
-            symbol = terminal.node_symbol(node.spec.symbol, node.spec.node_type)
-            name = Text.assemble("  " * depths[node.config.uid], symbol)
-            name.append(node.name, style="dim" if never_ticked else "")
-            if node.name != node.config.id:
-                name.append(f" {node.config.id}", style="dim")
-            name.truncate(room, overflow="ellipsis")
-            columns = [str(counts[key] or "·") for key in _COUNT_STYLES]
-            table.add_row(name, *columns, style="dim" if never_ticked else "")
-        console.print(self._format_heading(), soft_wrap=True)
-        console.print()
-        console.print(table)
-        if len(tree.nodes) > _MAX_NODES:
-            console.print(f"  … and {len(tree.nodes) - _MAX_NODES} more nodes; --json lists all", style="dim")
-        print_reports(self._run.report)
 
-    def _format_heading(self) -> Text:
-        run = self._run
-        result = terminal.format_status(run.status if run.error is None else None)
-        ticks = terminal.counted(run.tree.ticks, "tick")
-        duration = f"{run.elapsed_s:.1f} s, {ticks}, ×{self.real_time_factor:.1f} real time"
-        end = END_REASON_TEXT[run.end_reason]
-        return Text.assemble(result, "  ", (self.name, "bold"), "  ", duration, end)
+def _real_time_factor(run: Run) -> float:
+    """Return the speed of the run as a multiple of real time."""
+    return run.elapsed_s / run.wall_s if run.wall_s > 0 else 0.0
 
-    def tick_counts(self) -> dict[str, dict[str, object]]:
-        """Return the ID and the tick counts of each node, by full path.
 
-        Equal paths are distinguished by `#<uid>`.
-        """
-        rows: dict[str, dict[str, object]] = {}
-        for key, node in self._run.tree.nodes_by_path().items():
-            counts = tick_counts_of(node)
-            assert counts is not None, "`btcore run` counts the ticks of each of its trees"
-            rows[key] = {"id": node.config.id, **counts.by_name()}
-        return rows
+def _tick_counts(tree: Tree) -> dict[str, dict[str, object]]:
+    """Return the ID and the tick counts of each node, by full path.
 
-    def as_data(self) -> dict[str, object]:
-        """Return the object of `--json`, with the reports of providers."""
-        run = self._run
-        data: dict[str, object] = {
-            "status": run.status.name,
-            "ticks": run.tree.ticks,
-            "time_s": run.elapsed_s,
-            "real_time_factor": round(self.real_time_factor, 3),
-            "nodes": self.tick_counts(),
-            **run.report,
+    Equal paths are distinguished by `#<uid>`.
+    """
+    rows: dict[str, dict[str, object]] = {}
+    for key, node in tree.nodes_by_path().items():
+        counts = tick_counts_of(node)
+        assert counts is not None, "`btcore run` counts the ticks of each of its trees"
+        rows[key] = {"id": node.config.id, **counts.by_name()}
+    return rows
+
+
+def results_as_data(run: Run) -> dict[str, object]:
+    """Return the object of `--json` for a run that has ended, with the reports of providers."""
+    data: dict[str, object] = {
+        "status": run.status.name,
+        "ticks": run.tree.ticks,
+        "time_s": run.elapsed_s,
+        "real_time_factor": round(_real_time_factor(run), 3),
+        "nodes": _tick_counts(run.tree),
+        **run.report,
+    }
+    if run.error is not None:
+        frame = _find_leaf_frame(run.error.cause)
+        data["error"] = {
+            "node": run.error.path,
+            "id": run.error.node_id,
+            "while": run.error.doing,
+            "exception": type(run.error.cause).__name__,
+            "message": str(run.error.cause),
+            "at": f"{frame.filename}:{frame.lineno}" if frame is not None else None,
         }
-        if run.error is not None:
-            frame = _find_leaf_frame(run.error.cause)
-            data["error"] = {
-                "node": run.error.path,
-                "id": run.error.node_id,
-                "while": run.error.doing,
-                "exception": type(run.error.cause).__name__,
-                "message": str(run.error.cause),
-                "at": f"{frame.filename}:{frame.lineno}" if frame is not None else None,
-            }
-        return data
+    return data
 
 
 def _find_leaf_frame(error: BaseException) -> traceback.FrameSummary | None:

@@ -6,15 +6,13 @@ An observer cannot change a tick's result. An observer that raises is unsubscrib
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any
 
 from mypy_extensions import mypyc_attr
 
-from btcore.clock import FAST_NOW, Clock
-from btcore.engine.node_config import NodeConfig
-from btcore.engine.transition_records import Transitions, create_transition
+from btcore.clock import Clock
+from btcore.engine.transition_records import TransitionRecorder, Transitions
 from btcore.errors import NodeExecutionError
-from btcore.status import IDLE, SUCCESS, Status, Transition
+from btcore.status import Status, Transition
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -75,65 +73,20 @@ class Observer:
         """
 
 
-class Observers:
-    """The observers of one tree, which are notified of its transitions after each tick.
-
-    Attributes:
-        observers: The observers.
-        records: The transitions since the last notification, in the form of `transition_records.py`.
-        tick: The number of the latest tick that has started.
-    """
+class Observers(TransitionRecorder):
+    """The observers of one tree. They are notified of the recorded transitions after each tick."""
 
     def __init__(self, clock: Clock) -> None:
+        super().__init__(clock)
         self.observers: list[Observer] = []
-        self.records: list[object] = []
-        self.tick = 0
-        self._now: Callable[[], Any] = FAST_NOW.get(type(clock), clock.now)
-        self._first = 1  # the number of the first transition in `records`
-        self._count = 0  # of the transitions in `records`
         # The observers that override `Observer.transition`, and those that override `Observer.transitions`.
         self._immediate_observers: list[Observer] = []
         self._batch_observers: list[Observer] = []
         self._flushing = False
         self._tick_start = 0  # ns of real time
 
-    # --- transitions
-
-    def record_transition(self, config: NodeConfig, previous: Status, status: Status) -> None:
-        """Record a transition of the node with *config*."""
-        stamp = self._now()
-        records = self.records
-        records.append(stamp)
-        records.append(config)
-        if previous is not IDLE or status is not SUCCESS:
-            records.append(previous)
-            records.append(status)
-        self._count += 1
-        if self._immediate_observers:
-            number = self._first + self._count - 1
-            self._notify_at_once(create_transition(number, stamp, self.tick, config, previous, status))
-
-    def record_resets(self, configs: list[NodeConfig], before: list[Status], count: int) -> None:
-        """Record that children of a node were reset.
-
-        Args:
-            configs: The configs of all children.
-            before: The previous statuses of the first children, or of all; IDLE = the child was not reset.
-            count: The number of children that were reset.
-        """
-        if self._immediate_observers:
-            for config, previous in zip(configs, before, strict=False):
-                if previous is not IDLE:
-                    self.record_transition(config, previous, IDLE)
-            return
-        records = self.records
-        records.append(self._now())
-        records.append(configs)
-        records.append(before)
-        records.append(IDLE)
-        self._count += count
-
-    def _notify_at_once(self, change: Transition) -> None:
+    def notify_at_once(self, change: Transition) -> None:
+        """Notify the observers that override `Observer.transition`."""
         for observer in self._immediate_observers:
             try:
                 observer.transition(change)
@@ -142,16 +95,13 @@ class Observers:
 
     def flush(self) -> None:
         """Notify the observers of all recorded transitions."""
-        if self._flushing or not self.records:
+        if self._flushing or not self.has_records:
             return
         self._flushing = True
         try:
             # An observer may cause further transitions: all observers get them afterwards, in order.
-            while self.records:
-                changes = Transitions(self._first, self.tick, self.records, self._count)
-                self._first += self._count
-                self.records = []
-                self._count = 0
+            while self.has_records:
+                changes = self.take_transitions()
                 for observer in self._batch_observers:
                     try:
                         observer.transitions(changes)
@@ -159,8 +109,6 @@ class Observers:
                         self._unsubscribe_after_error(observer, error)
         finally:
             self._flushing = False
-
-    # --- ticks and errors
 
     def begin_tick(self, tick: int) -> None:
         """Notify the observers of the recorded transitions, then start tick number *tick* of the root."""
@@ -176,7 +124,7 @@ class Observers:
         """Notify the observers of the end of a tick with the result *status*."""
         duration_ns = time.perf_counter_ns() - self._tick_start
         self.flush()
-        stamp: int = self._now()
+        stamp: int = self.now()
         for observer in self.observers:
             try:
                 observer.ticked(self.tick, stamp, duration_ns, status)
@@ -186,14 +134,12 @@ class Observers:
     def notify_error(self, error: NodeExecutionError) -> None:
         """Notify the observers that a node raised *error*."""
         self.flush()
-        stamp: int = self._now()
+        stamp: int = self.now()
         for observer in self.observers:
             try:
                 observer.raised(error, stamp)
             except Exception as problem:
                 self._unsubscribe_after_error(observer, problem)
-
-    # --- subscriptions
 
     def add(self, observer: Observer) -> Callable[[], None]:
         """Subscribe *observer*. Return a function that unsubscribes it; further calls have no effect."""
@@ -213,9 +159,15 @@ class Observers:
         self._immediate_observers = [
             observer for observer in observers if type(observer).transition is not Observer.transition
         ]
+        self.notifies_at_once = bool(self._immediate_observers)
         self._batch_observers = [
             observer for observer in observers if type(observer).transitions is not Observer.transitions
         ]
+
+    @property
+    def only_need_checksum(self) -> bool:
+        """Whether no observer is notified of transitions, and the checksum is needed."""
+        return self.has_checksum and not self._batch_observers and not self.notifies_at_once
 
     def _unsubscribe_after_error(self, observer: Observer, error: Exception) -> None:
         self._set_observers([other for other in self.observers if other is not observer])

@@ -14,7 +14,7 @@ from btcore.errors import TreeError
 from btcore.loading.instantiate import instantiate
 from btcore.registry.registry import Registry
 from btcore.tree.tree import Tree
-from btcore.xml.plan.plan import Plans, plan_document
+from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.document import CollectedDiagnostics, Document
 from btcore.xml.read.read import PackageResolver, parse_file, parse_text
 
@@ -89,7 +89,8 @@ def load(
         <Status.SUCCESS: 2>
     """
     with paused_garbage_collection():
-        plans = plan_inputs(parse_file, (path, *more), nodes, tree, format, packages, confined)
+        main, *shared = _parse_all(parse_file, (path, *more), confined)
+        plans = plan_document(main, check_registry(nodes), tree, format, shared, packages)
         return instantiate(plans, resources, blackboard, clock, tick_limit)
 
 
@@ -133,7 +134,8 @@ def loads(
         <Status.SUCCESS: 2>
     """
     with paused_garbage_collection():
-        plans = plan_inputs(parse_text, (text, *more), nodes, tree, format, packages, confined)
+        main, *shared = _parse_all(parse_text, (text, *more), confined)
+        plans = plan_document(main, check_registry(nodes), tree, format, shared, packages)
         return instantiate(plans, resources, blackboard, clock, tick_limit)
 
 
@@ -175,7 +177,7 @@ def make(
         >>> first is second
         False
     """
-    registry = _registry(nodes)
+    registry = check_registry(nodes)
     documents = registry.documents
     if not documents:
         hint = "register it: nodes.add_trees(…)"
@@ -187,24 +189,13 @@ def make(
         return instantiate(plans, resources, blackboard, clock, tick_limit)
 
 
-def plan_inputs(
-    parse: Callable[..., Document],
-    inputs: Iterable[str | PathLike[str]],
-    nodes: Registry | None = None,
-    tree: str | None = None,
-    format: int | None = None,
-    packages: PackageResolver | None = None,
-    confined: bool = False,
-) -> Plans:
-    """Return the plans of the trees in XML files or texts: `load` and `loads` without creating nodes.
-
-    Args:
-        parse: `parse_file` or `parse_text`.
-        inputs: The paths or the texts; the trees of the first may call those of the others.
+def _parse_all(
+    parse: Callable[..., Document], inputs: Iterable[str | PathLike[str]], confined: bool
+) -> list[Document]:
+    """Parse files or texts.
 
     Raises:
-        TreeError: An input cannot be read or parsed; other errors are in the diagnostics of the plans.
-        TypeError: *nodes* is not a Registry.
+        TreeError: Some cannot be read or parsed. It holds the errors of all of them.
     """
     documents: list[Document] = []
     errors: list[Diagnostic] = []
@@ -214,15 +205,19 @@ def plan_inputs(
         except TreeError as error:
             errors += error.diagnostics
     CollectedDiagnostics(tuple(errors)).raise_errors()
-    main, *shared = documents
-    return plan_document(main, _registry(nodes), tree, format, shared_documents=shared, packages=packages)
+    return documents
 
 
 def _defines(document: Document, tree: str) -> bool:
     return any(element.get("ID") == tree for element in document.root.iterchildren("BehaviorTree"))
 
 
-def _registry(nodes: object) -> Registry:
+def check_registry(nodes: object) -> Registry:
+    """Return the registry *nodes*; None stands for `Registry.standard`.
+
+    Raises:
+        TypeError: It is not a Registry.
+    """
     if nodes is None:
         return Registry.standard()
     if not isinstance(nodes, Registry):

@@ -135,13 +135,12 @@ def full_name(type: TypeRef) -> str:
 
 def fits(resource: object, needed: TypeRef) -> bool:
     """Return whether an object is of a type, or satisfies it as a protocol."""
-    classes = type(resource).__mro__
-    if isinstance(needed, str):
-        return needed in map(full_name, classes)
+    if full_name(needed) in map(full_name, type(resource).__mro__):
+        return True
     try:
-        return isinstance(resource, needed)
-    except TypeError:  # a protocol that is not checked at run time
-        return needed in classes
+        return isinstance(resource, needed)  # type: ignore[arg-type]
+    except TypeError:  # a full name, or a protocol that is not checked at run time
+        return False
 
 
 def describe_ambiguity(fitting: Sequence[object], use: str) -> str:

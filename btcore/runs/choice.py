@@ -34,7 +34,7 @@ and a `PoseNavigator`:
    `map_file`, `navigation`, `navigator`.
 """
 
-from collections.abc import Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Sequence, Set
 from typing import NamedTuple
 
 from btcore.clock import Clock
@@ -105,8 +105,6 @@ def choose_providers(
         ProviderError: Two providers are equally good, or need each other, or a side-effect provider needs
             what nothing provides.
     """
-    requests = [_Request(type, is_optional=False) for type in needed_types]
-    requests += [_Request(type, is_optional=True) for type in optional_types]
     side_effects = [
         provider
         for provider in available.with_side_effects(given - {RunSettings})
@@ -114,184 +112,191 @@ def choose_providers(
     ]
     rejected: dict[Provider, str] = {}
     while True:
-        this_round = _Round(available, _Candidates(available, given, resources, rejected))
-        newly_rejected = this_round.follow_needs(requests, side_effects)
+        this_round = _Round(available, given, resources, rejected)
+        newly_rejected = this_round.assign_all(needed_types, optional_types, side_effects)
         if not newly_rejected:
             return this_round.result()
         rejected |= newly_rejected
 
 
 class _Request(NamedTuple):
-    """A needed type, and the providers that lead to it from a leaf or from a side-effect provider."""
+    """A needed type, and what can be provided for it.
+
+    Attributes:
+        type: The type.
+        is_optional: Whether the type may be missing.
+        chain: The providers that lead to the type from a leaf or from a side-effect provider.
+        own: The object of the program, or None.
+        candidates: The providers that can be used, if the program has no object.
+        problem: Why nothing can be provided, or "".
+    """
 
     type: TypeRef
     is_optional: bool
-    chain: tuple[Provider, ...] = ()
-
-    def __str__(self) -> str:
-        return f"{_join(self.chain) or 'a leaf'} needs {title_with_article(self.type)}"
-
-
-class _Found(NamedTuple):
-    """The candidates for a needed type, and why there is none, or ""."""
-
-    request: _Request
+    chain: tuple[Provider, ...]
+    own: object
     candidates: list[Provider]
     problem: str
 
-
-class _Candidates(NamedTuple):
-    """What can be provided in a run, unless it is rejected.
-
-    A type can be provided if one of its providers has no obstacle, and a provider has none if each type that
-    it needs can be provided. Therefore `find` and `_find_obstacle` call each other.
-    """
-
-    available: AvailableProviders
-    given: Set[type[Settings]]
-    resources: Sequence[object]
-    rejected: Mapping[Provider, str]
-
-    def find_object(self, needed_type: TypeRef) -> object:
-        """Return the object of the program for a type, or None."""
-        fitting = [resource for resource in self.resources if fits(resource, needed_type)]
-        if problem := describe_ambiguity(fitting, f"the type {_title(needed_type)}"):
-            raise ProviderError(problem)
-        return next(iter(fitting), None)
-
-    def find(self, request: _Request) -> _Found:
-        """Return the candidates for a type."""
-        obstacles = {
-            provider: self._find_obstacle(provider, request.chain)
-            for provider in self.available.of_type(full_name(request.type))
-        }
-        candidates = [provider for provider, obstacle in obstacles.items() if not obstacle]
-        problem = "" if candidates else self._describe_problem(request, obstacles)
-        return _Found(request, candidates, problem)
-
-    def _find_obstacle(self, provider: Provider, chain: tuple[Provider, ...]) -> str:
-        """Return why a provider of a type is no candidate, or ""; *chain* leads to the type."""
-        if provider in self.rejected:
-            return f"is not used, because {self.rejected[provider]}"
-        if provider in chain:
-            return f"needs itself: {_join([*chain, provider])}"
-        missing = [cls for cls in provider.required_settings if cls not in self.given]
-        if missing:
-            options = [name for cls in missing for name in required_option_names(cls)]
-            return f"is not used without {join_names(options)}"
-        for request in _create_requests(provider, chain):
-            if not request.is_optional and self.find_object(request.type) is None:
-                problem = self.find(request).problem
-                if problem:
-                    return f"needs {title_with_article(request.type)}, but {problem}"
-        return ""
-
-    def _describe_problem(self, request: _Request, obstacles: Mapping[Provider, str]) -> str:
-        name, title = full_name(request.type), _title(request.type)
-        reasons = [f"{provider} {obstacle}" for provider, obstacle in obstacles.items()]
-        reasons += (
-            f"{provider} provides {other}, and not {name}: the file of the class was loaded twice"
-            for provider in self.available.of_user
-            for other in provider.type_names
-            if other != name and _title(other) == title
-        )
-        problem = f"nothing provides {title_with_article(request.type)}"
-        if reasons:
-            return f"{problem}: {'; '.join(reasons)}"
-        return f"{problem} ({request})" if request.chain else problem
-
-
-class _Rank(NamedTuple):
-    """The criteria of the table in the module's docstring; the greatest rank is best."""
-
-    required_options: int
-    is_used: bool
-    is_of_user: bool
-    is_not_default: bool
+    @property
+    def name(self) -> str:
+        """The full name of the type."""
+        return full_name(self.type)
 
 
 class _Round:
     """A round of the choice: it assigns a provider to each needed type, or rejects further providers."""
 
-    def __init__(self, available: AvailableProviders, candidates: _Candidates) -> None:
+    def __init__(
+        self,
+        available: AvailableProviders,
+        given: Set[type[Settings]],
+        resources: Sequence[object],
+        rejected: Mapping[Provider, str],
+    ) -> None:
         self._available = available
-        self._candidates = candidates
-        self._pending: list[_Found] = []
+        self._given = given
+        self._resources = resources
+        self._rejected = rejected
+        self._pending: list[_Request] = []
         self._used: dict[Provider, None] = {}
         self._providers: dict[str, Provider] = {}
         self._objects: dict[str, object] = {}
         self._problems: dict[str, str] = {}
 
-    def follow_needs(
-        self, requests: Sequence[_Request], side_effects: Sequence[Provider]
+    # --- what can be provided: `_request` and `_find_obstacle` call each other
+
+    def _request(
+        self, type: TypeRef, is_optional: bool = False, chain: tuple[Provider, ...] = ()
+    ) -> _Request:
+        own = self._find_own(type)
+        if own is not None:
+            return _Request(type, is_optional, chain, own, [], "")
+        obstacles = {
+            provider: self._find_obstacle(provider, chain)
+            for provider in self._available.of_type(full_name(type))
+        }
+        candidates = [provider for provider, obstacle in obstacles.items() if not obstacle]
+        problem = "" if candidates else self._describe_problem(type, chain, obstacles)
+        return _Request(type, is_optional, chain, None, candidates, problem)
+
+    def _find_own(self, type: TypeRef) -> object:
+        """Return the object of the program for a type, or None."""
+        fitting = [resource for resource in self._resources if fits(resource, type)]
+        if problem := describe_ambiguity(fitting, f"the type {_title(type)}"):
+            raise ProviderError(problem)
+        return next(iter(fitting), None)
+
+    def _find_obstacle(self, provider: Provider, chain: tuple[Provider, ...]) -> str:
+        """Return why a provider of a type is no candidate, or ""; *chain* leads to the type."""
+        if provider in self._rejected:
+            return f"is not used, because {self._rejected[provider]}"
+        if provider in chain:
+            return f"needs itself: {_join([*chain, provider])}"
+        missing = [cls for cls in provider.required_settings if cls not in self._given]
+        if missing:
+            options = [name for cls in missing for name in required_option_names(cls)]
+            return f"is not used without {join_names(options)}"
+        for need in provider.object_needs:
+            problem = "" if need.is_optional else self._request(need.type, False, (*chain, provider)).problem
+            if problem:
+                return f"needs {title_with_article(need.type)}, but {problem}"
+        return ""
+
+    def _describe_problem(
+        self, type: TypeRef, chain: tuple[Provider, ...], obstacles: Mapping[Provider, str]
+    ) -> str:
+        name, title = full_name(type), _title(type)
+        reasons = [f"{provider} {obstacle}" for provider, obstacle in obstacles.items()]
+        reasons += (
+            f"{provider} provides {other}, and not {name}: the file of the class was loaded twice"
+            for provider in self._available.of_user
+            for other in provider.type_names
+            if other != name and _title(other) == title
+        )
+        problem = f"nothing provides {title_with_article(type)}"
+        if reasons:
+            return f"{problem}: {'; '.join(reasons)}"
+        return f"{problem} ({_join(chain)} needs {title_with_article(type)})" if chain else problem
+
+    # --- what is provided
+
+    def assign_all(
+        self,
+        needed_types: Iterable[TypeRef],
+        optional_types: Iterable[TypeRef],
+        side_effects: Iterable[Provider],
     ) -> dict[Provider, str]:
         """Assign providers to needed types, until others are rejected; return these with the reasons."""
-        self._pending = [self._candidates.find(request) for request in requests]
+        self._pending = [self._request(type) for type in needed_types]
+        self._pending += [self._request(type, is_optional=True) for type in optional_types]
         for provider in side_effects:
             self._use(provider, ())
         while self._pending:
             # Needed types come before optional ones, and types with a single candidate before others: this
             # candidate is then preferred for the other types.
-            found = min(self._pending, key=lambda each: (each.request.is_optional, len(each.candidates) > 1))
-            self._pending.remove(found)
-            if full_name(found.request.type) not in (*self._providers, *self._objects):
-                rejected = self._assign_type(found)
+            request = min(self._pending, key=lambda each: (each.is_optional, len(each.candidates) > 1))
+            self._pending.remove(request)
+            if request.name not in (*self._providers, *self._objects):
+                rejected = self._assign(request)
                 if rejected:
                     return rejected
         return {}
 
-    def _assign_type(self, found: _Found) -> dict[Provider, str]:
+    def _assign(self, request: _Request) -> dict[Provider, str]:
         """Assign an object of the program or the only candidate; or return the providers to reject."""
-        request, candidates, problem = found
-        name, title = full_name(request.type), _title(request.type)
-        own = self._candidates.find_object(request.type)
-        if own is not None:
-            self._objects[name] = own
-            others = [
-                other for other in self._available.of_type(name) if other not in self._candidates.rejected
-            ]
-            return dict.fromkeys(others, f"the program provides the {title}")
-        if problem:
-            self._problems[name] = problem
+        if request.own is not None:
+            self._objects[request.name] = request.own
+            providers = self._available.of_type(request.name)
+            others = [provider for provider in providers if provider not in self._rejected]
+            return dict.fromkeys(others, f"the program provides the {_title(request.type)}")
+        if request.problem:
+            self._problems[request.name] = request.problem
             if request.chain and not request.is_optional:
-                raise ProviderError(problem)
+                raise ProviderError(request.problem)
             return {}
-        best = self._select_best(request, candidates)
-        if len(candidates) == 1:
-            self._providers[name] = best
+        best = self._select_best(request)
+        others = [provider for provider in request.candidates if provider is not best]
+        if not others:
+            self._providers[request.name] = best
             self._use(best, request.chain)
-        others = [other for other in candidates if other is not best]
-        return dict.fromkeys(others, f"{best.name} provides the {title}")
+        return dict.fromkeys(others, f"{best.name} provides the {_title(request.type)}")
 
     def _use(self, provider: Provider, chain: tuple[Provider, ...]) -> None:
         if provider not in self._used:
             self._used[provider] = None
-            self._pending += map(self._candidates.find, _create_requests(provider, chain))
+            self._pending += (
+                self._request(need.type, need.is_optional, (*chain, provider))
+                for need in provider.object_needs
+            )
 
-    def _select_best(self, request: _Request, candidates: Sequence[Provider]) -> Provider:
-        ranks = {provider: self._rank(provider) for provider in candidates}
-        best = [provider for provider in candidates if ranks[provider] == max(ranks.values())]
+    def _select_best(self, request: _Request) -> Provider:
+        ranks = {provider: self._rank(provider) for provider in request.candidates}
+        best = [provider for provider, rank in ranks.items() if rank == max(ranks.values())]
         if len(best) != 1:
+            title, needer = title_with_article(request.type), _join(request.chain) or "a leaf"
             raise ProviderError(
-                f"{len(best)} providers provide {title_with_article(request.type)}: "
-                f"{join_names(map(repr, best))}; {request}. Choose one by an option, or pass the object"
+                f"{len(best)} providers provide {title}: {join_names(map(repr, best))}; "
+                f"{needer} needs {title}. Choose one by an option, or pass the object"
             )
         return best[0]
 
-    def _rank(self, provider: Provider) -> _Rank:
-        given = self._candidates.given & set(provider.settings_classes)
-        return _Rank(
-            required_options=sum(bool(required_option_names(cls)) for cls in given),
-            is_used=provider in self._used,
-            is_of_user=provider in self._available.of_user,
-            is_not_default=not provider.is_default,
+    def _rank(self, provider: Provider) -> tuple[int, bool, bool, bool]:
+        """Return the criteria of the table in the module's docstring; the greatest rank is best."""
+        given = self._given & set(provider.settings_classes)
+        return (
+            sum(bool(required_option_names(cls)) for cls in given),
+            provider in self._used,
+            provider in self._available.of_user,
+            not provider.is_default,
         )
+
+    # --- the result
 
     def result(self) -> Choice:
         """Return the choice, when a provider or an object is assigned to each needed type."""
         self._add_clock()
-        rejected = self._candidates.rejected
-        choice = Choice([], self._providers, self._objects, self._problems, rejected)
+        choice = Choice([], self._providers, self._objects, self._problems, self._rejected)
         order: list[Provider] = []
         for provider in self._used:
             self._append_after_needs(provider, (), choice, order)
@@ -305,12 +310,12 @@ class _Round:
             raise ProviderError(
                 f"a run has one clock, but {len(clocks)} of its providers are clocks: {names}"
             )
-        uses_core_alone = not self._candidates.resources and self._used.keys() <= set(self._available.core)
+        uses_core_alone = not self._resources and self._used.keys() <= set(self._available.core)
         if clocks or uses_core_alone:
             return
         for provider in self._available.of_type(_CLOCK):
             others = [need for need in provider.object_needs if need.type_name not in self._providers]
-            objects = {need.type_name: self._candidates.find_object(need.type) for need in others}
+            objects = {need.type_name: self._find_own(need.type) for need in others}
             has_needs = None not in objects.values()
             if has_needs and set(map(full_name, provider.types)) == {_CLOCK}:
                 self._used[provider] = None
@@ -332,11 +337,6 @@ class _Round:
         for other in needed:
             self._append_after_needs(other, (*chain, provider), choice, order)
         order.append(provider)
-
-
-def _create_requests(provider: Provider, chain: tuple[Provider, ...]) -> list[_Request]:
-    needs = provider.object_needs
-    return [_Request(need.type, need.is_optional, (*chain, provider)) for need in needs]
 
 
 def _title(needed_type: TypeRef) -> str:

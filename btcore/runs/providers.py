@@ -124,7 +124,7 @@ class Provider:
             annotation = get_args(annotation)[0]
         annotation, _ = _without_none(annotation)
         annotations = get_args(annotation) if get_origin(annotation) is tuple else (annotation or NoneType,)
-        return tuple(map(_type_ref, annotations))
+        return tuple(annotations)
 
     @property
     def provides_several(self) -> bool:
@@ -147,7 +147,7 @@ class Provider:
             if parameter.name not in self._hints:
                 raise ProviderError(f"the parameter '{parameter.name}' of the provider {self} has no type")
             annotation, is_optional = _without_none(self._hints[parameter.name])
-            needs.append(Need(parameter.name, _type_ref(annotation), is_optional))
+            needs.append(Need(parameter.name, annotation, is_optional))
         return tuple(needs)
 
     @cached_property
@@ -244,19 +244,6 @@ def is_settings(annotation: Any) -> TypeGuard[type[Settings]]:
     return isinstance(annotation, type) and issubclass(annotation, Settings)
 
 
-class _NotImported:
-    """The base class of placeholders for classes that are imported under TYPE_CHECKING alone."""
-
-    full_name: str
-
-
-def _type_ref(annotation: Any) -> TypeRef:
-    if isinstance(annotation, type) and issubclass(annotation, _NotImported):
-        return annotation.full_name
-    type_ref: TypeRef = annotation
-    return type_ref
-
-
 def _resolve(function: Callable[..., Any]) -> dict[str, Any]:
     """Return the annotations of *function*; placeholders replace classes that are not imported."""
     try:
@@ -266,17 +253,15 @@ def _resolve(function: Callable[..., Any]) -> dict[str, Any]:
         return typing.get_type_hints(function, _create_placeholders(module) | vars(module))
 
 
-def _create_placeholders(module: ModuleType) -> dict[str, Any]:
-    """Return placeholders for the classes that *module* imports, by their names there.
+def _create_placeholders(module: ModuleType) -> dict[str, type]:
+    """Return classes with the full names of those that *module* imports, by their names there.
 
-    `from btcore_robot.robot import Robot` under TYPE_CHECKING imports nothing at run time. In `-> Robot`, a
-    class with the full name "btcore_robot.robot.Robot" replaces it.
+    `from btcore_robot.robot import Robot` under TYPE_CHECKING imports nothing at run time. In `-> Robot`, an
+    empty class with the full name "btcore_robot.robot.Robot" replaces it; only full names are compared.
     """
     source = ast.parse(Path(str(module.__file__)).read_bytes())
     return {
-        alias.asname or alias.name: type(
-            alias.name, (_NotImported,), {"full_name": f"{statement.module}.{alias.name}"}
-        )
+        alias.asname or alias.name: type(alias.name, (), {"__module__": statement.module})
         for statement in ast.walk(source)
         if isinstance(statement, ast.ImportFrom)
         for alias in statement.names

@@ -2,7 +2,7 @@
 
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from itertools import chain
 from os import PathLike
@@ -15,7 +15,7 @@ from btcore.engine.leaf import StatefulAction
 from btcore.errors import BtcoreError, NodeExecutionError, OutputError, ProviderError, TreeError
 from btcore.exit_codes import ExitCode
 from btcore.loading.instantiate import create_leaf_tree, instantiate, list_resources
-from btcore.loading.load import paused_garbage_collection, plan_inputs
+from btcore.loading.load import check_registry, paused_garbage_collection
 from btcore.registry.registry import Registry
 from btcore.registry.resources import Resources, TypeRef
 from btcore.runs.available_providers import AvailableProviders
@@ -25,12 +25,12 @@ from btcore.runs.providers import Provider
 from btcore.runs.report import Report
 from btcore.runs.run_end import EndReason, RunEnd
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
-from btcore.runs.tick_loop import OnEnd, OnTick, Reload, TickLoop, Until
+from btcore.runs.tick_loop import OnTick, Reloader, TickLoop, Until
 from btcore.signals import EndingSignals
 from btcore.status import Status
 from btcore.tree.tree import Tree
-from btcore.xml.plan.plan import Plans
-from btcore.xml.read.read import PackageResolver, parse_file
+from btcore.xml.plan.plan import Plans, plan_document
+from btcore.xml.read.read import parse_file
 
 T = TypeVar("T")
 
@@ -65,7 +65,11 @@ Runnable = str | PathLike[str] | Plans | TreelessProgram
 """What a run ticks: the tree in an XML file or of plans, or a program without a tree."""
 
 
-def _check_source(source: object) -> Plans | TreelessProgram:
+def _plan(source: object, nodes: Registry | None, tree: str | None) -> Plans | TreelessProgram:
+    """Return the plans of a tree without errors, those of a file among them, or a program."""
+    if isinstance(source, (str, PathLike)):
+        with paused_garbage_collection():
+            source = plan_document(parse_file(source), check_registry(nodes), tree)
     if isinstance(source, Plans):
         source.diagnostics.raise_errors()
     elif not isinstance(source, TreelessProgram):
@@ -97,11 +101,8 @@ class Run:
         providers: Providers besides those of installed packages; or all providers that may be used.
         settings: Settings of providers, and `RunSettings`.
         prepare: Called on entry when the trees were created, before the providers that need the tree open.
-        nodes: As in `btcore.load`. The arguments up to *confined* have no effect on plans.
-        tree: As in `btcore.load`.
-        format: As in `btcore.load`.
-        packages: As in `btcore.load`.
-        confined: As in `btcore.load`.
+        nodes: The nodes and trees that the tree of a file may use, as in `btcore.load`.
+        tree: The ID of the tree of a file, as in `btcore.load`.
         resources: Objects for leaves and providers, which are preferred to providers of the same types.
         blackboard: The blackboard of the main trees, which share it.
         clock: The clock; default the clock of a provider, or the first of *resources* that is a clock;
@@ -137,13 +138,10 @@ class Run:
         source: Runnable | Sequence[Runnable],
         *,
         providers: Sequence[Provider] | AvailableProviders = (),
-        settings: Sequence[Settings] | GivenSettings = (),
+        settings: Iterable[Settings] = (),
         prepare: Callable[["Run"], None] | None = None,
         nodes: Registry | None = None,
         tree: str | None = None,
-        format: int | None = None,
-        packages: PackageResolver | None = None,
-        confined: bool = False,
         resources: Sequence[object] = (),
         blackboard: Blackboard | None = None,
         clock: Clock | None = None,
@@ -154,23 +152,16 @@ class Run:
             sources = source
         if not sources:
             raise ValueError("there is no run of an empty list: pass a tree or a TreelessProgram")
-
-        def plan(source: object) -> object:
-            if isinstance(source, (str, PathLike)):
-                with paused_garbage_collection():
-                    return plan_inputs(parse_file, (source,), nodes, tree, format, packages, confined)
-            return source
-
-        self._sources = [_check_source(plan(each)) for each in sources]
+        self._sources = [_plan(each, nodes, tree) for each in sources]
         self._blackboard = blackboard
         self._tick_limit = tick_limit
         plans = [planned for planned in self._sources if isinstance(planned, Plans)]
         leaf_types = list(dict.fromkeys(chain(*(tree.required_resources() for tree in plans))))
         self._prepare = prepare
-        self.settings = settings if isinstance(settings, GivenSettings) else GivenSettings(settings)
+        self.settings = GivenSettings(settings)
         self.run_settings = self.settings.of(RunSettings)
         self._end = RunEnd()
-        self.report = Report(lambda: self._end.reason)
+        self.report = Report(self._end)
         self.elapsed_s = 0.0
         self.wall_s = 0.0
         available = providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)
@@ -285,8 +276,7 @@ class Run:
         until: Until = "done",
         *,
         on_tick: OnTick | None = None,
-        reload: Reload | None = None,
-        on_end: OnEnd | None = None,
+        reloader: Reloader | None = None,
     ) -> Status:
         """Tick at the rate of the run until the end, halt the trees, and return the status of the last tick.
 
@@ -296,21 +286,20 @@ class Run:
         Args:
             until: The result that ends a tree; the run ends when all trees have ended.
             on_tick: Called with the `status` after every tick.
-            reload: Called between ticks; it may call `replace_tree`, and returns whether it did. After the
-                end of all trees, also by an exception of a leaf, the run waits until it does. The exception
-                is raised at the end, unless another tree has replaced that tree.
-            on_end: Called before this wait, with the exception of a leaf or None.
+            reloader: Its method `reload` is called between ticks, and may call `replace_tree`. After the end
+                of all trees, also by an exception of a leaf, the run waits until it does. The exception is
+                raised at the end, unless another tree has replaced that tree.
 
         Raises:
             NodeExecutionError: A leaf raised an exception; it is also the attribute `error`.
         """
         self._check_open()
         loop = self._loop
-        loop.start(until, on_tick, reload, on_end)
+        loop.start()
         began = time.perf_counter()
         try:
             with self._stop_at_signal(loop.stop), self._keep_leaf_error():
-                self._end.note_loop_end(loop.run())
+                self._end.loop_end = loop.run(until, on_tick, reloader)
             self._halt()
         finally:
             self.elapsed_s = loop.elapsed_ns / NS_PER_S
@@ -357,7 +346,7 @@ class Run:
 
     def replace_tree(self, tree: Tree) -> None:
         """Continue with *tree* in place of the first, which is halted already. The caller may tick it."""
-        self._end.forget_leaf_error()
+        self._end.error = None
         self._loop.replace_tree(tree)
         self._providers.replace_tree(tree)
 
@@ -366,20 +355,19 @@ class Run:
         try:
             yield
         except NodeExecutionError as error:
-            self._end.note_leaf_error(error)
+            self._end.error = error
             raise
 
     @contextmanager
     def _stop_at_signal(self, stop: Callable[[], object]) -> Iterator[None]:
-        self._end.restart()
-        self._signals.number = 0
+        self._end.loop_end = None
+        self._end.signal = self._signals.number = 0
         self._signals.stop = stop
         try:
             yield
         finally:
             self._signals.stop = None
-            if self._signals.number:
-                self._end.note_signal(self._signals.number)
+            self._end.signal = self._signals.number
 
     def _check_open(self) -> None:
         _ = self.tree  # raises before the entry
@@ -430,7 +418,7 @@ class Run:
             if earlier_signal or not self._signals.number:
                 raise
             # The first signal has ended the waits of the providers.
-            self._end.note_signal(self._signals.number)
+            self._end.signal = self._signals.number
 
     @property
     def closing_errors(self) -> list[BtcoreError]:

@@ -14,7 +14,7 @@ the `with` block of the run ("interrupted", if it is a KeyboardInterrupt or Syst
 
 
 class RunEnd:
-    """The end of a run, which calls a method for each event that may end it.
+    """The events that end a run, the reason, and the exit code.
 
     Of several events, the first in this list is the reason:
 
@@ -25,39 +25,24 @@ class RunEnd:
 
     The exit code is that of a leaf's exception, else of the errors of providers and outputs that were closed,
     else of the signal, else of the result of the tree.
+
+    Attributes:
+        error: The exception of a leaf, in a tick or when it was halted; None again if its tree was replaced.
+        signal: The number of the signal that has ended the loop, or the waits of providers; 0 without one.
+        loop_end: Why the loop has ended, unless it was by an exception.
     """
 
     def __init__(self) -> None:
         self.error: NodeExecutionError | None = None
+        self.signal = 0
+        self.loop_end: LoopEnd | None = None
         self._block_end: EndReason | None = None
-        self._signal = 0
-        self._loop_end: LoopEnd | None = None
-
-    def restart(self) -> None:
-        """Forget an earlier end by a loop or a signal, because the run continues."""
-        self._signal, self._loop_end = 0, None
-
-    def note_loop_end(self, reason: LoopEnd) -> None:
-        """Note why the loop has ended, unless it was by an exception."""
-        self._loop_end = reason
-
-    def note_leaf_error(self, error: NodeExecutionError) -> None:
-        """Note the exception of a leaf, in a tick or when it was halted."""
-        self.error = error
-
-    def forget_leaf_error(self) -> None:
-        """Continue the run with another tree, whose leaves have raised nothing."""
-        self.error = None
-
-    def note_signal(self, number: int) -> None:
-        """Note that the signal *number* has ended the loop, or the waits of providers that are closed."""
-        self._signal = number
 
     def note_exit(self, error: BaseException | None, signal: int) -> None:
         """Note the exception that has left the `with` block; *signal* has raised KeyboardInterrupt."""
-        self._loop_end = self._loop_end or "done"
+        self.loop_end = self.loop_end or "done"
         if isinstance(error, (KeyboardInterrupt, SystemExit)):
-            self._block_end, self._signal = "interrupted", signal
+            self._block_end, self.signal = "interrupted", signal
         elif error is not None and error is not self.error:
             self._block_end = "program_error"
 
@@ -68,7 +53,7 @@ class RunEnd:
             return self._block_end
         if self.error is not None:
             return "raised"
-        return "interrupted" if self._signal else self._loop_end
+        return "interrupted" if self.signal else self.loop_end
 
     def exit_code(self, status: Status, closing_errors: Sequence[BtcoreError]) -> ExitCode:
         """Return the exit code of a process for the run, whose tree has a *status*."""
@@ -77,7 +62,7 @@ class RunEnd:
         if closing_errors:
             are_outputs = all(isinstance(error, OutputError) for error in closing_errors)
             return ExitCode.INCOMPLETE_OUTPUT if are_outputs else ExitCode.USER_ERROR
-        if self._signal:
-            return code_of_signal(self._signal)
+        if self.signal:
+            return code_of_signal(self.signal)
         failed = self.reason == "done" and status is Status.FAILURE
         return ExitCode.FAILURE if failed else ExitCode.SUCCESS

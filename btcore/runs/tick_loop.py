@@ -7,7 +7,7 @@ earlier tick, because its delay has elapsed or a thread has woken its tree, this
 
 import threading
 from collections.abc import Callable, Sequence
-from typing import Final, Literal
+from typing import Final, Literal, Protocol
 
 from btcore.clock import NS_PER_S, POLL_INTERVAL_S, Clock
 from btcore.errors import EndOfTimeError, NodeExecutionError
@@ -17,8 +17,6 @@ from btcore.tree.tree import Tree
 
 Until = Literal["done", "success", "failure", "never"]
 OnTick = Callable[[Status], None]
-Reload = Callable[[], bool]
-OnEnd = Callable[[NodeExecutionError | None], None]
 _POLL_INTERVAL_NS: Final = round(POLL_INTERVAL_S * NS_PER_S)
 
 LoopEnd = Literal["done", "duration", "end_of_time", "interrupted"]
@@ -31,6 +29,18 @@ _STATUSES_THAT_END: Final[dict[str, tuple[Status, ...]]] = {
     "failure": (FAILURE,),
     "never": (),
 }
+
+
+class Reloader(Protocol):
+    """What replaces the first tree between ticks, such as that of `btcore run --watch`."""
+
+    def reload(self) -> bool:
+        """Call `Run.replace_tree` if there is a new tree, and return whether there was."""
+        ...
+
+    def on_end(self, error: NodeExecutionError | None) -> None:
+        """Take note of the end of all trees, or of the exception of a leaf: the loop waits for a new tree."""
+        ...
 
 
 def _join_statuses(trees: Sequence[Tree]) -> Status:
@@ -57,13 +67,10 @@ class TickLoop:
     def __init__(self, settings: RunSettings) -> None:
         self._settings = settings
         self._period_ns = round(NS_PER_S / settings.rate)
+        self._clock: Clock  # of the trees; set by `start`
         self._start_ns = 0
-        self._due_ns = 0
+        self._due_ns = 0  # when all trees are ticked next
         self._end_ns: int | None = None
-        self._end_statuses: tuple[Status, ...] = ()
-        self._on_tick: OnTick | None = None
-        self._reload: Reload | None = None
-        self._on_end: OnEnd | None = None
         self._unfinished: list[Tree] = []
         self._wake_event = threading.Event()
         self._is_stopping = False
@@ -72,20 +79,17 @@ class TickLoop:
         self.status: Status = IDLE
         self.missed_ticks = 0
 
-    def start(
-        self, until: Until, on_tick: OnTick | None, reload: Reload | None, on_end: OnEnd | None
-    ) -> None:
-        """Begin the time of the loop; all trees are ticked, also those that have ended before.
+    @property
+    def elapsed_ns(self) -> int:
+        """The time since the start, in ns of the trees' clock."""
+        return self._clock.now() - self._start_ns
 
-        The arguments are those of `Run.tick_to_end`.
-        """
-        self._start_ns = self.clock.now()
+    def start(self) -> None:
+        """Begin the time of the loop; all trees are ticked, also those that have ended before."""
+        self._clock = self.trees[0].clock
+        self._start_ns = self._due_ns = self._clock.now()
         duration = self._settings.duration
         self._end_ns = None if duration is None else self._start_ns + round(duration * NS_PER_S)
-        self._end_statuses = _STATUSES_THAT_END[until]
-        self._on_tick = on_tick
-        self._reload = reload
-        self._on_end = on_end
         self._unfinished = self.trees
         self._is_stopping = False
         self.status = IDLE
@@ -94,89 +98,92 @@ class TickLoop:
             tree.context.wake_event = self._wake_event
             # The end of an earlier loop, such as by a signal, has no effect on this one.
             tree.context.limit.resume()
-            tree.context.consume_wake_up()
 
-    @property
-    def clock(self) -> Clock:
-        """The clock of the trees."""
-        return self.trees[0].clock
-
-    @property
-    def elapsed_ns(self) -> int:
-        """The time since the start, in ns of the trees' clock."""
-        return self.clock.now() - self._start_ns
-
-    def run(self) -> LoopEnd:
+    def run(self, until: Until, on_tick: OnTick | None, reloader: Reloader | None) -> LoopEnd:
         """Tick until the loop ends, also after reloads of trees that have ended, and return the reason.
+
+        The arguments are those of `Run.tick_to_end`.
 
         Raises:
             NodeExecutionError: A leaf raised an exception, and no other tree has replaced its tree.
         """
-        if self._reload is None:
-            return self._tick_trees()
-        while True:
-            error: NodeExecutionError | None = None
-            try:
-                end: LoopEnd | None = self._tick_trees()
-            except NodeExecutionError as raised:
-                end, error = "done", raised
-            if end == "done":
-                if self._on_end is not None:
-                    self._on_end(error)
-                end = self._wait_for_reload()
-            if end is not None:
-                if error is not None:
-                    raise error
-                return end
-
-    def _tick_trees(self) -> LoopEnd:
-        """Tick until all trees have ended, or the loop ends, and return the reason."""
-        end = self._wait_for_end_of_pause()
-        if end is not None:
-            return end
-        self._due_ns = self.clock.now()
-        ticked = self._unfinished
-        while True:
-            self._tick(ticked)
-            if self._is_stopping:
-                return "interrupted"
-            if not self._unfinished:
-                return "done"
-            if self.is_paused:
-                end = self._wait_for_end_of_pause()
-                if end is not None:
-                    return end
-                self._due_ns = self.clock.now()  # the ticks of the pause have not been missed
-            now = self.clock.now()
-            # An additional tick before the due time leaves it unchanged.
-            if now >= self._due_ns:
-                missed = (now - self._due_ns) // self._period_ns
-                self.missed_ticks += missed
-                self._due_ns += (missed + 1) * self._period_ns
-            try:
-                deadline = self._due_ns if self._end_ns is None else min(self._due_ns, self._end_ns)
-                woken = self._wait_for_tick(deadline)
-            except EndOfTimeError:
-                return "end_of_time"
-            end = self._find_end()
-            if end is not None:
-                return end
-            ticked = woken if woken and self.clock.now() < self._due_ns else self._unfinished
+        end_statuses = _STATUSES_THAT_END[until]
+        error: NodeExecutionError | None = None
+        is_done = False  # all trees have ended; the loop waits for a reload
+        while (end := self._find_end()) is None:
+            if self.is_paused and not is_done:
+                self.trees[0].context.wait_real_time(POLL_INTERVAL_S)
+                self._due_ns = max(self._due_ns, self._clock.now())  # ticks of the pause are not missed
+            elif not is_done and (trees := self._take_due_trees()):
+                try:
+                    self._tick(trees, end_statuses, on_tick)
+                except NodeExecutionError as raised:
+                    if reloader is None:
+                        raise
+                    error = raised
+                is_done = not self._is_stopping and (error is not None or not self._unfinished)
+                if is_done:
+                    if reloader is None:
+                        return "done"
+                    reloader.on_end(error)
+            elif reloader is not None and reloader.reload():
+                error, is_done = None, False
+            else:
+                try:
+                    self._wait(is_done, has_reloader=reloader is not None)
+                except EndOfTimeError:
+                    end = "end_of_time"
+                    break
+        if error is not None:
+            raise error
+        return end
 
     def _find_end(self) -> LoopEnd | None:
         """Return why the loop ends between two ticks, or None."""
         if self._is_stopping:
             return "interrupted"
-        is_over = self._end_ns is not None and self.clock.now() >= self._end_ns
+        is_over = self._end_ns is not None and self._clock.now() >= self._end_ns
         return "duration" if is_over else None
 
-    def _tick(self, trees: Sequence[Tree]) -> None:
+    def _take_due_trees(self) -> list[Tree]:
+        """Return all unfinished trees if they are due, else those that were woken."""
+        woken = [tree for tree in self._unfinished if tree.context.consume_wake_up()]
+        return self._unfinished if self._clock.now() >= self._due_ns else woken
+
+    def _tick(self, trees: Sequence[Tree], end_statuses: Sequence[Status], on_tick: OnTick | None) -> None:
         for tree in trees:
-            if not self._is_stopping and tree.tick_once() in self._end_statuses:
+            if not self._is_stopping and tree.tick_once() in end_statuses:
                 self._unfinished = [other for other in self._unfinished if other is not tree]
         self.status = _join_statuses(self.trees)
-        if self._on_tick is not None:
-            self._on_tick(self.status)
+        if on_tick is not None:
+            on_tick(self.status)
+        late = self._clock.now() - self._due_ns
+        if late >= 0:  # else the tick was an additional one
+            missed = late // self._period_ns
+            self.missed_ticks += missed
+            self._due_ns += (missed + 1) * self._period_ns
+
+    def _wait(self, is_done: bool, has_reloader: bool) -> None:
+        """Wait until a tree is due or woken, the end of the loop, or the next poll for a reload.
+
+        While the loop waits for a reload alone, real time passes, and with it a simulator that owns the
+        clock. In simulated time nothing can happen any more: it advances to the end of the duration at once.
+
+        Raises:
+            EndOfTimeError: The time of the clock ends before.
+        """
+        times = [] if is_done else [tree.context.first_deadline(self._due_ns) for tree in self._unfinished]
+        if self._end_ns is not None:
+            times.append(self._end_ns)
+        if has_reloader and not (is_done and self._settings.fast):
+            times.append(self._clock.now() + _POLL_INTERVAL_NS)
+        if not times:
+            self._wake_event.wait(POLL_INTERVAL_S)
+        elif self._clock.wait_until(min(times), self._wake_event):
+            if self._wake_event.is_set():
+                self._wake_event.clear()  # before the trees are asked: a later wake-up sets it again
+            else:  # the clock has ended the wait, as that of a simulation in lockstep may
+                self._due_ns = self._clock.now()
 
     def step(self) -> None:
         """Tick the trees that are RUNNING once, or all trees if none is."""
@@ -192,62 +199,6 @@ class TickLoop:
         if first.context.wake_event is self._wake_event:  # the loop has started
             tree.context.wake_event = self._wake_event
             self._due_ns = tree.clock.now()
-
-    def _wait_for_end_of_pause(self) -> LoopEnd | None:
-        """Wait until the end of a pause, and return None; or the reason why the loop ends before."""
-        while self.is_paused:
-            end = self._find_end()
-            if end is not None:
-                return end
-            self.trees[0].context.wait_real_time(POLL_INTERVAL_S)
-        return None
-
-    def _wait_for_reload(self) -> LoopEnd | None:
-        """Wait without ticking until a reload, and return None; or the reason why the loop ends before.
-
-        In real time the clock, and a simulator that owns the clock, keep running. In simulated time nothing
-        can happen any more: the clock advances to the end of the duration at once, if there is one.
-        """
-        context = self.trees[0].context
-        while not self._reload_if_saved():
-            end = self._find_end()
-            if end is not None:
-                return end
-            deadline = self._end_ns if self._settings.fast else self._find_next_poll(self._end_ns)
-            try:
-                if deadline is None:
-                    context.wait_real_time(POLL_INTERVAL_S)
-                else:
-                    context.wait_until(deadline)
-            except EndOfTimeError:
-                return "end_of_time"
-        return None
-
-    def _reload_if_saved(self) -> bool:
-        """Let `reload` replace the first tree, unless the loop ends; return whether it did."""
-        return self._reload is not None and self._find_end() is None and self._reload()
-
-    def _find_next_poll(self, latest: int | None) -> int:
-        """Return the time of the next poll, at the latest *latest*."""
-        deadline = self.clock.now() + _POLL_INTERVAL_NS
-        return deadline if latest is None else min(deadline, latest)
-
-    def _wait_for_tick(self, deadline: int) -> list[Tree]:
-        """Wait until *deadline*, a wake-up, a stop or a reload; return the woken unfinished trees."""
-        is_due = False
-        while not self._is_stopping and not self._reload_if_saved():
-            woken = [tree for tree in self._unfinished if tree.context.consume_wake_up()]
-            if woken or is_due:
-                return woken
-            latest = deadline if self._reload is None else self._find_next_poll(deadline)
-            first = min([tree.context.first_deadline(latest) for tree in self._unfinished])
-            if not self.clock.wait_until(first, self._wake_event):
-                is_due = first == deadline
-            elif self._wake_event.is_set():
-                self._wake_event.clear()  # before the trees are asked: a later wake-up sets it again
-            else:  # the clock has ended the wait, as that of a simulation in lockstep may
-                return self._unfinished
-        return []
 
     def stop(self) -> None:
         """End the loop before the next tick, and let the present one repeat no more nodes.

@@ -16,10 +16,11 @@ from typing import TYPE_CHECKING, Any, Final
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import NS_PER_S, SimClock, SystemClock, TickSchedule
-from btcore.loading.load import load, loads, plan_inputs
+from btcore.loading.load import check_registry, load, loads
 from btcore.status import IDLE, RUNNING, Status
 from btcore.testing.trace import Trace, TraceStep, format_trace
 from btcore.tree.tree import Tree
+from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.read import parse_file, parse_text
 
 if TYPE_CHECKING:
@@ -135,10 +136,14 @@ class Harness:
         from btcore.runs.run import Run
         from btcore.runs.settings import RunSettings
 
-        about_reading = ("nodes", "tree", "format", "packages", "confined")
-        reading = {name: options.pop(name) for name in about_reading if name in options}
+        confined = options.pop("confined", False)
+        document = (
+            parse_text(str(source), confined=confined) if is_text else parse_file(source, confined=confined)
+        )
+        nodes = check_registry(options.pop("nodes", None))
+        about_tree = {name: options.pop(name) for name in ("tree", "format", "packages") if name in options}
         run = Run(
-            plan_inputs(parse_text if is_text else parse_file, (source,), **reading),
+            plan_document(document, nodes, **about_tree),
             settings=[RunSettings(fast=True), *settings],
             providers=AvailableProviders(providers, uses_installed=False),
             **options,

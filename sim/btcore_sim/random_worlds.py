@@ -9,7 +9,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import cv2
 import numpy as np
@@ -23,26 +23,26 @@ from btcore_sim.random_world_kinds import ROOMS
 from btcore_sim.world import random_generator
 from btcore_sim.world_description import Rectangle, WorldDescription, WorldObject, parse_world_description
 
-DOORS = (0.8, 0.85, 0.9, 1.0, 1.1, 1.2)
+DOOR_WIDTHS = (0.8, 0.85, 0.9, 1.0, 1.1, 1.2)
 """Widths of doors (m)."""
 
-WAY = 0.375
+MIN_WAY_CLEARANCE = 0.375
 """Clearance (m) on the ways between all doors and waypoints: 10 cm more than the radius of the Tiago."""
 
-AROUND_WAYPOINT = 0.55
+MIN_WAYPOINT_CLEARANCE = 0.55
 """Clearance (m) at a waypoint."""
 
-_WALL = 0.2  # m: thickness of the walls
-_HEIGHT = 2.5  # m: height of the walls
+_WALL_THICKNESS = 0.2  # m: thickness of the walls
+_WALL_HEIGHT = 2.5  # m: height of the walls
 _WALL_COLOR = "#d9d4c7"
-_BESIDE_DOOR = 0.2  # m of wall at least between the frame of a door and the next corner
-_BEFORE_DOOR = 0.9  # m in front of a door on both sides that stay free
-_GAP = 0.03  # m between furniture and walls, or between two pieces
-_TRIES = 30  # attempts to place a piece of furniture
-_WORLDS = 50  # attempts to make a world
-_SMALL = 2.4  # m: the smallest side of a room
-_APART = 1.2  # m between waypoints in the same room, if possible
-_GRID = 0.05  # m: walls are at multiples of it, so that they fill the cells of a map
+_MIN_WALL_BESIDE_DOOR = 0.2  # m of wall at least between the frame of a door and the next corner
+_FREE_DEPTH_AT_DOOR = 0.9  # m in front of a door on both sides that stay free
+_FURNITURE_GAP = 0.03  # m between furniture and walls, or between two pieces
+_MAX_PLACEMENT_ATTEMPTS = 30  # attempts to place a piece of furniture
+_MAX_WORLD_ATTEMPTS = 50  # attempts to make a world
+_MIN_ROOM_SIDE = 2.4  # m: the smallest side of a room
+_MIN_WAYPOINT_DISTANCE = 1.2  # m between waypoints in the same room, if possible
+_GRID_STEP = 0.05  # m: walls are at multiples of it, so that they fill the cells of a map
 
 _FURNITURE: dict[str, tuple[tuple[Draw, int, int], ...]] = {
     "office": (
@@ -96,7 +96,7 @@ class Room:
     def inside(self) -> Rectangle:
         """The floor (m) between the walls."""
         x0, y0, x1, y1 = self.area
-        half = _WALL / 2
+        half = _WALL_THICKNESS / 2
         return x0 + half, y0 + half, x1 - half, y1 - half
 
 
@@ -111,20 +111,36 @@ class Door:
     def free_area(self) -> Rectangle:
         """Return the area (m) on both sides that stays free."""
         x, y = self.middle
-        half, deep = self.width / 2 + 0.05, _BEFORE_DOOR + _WALL / 2
+        half, deep = self.width / 2 + 0.05, _FREE_DEPTH_AT_DOOR + _WALL_THICKNESS / 2
         dx, dy = (half, deep) if self.along_x else (deep, half)
         return x - dx, y - dy, x + dx, y + dy
 
 
+class _WallSection(NamedTuple):
+    """A straight part of a wall, in m.
+
+    Attributes:
+        begin: The smaller end, on the axis along which the wall runs.
+        end: The greater end.
+        offset: The place of the wall on the other axis.
+        along_x: Whether the wall runs along the x axis.
+    """
+
+    begin: float
+    end: float
+    offset: float
+    along_x: bool
+
+
 @dataclass(slots=True)
-class Plan:
+class FloorPlan:
     """A floor plan. The first of the *rooms* is the one that most ways lead through."""
 
     rooms: list[Room]
     doors: list[Door]
 
 
-class _NoRoomError(Exception):
+class _UnusablePlanError(Exception):
     """A drawn plan has no place for what it needs. Another plan is drawn then."""
 
 
@@ -153,138 +169,142 @@ def random_world_json(kind: str, seed: int, rooms: int = ROOMS) -> dict[str, Any
     Raises:
         SimError: No world was found.
     """
-    for attempt in range(_WORLDS):
+    for attempt in range(_MAX_WORLD_ATTEMPTS):
         random = random_generator(seed, f"{kind} with {rooms} rooms, attempt {attempt}")
         try:
-            plan = _office(random, rooms) if kind == "office" else _home(random, rooms)
-            return _furnished(plan, random, f"a random {kind} of {rooms} rooms, seed {seed}")
-        except _NoRoomError:
+            plan = _draw_office(random, rooms) if kind == "office" else _draw_home(random, rooms)
+            return _furnish_plan(plan, random, f"a random {kind} of {rooms} rooms, seed {seed}")
+        except _UnusablePlanError:
             continue
     raise SimError(f"no {kind} of {rooms} rooms was found with seed {seed}: use another seed")
 
 
-def _office(random: np.random.Generator, count: int) -> Plan:
+def _draw_office(random: np.random.Generator, count: int) -> FloorPlan:
     """Draw rooms along both sides of a corridor, each with a door to the corridor."""
-    sides = [math.ceil(count / 2), count // 2]
-    length = _snap(max(sides) * random.uniform(3.4, 4.6))
-    wide = _snap(random.uniform(1.7, 2.3))
-    depths = [_snap(random.uniform(3.6, 5.2)) for _ in sides]
-    kinds = _kinds(random, count, ("office", "meeting room", "lounge", "store room"), "office")
-    rooms = [Room("corridor", (0.0, 0.0, length, wide))]
+    rooms_per_side = [math.ceil(count / 2), count // 2]
+    length = _round_to_grid(max(rooms_per_side) * random.uniform(3.4, 4.6))
+    corridor_width = _round_to_grid(random.uniform(1.7, 2.3))
+    room_depths = [_round_to_grid(random.uniform(3.6, 5.2)) for _ in rooms_per_side]
+    kinds = _draw_room_kinds(random, count, ("office", "meeting room", "lounge", "store room"), "office")
+    rooms = [Room("corridor", (0.0, 0.0, length, corridor_width))]
     doors: list[Door] = []
-    for side, number in enumerate(sides):
-        y0, y1, wall = ((wide, _snap(wide + depths[0]), wide), (-depths[1], 0.0, 0.0))[side]
-        edges = _divided(random, 0.0, length, number, 2.8)
+    for side, number in enumerate(rooms_per_side):
+        y0, y1, wall = (
+            (corridor_width, _round_to_grid(corridor_width + room_depths[0]), corridor_width),
+            (-room_depths[1], 0.0, 0.0),
+        )[side]
+        edges = _divide_length(random, 0.0, length, number, 2.8)
         for x0, x1 in itertools.pairwise(edges):
             rooms.append(Room(kinds.pop(), (x0, y0, x1, y1)))
-            doors.append(_door(random, x0, x1, wall, along_x=True))
+            doors.append(_draw_door(random, _WallSection(x0, x1, wall, along_x=True)))
     if random.random() < 0.4:  # a door between two neighbours
         pairs = [(a, b) for a, b in itertools.pairwise(rooms[1:]) if a.area[2] == b.area[0]]
         if pairs:
             first, second = pairs[int(random.integers(len(pairs)))]
             low, high = max(first.area[1], second.area[1]), min(first.area[3], second.area[3])
-            doors.append(_door(random, low, high, first.area[2], along_x=False))
-    return Plan(rooms, doors)
+            doors.append(_draw_door(random, _WallSection(low, high, first.area[2], along_x=False)))
+    return FloorPlan(rooms, doors)
 
 
-def _home(random: np.random.Generator, count: int) -> Plan:
+def _draw_home(random: np.random.Generator, count: int) -> FloorPlan:
     """Draw adjacent rooms, and doors that connect all of them."""
-    floor = count * random.uniform(13.0, 17.0)
-    ratio = random.uniform(1.0, 1.6)
-    width = _snap(math.sqrt(floor * ratio))
-    areas = _split(random, (0.0, 0.0, width, _snap(floor / width)), count)
+    floor_area = count * random.uniform(13.0, 17.0)
+    side_ratio = random.uniform(1.0, 1.6)
+    width = _round_to_grid(math.sqrt(floor_area * side_ratio))
+    areas = _split_area(random, (0.0, 0.0, width, _round_to_grid(floor_area / width)), count)
     areas.sort(key=lambda area: -(area[2] - area[0]) * (area[3] - area[1]))
-    kinds = ["living room", *_kinds(random, count - 1, ("kitchen", "bathroom", "study"), "bedroom")[::-1]]
+    kinds = [
+        "living room",
+        *_draw_room_kinds(random, count - 1, ("kitchen", "bathroom", "study"), "bedroom")[::-1],
+    ]
     # The smallest room is the bathroom, if there is one.
     kinds.sort(key=lambda kind: kind == "bathroom")
     rooms = [Room(kind, area) for kind, area in zip(kinds, areas, strict=True)]
-    shared = [
-        (a, b, *wall)
+    shared_walls = [
+        (a, b, wall)
         for a, b in itertools.combinations(range(count), 2)
-        for wall in _walls_between(rooms[a], rooms[b])
+        for wall in _find_shared_walls(rooms[a], rooms[b])
     ]
     # The rooms are sorted by size: the ways lead through the large rooms, and not through the bathroom.
-    shared.sort(key=lambda entry: entry[0] + entry[1])
-    group = list(range(count))
+    shared_walls.sort(key=lambda entry: entry[0] + entry[1])
+    groups = list(range(count))  # the rooms of a group are connected by doors
     doors: list[Door] = []
-    for a, b, low, high, at, along_x in shared:
-        if group[a] != group[b] or ("bathroom" not in (kinds[a], kinds[b]) and random.random() < 0.15):
-            doors.append(_door(random, low, high, at, along_x=along_x))
-            group = [group[a] if member == group[b] else member for member in group]
-    if len(set(group)) > 1:
-        raise _NoRoomError
-    return Plan(rooms, doors)
+    for a, b, wall in shared_walls:
+        is_connected = groups[a] == groups[b]
+        if not is_connected or ("bathroom" not in (kinds[a], kinds[b]) and random.random() < 0.15):
+            doors.append(_draw_door(random, wall))
+            groups = [groups[a] if group == groups[b] else group for group in groups]
+    if len(set(groups)) > 1:
+        raise _UnusablePlanError
+    return FloorPlan(rooms, doors)
 
 
-def _kinds(random: np.random.Generator, count: int, once: Sequence[str], usual: str) -> list[str]:
-    """Return *count* kinds of rooms in random order: some kinds at most once, and the usual kind."""
-    kinds = [*once[: max(0, count - 1)], *itertools.repeat(usual, count)][:count]
+def _draw_room_kinds(
+    random: np.random.Generator, count: int, single_kinds: Sequence[str], usual_kind: str
+) -> list[str]:
+    """Return *count* kinds of rooms in random order: the single kinds at most once, and the usual kind."""
+    kinds = [*single_kinds[: max(0, count - 1)], *itertools.repeat(usual_kind, count)][:count]
     random.shuffle(kinds)
     return kinds
 
 
-def _divided(random: np.random.Generator, low: float, high: float, count: int, least: float) -> list[float]:
-    """Return the ends of *count* sections from *low* to *high*, each at least *least* long (m)."""
-    spare = high - low - count * least
+def _divide_length(
+    random: np.random.Generator, begin: float, end: float, count: int, min_length: float
+) -> list[float]:
+    """Return the ends of *count* sections from *begin* to *end*, each at least *min_length* long (m)."""
+    spare = end - begin - count * min_length
     if spare < 0.0:
-        raise _NoRoomError
-    parts = random.dirichlet(np.full(count, 4.0)) * spare + least
-    inner = [_snap(low + float(end)) for end in np.cumsum(parts)[:-1]]
-    return [low, *inner, high]
+        raise _UnusablePlanError
+    lengths = random.dirichlet(np.full(count, 4.0)) * spare + min_length
+    inner = [_round_to_grid(begin + float(distance)) for distance in np.cumsum(lengths)[:-1]]
+    return [begin, *inner, end]
 
 
-def _split(random: np.random.Generator, area: Rectangle, count: int) -> list[Rectangle]:
+def _split_area(random: np.random.Generator, area: Rectangle, count: int) -> list[Rectangle]:
     """Divide *area* into *count* rooms, each time across its longer side."""
     x0, y0, x1, y1 = area
-    if min(x1 - x0, y1 - y0) < _SMALL:
-        raise _NoRoomError
+    if min(x1 - x0, y1 - y0) < _MIN_ROOM_SIDE:
+        raise _UnusablePlanError
     if count == 1:
         if max(x1 - x0, y1 - y0) > 2.6 * min(x1 - x0, y1 - y0):
-            raise _NoRoomError
+            raise _UnusablePlanError
         return [area]
     first = count // 2 if random.random() < 0.5 else count - count // 2
     part = first / count + random.uniform(-0.08, 0.08)
     if x1 - x0 >= y1 - y0:
-        cut = _snap(x0 + part * (x1 - x0))
+        cut = _round_to_grid(x0 + part * (x1 - x0))
         halves = (x0, y0, cut, y1), (cut, y0, x1, y1)
     else:
-        cut = _snap(y0 + part * (y1 - y0))
+        cut = _round_to_grid(y0 + part * (y1 - y0))
         halves = (x0, y0, x1, cut), (x0, cut, x1, y1)
-    return [*_split(random, halves[0], first), *_split(random, halves[1], count - first)]
+    return [*_split_area(random, halves[0], first), *_split_area(random, halves[1], count - first)]
 
 
-def _walls_between(first: Room, second: Room) -> Iterator[tuple[float, float, float, bool]]:
-    """Yield the wall between two rooms if a door fits: its ends and place (m), and whether it is along x."""
+def _find_shared_walls(first: Room, second: Room) -> Iterator[_WallSection]:
+    """Yield the wall between two rooms, if a door fits into it."""
     for along_x in (True, False):
         i, j = (0, 1) if along_x else (1, 0)
         a, b = first.area, second.area
-        low, high = max(a[i], b[i]), min(a[i + 2], b[i + 2])
-        for at in {a[j], a[j + 2]} & {b[j], b[j + 2]}:
-            if high - low >= DOORS[0] + 2 * _BESIDE_DOOR + _WALL:
-                yield low, high, at, along_x
+        begin, end = max(a[i], b[i]), min(a[i + 2], b[i + 2])
+        for offset in {a[j], a[j + 2]} & {b[j], b[j + 2]}:
+            if end - begin >= DOOR_WIDTHS[0] + 2 * _MIN_WALL_BESIDE_DOOR + _WALL_THICKNESS:
+                yield _WallSection(begin, end, offset, along_x)
 
 
-def _door(random: np.random.Generator, low: float, high: float, at: float, *, along_x: bool) -> Door:
-    """Draw a door in a wall.
-
-    Args:
-        random: The source of the width and the place.
-        low: The smaller end of the wall (m).
-        high: The greater end of the wall (m).
-        at: The place of the wall on the other axis (m).
-        along_x: Whether the wall is along the x axis.
-    """
-    spare = high - low - 2 * _BESIDE_DOOR - _WALL
-    widths = [width for width in DOORS if width <= spare]
+def _draw_door(random: np.random.Generator, wall: _WallSection) -> Door:
+    """Draw a door in a wall: its width and its place."""
+    margin = _WALL_THICKNESS / 2 + _MIN_WALL_BESIDE_DOOR
+    room = wall.end - wall.begin - 2 * _MIN_WALL_BESIDE_DOOR - _WALL_THICKNESS
+    widths = [width for width in DOOR_WIDTHS if width <= room]
     if not widths:
-        raise _NoRoomError
+        raise _UnusablePlanError
     width = widths[int(random.integers(len(widths)))]
-    begin = _snap(low + _WALL / 2 + _BESIDE_DOOR + random.uniform(0.0, spare - width))
+    begin = _round_to_grid(wall.begin + margin + random.uniform(0.0, room - width))
     middle = begin + width / 2
-    return Door((middle, at) if along_x else (at, middle), width, along_x)
+    return Door((middle, wall.offset) if wall.along_x else (wall.offset, middle), width, wall.along_x)
 
 
-def _wall_objects(plan: Plan) -> list[dict[str, Any]]:
+def _create_walls(plan: FloorPlan) -> list[dict[str, Any]]:
     """Return the walls of all rooms, with gaps at the doors."""
     lines: dict[tuple[bool, float], list[tuple[float, float]]] = {}
     for room in plan.rooms:
@@ -294,23 +314,24 @@ def _wall_objects(plan: Plan) -> list[dict[str, Any]]:
         for x in (x0, x1):
             lines.setdefault((False, x), []).append((y0, y1))
     objects: list[dict[str, Any]] = []
-    for (along_x, at), spans in sorted(lines.items()):
+    for (along_x, offset), spans in sorted(lines.items()):
         # The ends of walls along x fill the corners.
-        extension = _WALL / 2 if along_x else -_WALL / 2
+        extension = _WALL_THICKNESS / 2 if along_x else -_WALL_THICKNESS / 2
         gaps = sorted(
             (door.middle[not along_x] - door.width / 2, door.middle[not along_x] + door.width / 2)
             for door in plan.doors
-            if door.along_x == along_x and door.middle[along_x] == at
+            if door.along_x == along_x and door.middle[along_x] == offset
         )
-        for low, high in _joined(spans):
+        for low, high in _join_spans(spans):
             openings = itertools.chain.from_iterable(gap for gap in gaps if low < gap[0] < high)
             ends = [low - extension, *openings, high + extension]
             for begin, end in zip(ends[::2], ends[1::2], strict=True):
-                objects.append(_wall(len(objects) + 1, begin, end, at, along_x=along_x))
+                wall = _WallSection(begin, end, offset, along_x)
+                objects.append(_create_wall(f"wall_{len(objects) + 1}", wall))
     return objects
 
 
-def _joined(spans: list[tuple[float, float]]) -> Iterator[tuple[float, float]]:
+def _join_spans(spans: list[tuple[float, float]]) -> Iterator[tuple[float, float]]:
     """Yield the unions of spans that touch or overlap."""
     low, high = min(spans)
     for begin, end in sorted(spans):
@@ -321,63 +342,66 @@ def _joined(spans: list[tuple[float, float]]) -> Iterator[tuple[float, float]]:
     yield low, high
 
 
-def _wall(number: int, begin: float, end: float, at: float, *, along_x: bool) -> dict[str, Any]:
-    middle, length = round((begin + end) / 2, 4), round(end - begin, 4)
+def _create_wall(name: str, wall: _WallSection) -> dict[str, Any]:
+    middle, length = round((wall.begin + wall.end) / 2, 4), round(wall.end - wall.begin, 4)
+    position, size = [middle, wall.offset], [length, _WALL_THICKNESS]
+    if not wall.along_x:
+        position, size = position[::-1], size[::-1]
     return {
-        "name": f"wall_{number}",
+        "name": name,
         "kind": "box",
-        "position": [middle, at] if along_x else [at, middle],
-        "size": [length, _WALL, _HEIGHT] if along_x else [_WALL, length, _HEIGHT],
+        "position": position,
+        "size": [*size, _WALL_HEIGHT],
         "color": _WALL_COLOR,
     }
 
 
-def _snap(length: float) -> float:
+def _round_to_grid(length: float) -> float:
     """Return the nearest multiple of the grid (m)."""
-    return round(round(length / _GRID) * _GRID, 3)
+    return round(round(length / _GRID_STEP) * _GRID_STEP, 3)
 
 
-def _furnished(plan: Plan, random: np.random.Generator, description: str) -> dict[str, Any]:
+def _furnish_plan(plan: FloorPlan, random: np.random.Generator, description: str) -> dict[str, Any]:
     """Return the world of *plan* with furniture, waypoints and a start pose.
 
     Raises:
-        _NoRoomError: A room has no place for its waypoint.
+        _UnusablePlanError: A room has no place for its waypoint.
     """
     first = plan.rooms[0].area
     world: dict[str, Any] = {
         "description": description,
         "physics_rate": 120,
         "start": {"pose": [(first[0] + first[2]) / 2, (first[1] + first[3]) / 2, 0.0]},
-        "objects": _wall_objects(plan),
+        "objects": _create_walls(plan),
     }
     floor = ClearanceMap.of(parse_world_description(world, "walls"))
     for number, room in enumerate(plan.rooms):
-        if not len(_free_cells(floor, room, plan.doors)):
-            raise _NoRoomError
-        floor = _furnish(
+        if not len(_find_waypoint_cells(floor, room, plan.doors)):
+            raise _UnusablePlanError
+        floor = _furnish_room(
             world["objects"], floor, plan.doors, room, f"{room.kind.replace(' ', '_')}_{number}", random
         )
     places: list[list[Point]] = [
         [
             (round(x, 3), round(y, 3))
-            for x, y in floor.map.centers(*_free_cells(floor, room, plan.doors).T).tolist()
+            for x, y in floor.map.centers(*_find_waypoint_cells(floor, room, plan.doors).T).tolist()
         ]
         for room in plan.rooms
     ]
-    start = _chosen(places[0], [], floor, random)
+    start = _draw_waypoint(places[0], [], floor, random)
     # A charger stands at a wall: of some places the one with the least clearance.
     charger = min(
-        (_chosen(places[0], [start], floor, random) for _ in range(10)),
+        (_draw_waypoint(places[0], [start], floor, random) for _ in range(10)),
         key=lambda at: floor.clearance_at(*at),
     )
     visited = places[1:] if plan.rooms[0].kind == "corridor" else places
-    route = _in_order(start, [_chosen(cells, [start, charger], floor, random) for cells in visited])
+    route = _order_route(start, [_draw_waypoint(cells, [start, charger], floor, random) for cells in visited])
     world["waypoints"] = {
         "start": list(start),
         "recharge": list(charger),
         **{f"wp{number}": list(place) for number, place in enumerate(route, 1)},
     }
-    _move_origin(world, (_snap(start[0]), _snap(start[1])))
+    _move_origin(world, (_round_to_grid(start[0]), _round_to_grid(start[1])))
     return {key: world[key] for key in ("description", "physics_rate", "start", "waypoints", "objects")}
 
 
@@ -389,16 +413,16 @@ def _move_origin(world: dict[str, Any], start: Point) -> None:
         place[:2] = [round(place[0] - start[0], 4), round(place[1] - start[1], 4)]
 
 
-def _chosen(
+def _draw_waypoint(
     cells: Sequence[Point], chosen: Sequence[Point], floor: ClearanceMap, random: np.random.Generator
 ) -> Point:
     """Draw a place that is apart from *chosen*, if there is one, and has more clearance than most places."""
     drawn = [cells[int(random.integers(len(cells)))] for _ in range(30)]
-    apart = [at for at in drawn if all(math.dist(at, place) >= _APART for place in chosen)]
+    apart = [at for at in drawn if all(math.dist(at, place) >= _MIN_WAYPOINT_DISTANCE for place in chosen)]
     return max((apart or drawn)[:4], key=lambda at: floor.clearance_at(*at))
 
 
-def _in_order(start: Point, places: list[Point]) -> list[Point]:
+def _order_route(start: Point, places: list[Point]) -> list[Point]:
     """Return *places* in the order of a walk that always continues to the nearest place."""
     left, route, here = list(places), [], start
     while left:
@@ -408,24 +432,26 @@ def _in_order(start: Point, places: list[Point]) -> list[Point]:
     return route
 
 
-def _free_cells(floor: ClearanceMap, room: Room, doors: Sequence[Door]) -> NDArray[np.intp]:
+def _find_waypoint_cells(floor: ClearanceMap, room: Room, doors: Sequence[Door]) -> NDArray[np.intp]:
     """Return the rows and columns, shape `(n, 2)`, of the cells of *room* at which a waypoint may be.
 
     There are none if the doors are not connected with each other.
     """
-    _, labels = cv2.connectedComponents((floor.clearances >= WAY).astype(np.uint8), connectivity=4)
+    _, labels = cv2.connectedComponents(
+        (floor.clearances >= MIN_WAY_CLEARANCE).astype(np.uint8), connectivity=4
+    )
     regions = {int(labels[floor.map.cell(*door.middle)]) for door in doors}
     if len(regions) != 1 or 0 in regions:
         return np.empty((0, 2), dtype=np.intp)
     x0, y0, x1, y1 = room.inside
     (row, col), (last_row, last_col) = floor.map.cell(x0, y0), floor.map.cell(x1, y1)
     part = np.s_[row : last_row + 1, col : last_col + 1]
-    is_usable = (labels[part] == regions.pop()) & (floor.clearances[part] >= AROUND_WAYPOINT)
+    is_usable = (labels[part] == regions.pop()) & (floor.clearances[part] >= MIN_WAYPOINT_CLEARANCE)
     cells: NDArray[np.intp] = np.argwhere(is_usable) + np.array((row, col))
     return cells
 
 
-def _furnish(
+def _furnish_room(
     objects: list[dict[str, Any]],
     floor: ClearanceMap,
     doors: Sequence[Door],
@@ -443,82 +469,94 @@ def _furnish(
         name: The beginning of the objects' names.
         random: The source of the random pieces and places.
     """
-    outlines: list[Rectangle] = []
+    occupied_areas: list[Rectangle] = []
     count = 0
     for draw, least, most in _FURNITURE[room.kind]:
         for _ in range(int(random.integers(least, most + 1))):
-            for _ in range(_TRIES):
+            for _ in range(_MAX_PLACEMENT_ATTEMPTS):
                 piece = draw(random)
-                anchor, quarter = _drawn_place(room, piece, random)
-                outline = _outline(piece, anchor, quarter)
-                if not _fits(outline, room, [*outlines, *(door.free_area() for door in doors)]):
+                anchor, quarter_turns = _draw_placement(room, piece, random)
+                occupied = _occupied_area(piece, anchor, quarter_turns)
+                if not _is_free(occupied, room, [*occupied_areas, *(door.free_area() for door in doors)]):
                     continue
-                furnished = floor.with_obstacle(_block(outline))
-                if len(_free_cells(furnished, room, doors)):
+                furnished = floor.with_obstacle(_create_obstacle(occupied))
+                if len(_find_waypoint_cells(furnished, room, doors)):
                     count += 1
                     floor = furnished
-                    outlines.append(outline)
-                    objects += [_object(part, f"{name}_{count}", anchor, quarter) for part in piece.parts]
+                    occupied_areas.append(occupied)
+                    objects += [
+                        _create_object(part, f"{name}_{count}", anchor, quarter_turns) for part in piece.parts
+                    ]
                     break
     return floor
 
 
-def _drawn_place(room: Room, piece: Furniture, random: np.random.Generator) -> tuple[Point, int]:
+def _draw_placement(room: Room, piece: Furniture, random: np.random.Generator) -> tuple[Point, int]:
     """Draw a place for a piece: the position (m) of its origin, and its heading in quarter turns."""
     x0, y0, x1, y1 = room.inside
     if piece.central:
-        quarter = int((x1 - x0 < y1 - y0) == (piece.width >= piece.depth))
+        quarter_turns = int((x1 - x0 < y1 - y0) == (piece.width >= piece.depth))
         x, y = (x0 + x1) / 2 + random.uniform(-0.5, 0.5), (y0 + y1) / 2 + random.uniform(-0.5, 0.5)
-        back = _turned((0.0, -piece.depth / 2), quarter)
-        return (round(x + back[0], 3), round(y + back[1], 3)), quarter
-    quarter = int(random.integers(4))
-    low, high = (x0, x1) if quarter % 2 == 0 else (y0, y1)
-    low, high = low + piece.width / 2 + _GAP, high - piece.width / 2 - _GAP
+        back = _rotate((0.0, -piece.depth / 2), quarter_turns)
+        return (round(x + back[0], 3), round(y + back[1], 3)), quarter_turns
+    quarter_turns = int(random.integers(4))
+    low, high = (x0, x1) if quarter_turns % 2 == 0 else (y0, y1)
+    low, high = low + piece.width / 2 + _FURNITURE_GAP, high - piece.width / 2 - _FURNITURE_GAP
     corner = random.random()
     along = low if corner < 0.25 else high if corner < 0.5 else random.uniform(min(low, high), max(low, high))
     along = round(along, 3)
-    at = ((along, y0 + _GAP), (x1 - _GAP, along), (along, y1 - _GAP), (x0 + _GAP, along))[quarter]
-    return (round(at[0], 3), round(at[1], 3)), quarter
+    at = (
+        (along, y0 + _FURNITURE_GAP),
+        (x1 - _FURNITURE_GAP, along),
+        (along, y1 - _FURNITURE_GAP),
+        (x0 + _FURNITURE_GAP, along),
+    )[quarter_turns]
+    return (round(at[0], 3), round(at[1], 3)), quarter_turns
 
 
-def _turned(point: Point, quarter: int) -> Point:
-    """Return *point* turned counter-clockwise by *quarter* quarter turns around the origin."""
+def _rotate(point: Point, quarter_turns: int) -> Point:
+    """Return *point* turned counter-clockwise by *quarter_turns* quarter turns around the origin."""
     x, y = point
-    return ((x, y), (-y, x), (-x, -y), (y, -x))[quarter]
+    return ((x, y), (-y, x), (-x, -y), (y, -x))[quarter_turns]
 
 
-def _outline(piece: Furniture, anchor: Point, quarter: int) -> Rectangle:
+def _occupied_area(piece: Furniture, anchor: Point, quarter_turns: int) -> Rectangle:
     """Return the area (m) of a piece of furniture at a place."""
     corners = [
-        _turned((x, y), quarter) for x in (-piece.width / 2, piece.width / 2) for y in (0.0, piece.depth)
+        _rotate((x, y), quarter_turns)
+        for x in (-piece.width / 2, piece.width / 2)
+        for y in (0.0, piece.depth)
     ]
     xs, ys = zip(*corners, strict=True)
     return anchor[0] + min(xs), anchor[1] + min(ys), anchor[0] + max(xs), anchor[1] + max(ys)
 
 
-def _fits(outline: Rectangle, room: Room, outlines: Sequence[Rectangle]) -> bool:
-    """Return whether *outline* is inside *room*, and apart from the areas *outlines*."""
-    x0, y0, x1, y1 = outline
+def _is_free(occupied: Rectangle, room: Room, occupied_areas: Sequence[Rectangle]) -> bool:
+    """Return whether *occupied* is inside *room*, and apart from the areas *occupied_areas*."""
+    x0, y0, x1, y1 = occupied
     low_x, low_y, high_x, high_y = room.inside
     if x0 < low_x or y0 < low_y or x1 > high_x or y1 > high_y:
         return False
     return all(
-        x1 + _GAP <= other[0] or other[2] + _GAP <= x0 or y1 + _GAP <= other[1] or other[3] + _GAP <= y0
-        for other in outlines
+        x1 + _FURNITURE_GAP <= other[0]
+        or other[2] + _FURNITURE_GAP <= x0
+        or y1 + _FURNITURE_GAP <= other[1]
+        or other[3] + _FURNITURE_GAP <= y0
+        for other in occupied_areas
     )
 
 
-def _block(outline: Rectangle) -> WorldObject:
-    """Return a box that fills *outline* (m)."""
-    x0, y0, x1, y1 = outline
+def _create_obstacle(occupied: Rectangle) -> WorldObject:
+    """Return a box that fills *occupied* (m)."""
+    x0, y0, x1, y1 = occupied
     size, place = (x1 - x0, y1 - y0, 1.0), ((x0 + x1) / 2, (y0 + y1) / 2, 0.0)
     return WorldObject("furniture", "box", size, place, 0.0, 0.0, (0, 0, 0, 255))
 
 
-def _object(part: Part, prefix: str, anchor: Point, quarter: int) -> dict[str, Any]:
+def _create_object(part: Part, prefix: str, anchor: Point, quarter_turns: int) -> dict[str, Any]:
     """Return *part* of a piece of furniture as an object of a world file."""
-    dx, dy = _turned(part.position[:2], quarter)
-    width, depth, height = part.size if quarter % 2 == 0 else (part.size[1], part.size[0], part.size[2])
+    dx, dy = _rotate(part.position[:2], quarter_turns)
+    width, depth, height = part.size if quarter_turns % 2 == 0 else (part.size[1], part.size[0], part.size[2])
     position = [round(anchor[0] + dx, 3), round(anchor[1] + dy, 3)]
     placed: dict[str, Any] = {"name": f"{prefix}_{part.name}", "kind": part.kind}
     placed["position"] = [*position, part.position[2]] if part.position[2] else position

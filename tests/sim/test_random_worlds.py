@@ -17,7 +17,13 @@ from btcore_sim.errors import SimError
 from btcore_sim.laser import RayCaster
 from btcore_sim.providers import parse_worlds
 from btcore_sim.random_world_kinds import KINDS
-from btcore_sim.random_worlds import AROUND_WAYPOINT, DOORS, WAY, random_world, random_world_json
+from btcore_sim.random_worlds import (
+    DOOR_WIDTHS,
+    MIN_WAY_CLEARANCE,
+    MIN_WAYPOINT_CLEARANCE,
+    random_world,
+    random_world_json,
+)
 from btcore_sim.worlds import load_world_description
 from btcore_sweep.command import sweep
 from btcore_sweep.definition import create_definition
@@ -36,8 +42,8 @@ def test_a_robot_can_drive_to_a_waypoint_in_each_room(kind: str, rooms: int) -> 
             description.waypoints["start"], abs=0.03
         )
         floor, places = ClearanceMap.of(description), list(description.waypoints.values())
-        assert floor.connected(places, WAY - GRID_ERROR)
-        assert all(floor.clearance_at(*place) >= AROUND_WAYPOINT - GRID_ERROR for place in places)
+        assert floor.connected(places, MIN_WAY_CLEARANCE - GRID_ERROR)
+        assert all(floor.clearance_at(*place) >= MIN_WAYPOINT_CLEARANCE - GRID_ERROR for place in places)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -75,7 +81,7 @@ def test_doors_have_all_widths_between_80_and_120_cm() -> None:
         for spans in rows.values():
             spans.sort()
             widths |= {round(right[0] - left[1], 3) for left, right in itertools.pairwise(spans)}
-    assert widths == set(DOORS)
+    assert widths == set(DOOR_WIDTHS)
 
 
 def test_the_same_seed_gives_the_same_world_and_another_seed_another() -> None:

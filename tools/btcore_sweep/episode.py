@@ -18,6 +18,7 @@ import click
 from btcore.cli import terminal
 from btcore.cli.commands.run import parse_run
 from btcore.cli.node_libraries import NodeLibraries, load_libraries
+from btcore.cli.run_summary import results_as_data
 from btcore.engine.observers import Observer
 from btcore.errors import BtcoreError
 from btcore.exit_codes import ExitCode
@@ -107,7 +108,7 @@ def _run(command: Sequence[str]) -> Result:
                 raise
             return _fault_result(ExitCode.USER_ERROR, str(reason), has_begun=True)
         # Convert to JSON and back, as for --json: a report that is not JSON data raises here, in the worker.
-        report = json.loads(json.dumps(session.summary.as_data()))
+        report = json.loads(json.dumps(results_as_data(session.run)))
         finished = session.run
         if finished.exit_code == ExitCode.USER_ERROR:  # of a provider that was closed
             fault = "; ".join(map(str, finished.closing_errors))

@@ -100,9 +100,9 @@ def plan_document(
     registry: Registry,
     tree_id: str | None = None,
     format: int | None = None,
-    every_tree: bool = False,
     shared_documents: Sequence[Document] = (),
     packages: PackageResolver | None = None,
+    every_tree: bool = False,
 ) -> Plans:
     """Return the plans of the trees of a document: `read`, `define` and `plan` in one call.
 

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from functools import partial
 from itertools import islice
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Final
 
 from btcore.blackboard.ports import Binding, Input, Port
 from btcore.diagnostic_codes import (
@@ -80,21 +80,6 @@ def _more_children_hint(count: int, roles: str = "") -> HintAndFixes:
     return HintAndFixes(f"{text}: {roles}" if roles else text, [AddChildren(count)])
 
 
-class _TagRule(NamedTuple):
-    """How the first pass checks the elements with a tag.
-
-    Attributes:
-        is_node: Whether the tag is the ID of a registered node. `<BehaviorTree>`, calls of trees, explicit
-            tags such as `<Action ID="…">`, and unknown nodes have checks of their own.
-        counted_as: The node type that determines how many children the node may have; None = any number.
-        may_be_empty: Whether an element without children needs no check.
-    """
-
-    is_node: bool
-    counted_as: NodeType | None
-    may_be_empty: bool
-
-
 class _BindingCache:
     """The bindings of a node's ports: the plans of nodes with the same ID and equal texts share them.
 
@@ -138,22 +123,19 @@ def _literal_error(binding: Binding) -> str:
 
 
 class PlanningContext:
-    """What the planners of a document's trees share. The caches only save time.
+    """What the planners of a document's trees share. `leaf_tags` and the cache of bindings only save time.
 
     Attributes:
-        tag_rules: The rules of the tags so far.
-        binding_caches: The caches of bindings so far, by ID.
-        kept_attributes: Names of attributes that a planner has kept, which depends only on the name.
+        leaf_tags: The tags of registered leaves so far.
     """
 
     def __init__(self, definitions: Definitions, registry: Registry, collector: DiagnosticCollector) -> None:
         self.definitions = definitions
         self.dialect: Dialect = definitions.dialect
         self.collector = collector
-        self.tag_rules: dict[str, _TagRule] = {}
-        self.binding_caches: dict[str, _BindingCache] = {}
-        self.kept_attributes: set[str] = set()
+        self.leaf_tags: set[str] = set()
         self._registry = registry
+        self._binding_caches: dict[str, _BindingCache | None] = {}
         self._name_hints: UnknownNameHints | None = None
 
     @property
@@ -169,33 +151,13 @@ class PlanningContext:
         """Return the manifest of a node; None if it is unknown."""
         return self._registry.get(id, self.dialect.format)
 
-    def add_tag_rule(self, tag: str) -> _TagRule:
-        """Create the rule of a tag, and return it."""
-        dialect, manifest = self.dialect, self.manifest(tag)
-        if manifest is None or tag in dialect.subtree_tags or tag in EXPLICIT_TAGS:
-            rule = _TagRule(is_node=False, counted_as=None, may_be_empty=False)
-        else:
-            needed, node_type = dialect.controls_requiring_children, manifest.type
-            is_counted = (
-                node_type is NodeType.DECORATOR
-                or (node_type is NodeType.CONTROL and (needed is None or tag in needed))
-                or (node_type in _LEAF_PHRASES and dialect.checks_leaf_children)
-            )
-            rule = _TagRule(
-                is_node=True,
-                counted_as=node_type if is_counted else None,
-                may_be_empty=not is_counted or node_type in _LEAF_PHRASES,
-            )
-        self.tag_rules[tag] = rule
-        return rule
-
-    def add_binding_cache(self, id: str) -> _BindingCache | None:
-        """Create the cache for the bindings of a node, and return it; None if the node is unknown."""
-        manifest = self.manifest(id)
-        if manifest is None:
-            return None
-        self.binding_caches[id] = cache = _BindingCache(manifest, self.dialect.format)
-        return cache
+    def binding_cache(self, id: str) -> _BindingCache | None:
+        """Return the cache for the bindings of a node; None if the node is unknown."""
+        if id not in self._binding_caches:
+            manifest = self.manifest(id)
+            cache = None if manifest is None else _BindingCache(manifest, self.dialect.format)
+            self._binding_caches[id] = cache
+        return self._binding_caches[id]
 
 
 class _Item:
@@ -236,7 +198,7 @@ class TreePlanner:
 
     def outline(self) -> None:
         """Find the nodes, and check the structure of the tree."""
-        definition, rules = self._definition, self._context.tag_rules
+        definition, leaf_tags = self._definition, self._context.leaf_tags
         ignoring_tags = self._dialect.tags_with_ignored_children
         items: list[_Item] = []
         # Ignored nodes are checked, as in BehaviorTree.CPP, but not planned.
@@ -251,12 +213,10 @@ class TreePlanner:
                 hint = "nodes are numbered with 16 bits"
                 self._report(TREE_TOO_LARGE, message, definition.element, attribute="ID", hint=hint)
                 return
-            element, depth = item.element, item.depth + 1
-            rule = rules.get(element.tag) or self._context.add_tag_rule(element.tag)
-            if rule.may_be_empty and not element.children:  # most elements are leaves
+            element, depth, index = item.element, item.depth + 1, len(items) - 1
+            if element.tag in leaf_tags and not element.children:  # most elements need no further check
                 continue
-            index = len(items) - 1
-            children = [_Item(child, depth, index) for child in self._check_element(element, rule, depth)]
+            children = [_Item(child, depth, index) for child in self._check_element(element, depth)]
             pending += reversed(children)
             if element.tag in ignoring_tags or item in ignored:
                 ignored.update(children)
@@ -264,37 +224,37 @@ class TreePlanner:
                 ignored.update(children[1:])
         self._items = items
 
-    def _check_element(self, element: Element, rule: _TagRule, child_depth: int) -> list[Element]:
+    def _check_element(self, element: Element, child_depth: int) -> list[Element]:
         """Check the tag, the number of the children and their depth. Return the children to check next."""
-        tag = element.tag
-        children = element.children
+        tag, children, dialect = element.tag, element.children, self._dialect
+        needing = dialect.controls_requiring_children
         if children:
             children = element.node_children()
             if len(children) != len(element.children):
-                message, fixes = "the obsolete <Root> is ignored", [Remove(is_safe=True)]
+                message, removal = "the obsolete <Root> is ignored", [Remove(is_safe=True)]
                 for obsolete in element.iterchildren("Root"):
-                    self._report(CAPITALISED_ROOT, message, obsolete, hint="remove it", fixes=fixes)
-        if not rule.is_node:
-            self._check_other_tag(tag, element, children)
-        elif rule.counted_as is not None:
-            self._check_child_count(tag, rule.counted_as, element, children)
+                    self._report(CAPITALISED_ROOT, message, obsolete, hint="remove it", fixes=removal)
+        if tag == "BehaviorTree":
+            self._check_tree(element, children)
+        elif tag in dialect.subtree_tags:
+            self._check_call(tag, element, children)
+        elif tag in EXPLICIT_TAGS:
+            self._check_explicit(tag, element, children)
+        elif (manifest := self._context.manifest(tag)) is None:
+            hint, fixes = self._context.name_hints.for_node(tag)
+            self._report(UNKNOWN_NODE, f"unknown node <{tag}>", element, hint=hint, fixes=fixes)
+        elif manifest.type in _LEAF_PHRASES:
+            self._context.leaf_tags.add(tag)
+            if dialect.checks_leaf_children:
+                self._check_child_count(tag, manifest.type, element, children)
+        elif needing is None or tag in needing or manifest.type is NodeType.DECORATOR:
+            self._check_child_count(tag, manifest.type, element, children)
         limit = self._definition.document.max_depth
         if children and child_depth > limit:
             hint = "split the tree into subtrees"
             self._report(TOO_DEEP, f"elements are nested more than {limit:,} deep", element, hint=hint)
             return []
-        return [] if tag in self._dialect.tags_with_unchecked_children else children
-
-    def _check_other_tag(self, tag: str, element: Element, children: list[Element]) -> None:
-        if tag == "BehaviorTree":
-            self._check_tree(element, children)
-        elif tag in self._dialect.subtree_tags:
-            self._check_call(tag, element, children)
-        elif tag in EXPLICIT_TAGS:
-            self._check_explicit(tag, element, children)
-        else:
-            hint, fixes = self._context.name_hints.for_node(tag)
-            self._report(UNKNOWN_NODE, f"unknown node <{tag}>", element, hint=hint, fixes=fixes)
+        return [] if tag in dialect.tags_with_unchecked_children else children
 
     def _check_explicit(self, tag: str, element: Element, children: list[Element]) -> None:
         id = element.get("ID") or ""
@@ -398,7 +358,7 @@ class TreePlanner:
     def plan(self) -> TreePlan:
         """Return the plan of the tree, without unknown nodes and calls of unknown trees, which are errors."""
         tree = TreePlan(self._definition)
-        subtree_tags, caches = self._dialect.subtree_tags, self._context.binding_caches
+        subtree_tags = self._dialect.subtree_tags
         plans: list[NodePlan | None] = [None]  # the <BehaviorTree> has no plan
         for item in self._items[1:]:
             element = item.element
@@ -408,7 +368,7 @@ class TreePlanner:
                 node = self._plan_call(tag, element, tree)
             else:
                 id = (element.get("ID") or "") if tag in EXPLICIT_TAGS else tag
-                cache = caches.get(id) or self._context.add_binding_cache(id)
+                cache = self._context.binding_cache(id)
                 if cache is not None:  # else the first pass has reported the unknown node
                     node = NodePlan(element, id, cache.manifest)
                     self._plan_attributes(node, cache)
@@ -439,13 +399,9 @@ class TreePlanner:
             else:
                 others[key] = text
         if others:
-            # An attribute that any node may have, such as a position of Groot, is checked once.
-            if not self._context.kept_attributes.issuperset(others):
-                if self._dialect.has_conditions:
-                    node.conditions = {key: others.pop(key) for key in _CONDITIONS if key in others}
-                others = {key: text for key, text in others.items() if self._keeps(key, node)}
-                self._context.kept_attributes.update(others)
-            node.attributes = others
+            if self._dialect.has_conditions:
+                node.conditions = {key: others.pop(key) for key in _CONDITIONS if key in others}
+            node.attributes = {key: text for key, text in others.items() if self._keeps(key, node)}
         if cache.defaults and len(bindings) < len(cache.ports):
             set_ports = {binding.port for binding in bindings}
             bindings += [binding for binding in cache.defaults if binding.port not in set_ports]

@@ -137,7 +137,7 @@ BEFORE_THE_FIRST_TICK = """
 import sys
 from btcore.runs.tick_loop import TickLoop
 
-def count(self):
+def count(*_):
     names = {name for name in sys.modules if name.partition(".")[0] == "btcore"}
     print(len(names - {"btcore.__main__"}))
     sys.exit()

@@ -8,8 +8,8 @@ import pytest
 from btcore import In, Registry, Status, action, load, loads
 from btcore.blackboard.blackboard import Blackboard
 from btcore.errors import TreeError
-from btcore.loading.load import plan_inputs
 from btcore.tree.tree import Tree
+from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.read import parse_file
 
 
@@ -228,8 +228,8 @@ def nodes() -> Registry:
 def test_required_resources_are_known_before_the_tree_is_built(nodes: Registry, tmp_path: Path) -> None:
     path = tmp_path / "t.xml"
     path.write_text(root_of(sub("<AlwaysSuccess/>", "M"), sub('<Drive speed="1"/>', "D")))
-    assert plan_inputs(parse_file, [path], nodes).required_resources() == []
-    assert plan_inputs(parse_file, [path], nodes, "D").required_resources() == [Robot]
+    assert plan_document(parse_file(path), nodes).required_resources() == []
+    assert plan_document(parse_file(path), nodes, "D").required_resources() == [Robot]
 
 
 @pytest.mark.parametrize("enabled", [True, False])

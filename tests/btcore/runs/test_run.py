@@ -219,15 +219,19 @@ def test_a_tree_that_was_reloaded_is_ticked_at_once() -> None:
     times: list[float] = []
     attempts = iter([False, True])  # at the beginning of the wait after the first tick, and 50 ms later
 
-    def reload() -> bool:
-        if not next(attempts, False):
-            return False
-        run.tree.halt()
-        run.replace_tree(program(ticks=2).create_tree(run.clock))
-        return True
+    class Reloader:
+        def reload(self) -> bool:
+            if not next(attempts, False):
+                return False
+            run.tree.halt()
+            run.replace_tree(program(ticks=2).create_tree(run.clock))
+            return True
+
+        def on_end(self, error: btcore.NodeExecutionError | None) -> None:
+            assert error is None
 
     with Run(program(ticks=9), settings=[RunSettings(fast=True, duration=9.0)]) as run:
-        run.tick_to_end(on_tick=lambda _: times.append(run.clock.now() / 1e9), reload=reload)
+        run.tick_to_end(on_tick=lambda _: times.append(run.clock.now() / 1e9), reloader=Reloader())
     assert run.status is btcore.SUCCESS
     assert times == pytest.approx([0.0, 0.05, 0.15])
 

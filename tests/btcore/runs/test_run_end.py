@@ -16,27 +16,30 @@ PROVIDER_ERROR, OUTPUT_ERROR = ProviderError("no power"), OutputError("disk full
 
 
 def done(end: RunEnd) -> None:
-    end.note_loop_end("done")
+    end.loop_end = "done"
 
 
 def over(end: RunEnd) -> None:
-    end.note_loop_end("duration")
+    end.loop_end = "duration"
 
 
 def leaf(end: RunEnd) -> None:
-    end.note_leaf_error(LEAF_ERROR)
+    end.error = LEAF_ERROR
 
 
 def replaced(end: RunEnd) -> None:
-    end.forget_leaf_error()
+    end.error = None
 
 
 def again(end: RunEnd) -> None:
-    end.restart()
+    end.signal, end.loop_end = 0, None
 
 
 def signal(number: int) -> Event:
-    return lambda end: end.note_signal(number)
+    def event(end: RunEnd) -> None:
+        end.signal = number
+
+    return event
 
 
 def left(error: BaseException | None = None, signal: int = 0) -> Event:

@@ -9,8 +9,8 @@ import pytest
 
 import btcore
 from btcore import FAILURE, RUNNING, SUCCESS, Registry, Run, RunSettings, Status, provider
-from btcore.loading.load import plan_inputs
 from btcore.runs.run import TreelessProgram
+from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.read import parse_file
 
 FAST = RunSettings(fast=True)
@@ -209,7 +209,7 @@ def test_the_first_tree_can_be_replaced_while_the_others_continue(write_tree: Wr
 
 
 def test_the_plans_of_one_tree_make_a_tree_for_each_robot(write_tree: WriteTree, nodes: Registry) -> None:
-    plans = plan_inputs(parse_file, [write_tree("Main", '<Call word="it" times="2"/>')], nodes)
+    plans = plan_document(parse_file(write_tree("Main", '<Call word="it" times="2"/>')), nodes)
     with Run([plans, plans], providers=[radio], settings=[FAST]) as run:
         run.tick_to_end()
         assert run.find(Radio) == ["it 1", "it 1", "it 2", "it 2"]
