@@ -2,12 +2,15 @@
 
 These are the results, exceptions and writes of external nodes (not built in), times that built-in nodes read,
 statuses that callbacks force, and writes of other threads. While a tree has a journal, built-in code runs
-*inside*: it holds a lock, so that no other thread can write to the blackboard; external code does not.
+*inside*: no other thread can write to the blackboard then; external code runs outside.
 """
 
 import threading
+import time
 from collections.abc import Callable, Mapping
 from typing import Any, Final, NamedTuple, TypeVar
+
+from mypy_extensions import i64
 
 from btcore.blackboard.blackboard import Blackboard, Entry, WriteRecorder
 from btcore.engine.node_config import NodeConfig
@@ -17,6 +20,10 @@ from btcore.status import FAILURE, IDLE, SKIPPED, SUCCESS, Status
 from btcore.values import ValueType
 
 NO_THREAD: Final = -1
+_DIFFERENT: Final = -1  # of `Journal._matched`: the step has other results than the last, nothing else
+_MIXED: Final = -2  # the step has more than results
+_POLL_S: Final = 0.000_05
+"""The time (s) between two looks of a thread whether the thread that ticks has gone outside."""
 T = TypeVar("T")
 
 
@@ -36,6 +43,12 @@ class StepEnded(NamedTuple):
     """The tick or the halt has ended. *status* is the result; IDLE after a halt or an exception."""
 
     status: Status
+
+
+class ResultsRepeated(NamedTuple):
+    """External nodes return the same results as in the last step, and nothing else happens: its pairs."""
+
+    results: list[object]
 
 
 class Raised(NamedTuple):
@@ -148,6 +161,7 @@ Event = (
     TickBegan
     | HaltBegan
     | StepEnded
+    | ResultsRepeated
     | Raised
     | ExternalHaltBegan
     | ExternalHaltEnded
@@ -186,17 +200,23 @@ class Journal(WriteRecorder):
         self._encode = encode
         self._deliver = deliver
         self._records: list[object] = []
+        # The thread that ticks goes inside and outside with each external leaf. A lock would take most of the
+        # time of a recorded leaf, so it takes none: it goes inside, then waits if a thread has announced a
+        # write. A thread that writes announces it first, then waits until the thread that ticks is outside.
+        self._inside: i64 = NO_THREAD  # the thread that ticks, while it is inside
+        self._writer: i64 = NO_THREAD  # the thread that writes or waits to write; it holds the lock
         self._lock = threading.Lock()
-        # Bound methods, which a compiled method calls faster than it finds them by name.
-        self._acquire: Callable[[], object] = self._lock.acquire
-        self._release: Callable[[], object] = self._lock.release
-        self._inside = NO_THREAD  # the thread that is inside
-        self._tick_thread = 0
+        self._tick_thread: i64 = 0
         # The transitions when the thread went outside: further ones were made by external code.
         self._transitions: list[object] = []
         self._transition_count = 0
         self._time = -1
         self._repeats = 0
+        # The pairs of the last step if it had only results, how many of their values were repeated in this
+        # step so far, or why this does not count, and the number of records before the results of this step.
+        self._last_results: list[object] = []
+        self._matched: i64 = _MIXED
+        self._start = 0
 
     @property
     def is_inside(self) -> bool:
@@ -206,7 +226,7 @@ class Journal(WriteRecorder):
     @property
     def record_count(self) -> int:
         """The number of recorded values."""
-        return len(self._records)
+        return len(self._records) + (self._matched if self._matched > 0 else 0)
 
     # --- steps: ticks of the root, and halts of the whole tree
 
@@ -225,11 +245,20 @@ class Journal(WriteRecorder):
         self._time = time
         self._repeats = 0
         self.add(event)
+        self._start = len(self._records)
+        self._matched = 0
 
     def end_step(self, status: Status) -> None:
         """End the tick or halt, unless it has ended, and deliver the records."""
         if not self.is_inside:
             return
+        last = self._last_results
+        if self._matched == len(last) and last:
+            self._matched = _MIXED
+            self.add(ResultsRepeated(last))
+        else:
+            self._stop_matching()
+            self._last_results = self._records[self._start :] if self._matched == _DIFFERENT else []
         self.add(StepEnded(status))
         records = self._records
         self._records = []
@@ -246,11 +275,23 @@ class Journal(WriteRecorder):
 
     def enter(self) -> None:
         """Go inside: until `leave`, no other thread can write to the blackboard."""
-        self._acquire()
         self._inside = self._tick_thread
-        transitions = self._observers.records
+        if self._writer != NO_THREAD:
+            self._wait_for_writers()
+        observers = self._observers
+        transitions = observers.records
         if len(transitions) != self._transition_count or transitions is not self._transitions:
             self._add_status_changes(transitions)
+        if observers.only_need_checksum:
+            observers.flush()
+            observers.only_sums = True
+
+    def _wait_for_writers(self) -> None:
+        while self._writer != NO_THREAD:
+            self._inside = NO_THREAD
+            with self._lock:
+                pass
+            self._inside = self._tick_thread
 
     def enter_for_tick(self, uid: int) -> None:
         """Go inside, because an external node ticks a child."""
@@ -264,11 +305,12 @@ class Journal(WriteRecorder):
 
     def leave(self) -> None:
         """Go outside, because external code follows."""
-        transitions = self._observers.records
+        observers = self._observers
+        observers.only_sums = False
+        transitions = observers.records
         self._transitions = transitions
         self._transition_count = len(transitions)
         self._inside = NO_THREAD
-        self._release()
 
     def _add_status_changes(self, transitions: list[object]) -> None:
         start = self._transition_count if transitions is self._transitions else 0
@@ -279,14 +321,30 @@ class Journal(WriteRecorder):
 
     def add(self, event: Event) -> None:
         """Record *event*."""
+        self._stop_matching()
+        self._matched = _MIXED
         self._records.append(None)
         self._records.append(event)
 
     def enter_with_result(self, config: NodeConfig, status: Status) -> None:
         """Go inside, because the tick of the external node with *config* returned *status*; record it."""
         self.enter()
+        matched = self._matched
+        if matched >= 0:
+            last = self._last_results
+            if matched < len(last) and last[matched] is config and last[matched + 1] is status:
+                self._matched = matched + 2
+                return
+            self._stop_matching()
         self._records.append(config)
         self._records.append(status)
+
+    def _stop_matching(self) -> None:
+        """Record the results so far of this step."""
+        matched = self._matched
+        if matched >= 0:
+            self._records += self._last_results[:matched]
+            self._matched = _DIFFERENT
 
     def add_error(self, uid: int, error: BaseException) -> None:
         """Record that the tick of an external node raised *error*."""
@@ -301,10 +359,12 @@ class Journal(WriteRecorder):
             is_idle: Whether the node is IDLE now.
         """
         records = self._records
+        if error is None and is_idle and self.record_count == start:
+            return
+        self._stop_matching()
         if error is None and is_idle:
             event = records[-1] if len(records) == start + 2 else None
-            is_reset = isinstance(event, StatusSet) and event.uid == uid and event.status is IDLE
-            if is_reset or len(records) == start:
+            if isinstance(event, StatusSet) and event.uid == uid and event.status is IDLE:
                 del records[start:]
                 return
         records[start:start] = [None, ExternalHaltBegan(uid)]
@@ -338,53 +398,76 @@ class Journal(WriteRecorder):
 
     def add_message(self, level: str, text: str) -> None:
         """Record that external code, on the thread that ticks, logs a message."""
-        if threading.get_ident() == self._tick_thread and not self.is_inside:
+        thread: i64 = threading.get_ident()
+        if thread == self._tick_thread and not self._has_access(thread):
             with self._lock:
                 self.add(MessageLogged(level, text))
 
     # --- writes
 
+    def _has_access(self, thread: i64) -> bool:
+        """Return whether *thread* is inside, or writes already."""
+        return thread == self._inside or thread == self._writer
+
+    def _begin_write(self, thread: i64) -> None:
+        """Wait until *thread* may write: no other thread writes, and the thread that ticks is outside."""
+        self._lock.acquire()
+        self._writer = thread
+        try:
+            while self._inside != NO_THREAD:
+                time.sleep(_POLL_S)
+        except BaseException:  # a signal
+            self._end_write()
+            raise
+
+    def _end_write(self) -> None:
+        self._writer = NO_THREAD
+        self._lock.release()
+
     def write(self, board: Blackboard, key: str, value: object, declared: ValueType | None) -> bool:
         """Write an entry, and record it. Return False, without effect, if called from inside."""
-        thread = threading.get_ident()
-        if self._inside == thread:
+        thread: i64 = threading.get_ident()
+        if self._has_access(thread):
             return False
-        with self._lock:
-            self._inside = thread
-            try:
-                board.set(key, value, declared)
-                self.add(Written(board, key, self._encode(board.written_entry(key).value), declared))
-            finally:
-                self._inside = NO_THREAD
+        self._begin_write(thread)
+        try:
+            board.set(key, value, declared)
+            self.add(Written(board, key, self._encode(board.written_entry(key).value), declared))
+        finally:
+            self._end_write()
         return True
 
     def remove(self, board: Blackboard, key: str) -> bool:
         """Remove an entry, and record it. Return False, without effect, if called from inside."""
-        thread = threading.get_ident()
-        if self._inside == thread:
+        thread: i64 = threading.get_ident()
+        if self._has_access(thread):
             return False
-        with self._lock:
+        self._begin_write(thread)
+        try:
             if board.local_entries().pop(key, None) is not None:
                 self.add(Removed(board, key))
+        finally:
+            self._end_write()
         return True
 
     def add_entries(self, board: Blackboard) -> None:
         """Record all entries of a scope, which were replaced."""
         entries = {key: entry.copy(self._encode(entry.value)) for key, entry in board.local_entries().items()}
-        with self._lock:
+        self._begin_write(threading.get_ident())
+        try:
             self.add(Replaced(board, entries))
+        finally:
+            self._end_write()
 
     def begin_script(self, board: Blackboard, text: str, enums: Mapping[str, int]) -> bool:
         """Go inside for a script that external code runs. Return False, without effect, if called inside."""
-        thread = threading.get_ident()
-        if self._inside == thread:
+        thread: i64 = threading.get_ident()
+        if self._has_access(thread):
             return False
-        self._lock.acquire()
-        self._inside = thread
+        self._begin_write(thread)
         self.add(ScriptRun(board, text, {name: number for name, number in enums.items() if name in text}))
         return True
 
     def end_script(self) -> None:
         """Go outside after a script."""
-        self._inside = NO_THREAD
-        self._lock.release()
+        self._end_write()

@@ -243,7 +243,7 @@ class TreeNode:
             self._status = status
             observers = self._context.observers
             if observers is not None:
-                observers.record_transition(observers.now(), self.config, previous, status)
+                observers.record_transition(self.config, previous, status)
 
     def reset_status(self) -> None:
         """Set the status to IDLE."""
@@ -429,7 +429,7 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
                     if stored is IDLE and status is SUCCESS:
                         observers.record_success(node.config)
                     else:
-                        observers.record_transition(observers.now(), node.config, stored, status)
+                        observers.record_transition(node.config, stored, status)
         if status is RUNNING and node._raises_if_running:
             raise NodeError(_STILL_RUNNING)
     except NodeExecutionError as error:
@@ -557,7 +557,7 @@ def reset_status(node: TreeNode) -> None:
         node._status_before_reset = previous
         observers = node._context.observers
         if observers is not None:
-            observers.record_transition(observers.now(), node.config, previous, IDLE)
+            observers.record_transition(node.config, previous, IDLE)
 
 
 def halt_node(node: TreeNode) -> None:

@@ -164,6 +164,11 @@ class Observers(TransitionRecorder):
             observer for observer in observers if type(observer).transitions is not Observer.transitions
         ]
 
+    @property
+    def only_need_checksum(self) -> bool:
+        """Whether no observer is notified of transitions, and the checksum is needed."""
+        return self.has_checksum and not self._batch_observers and not self.notifies_at_once
+
     def _unsubscribe_after_error(self, observer: Observer, error: Exception) -> None:
         self._set_observers([other for other in self.observers if other is not observer])
         import logging

@@ -20,7 +20,16 @@ from btcore.suggestions import join_names
 from btcore.xml.plan.key_uses import WRITING, find_name_uses, iter_subexpressions, parse_statements
 from btcore_recorder.inputs import Raised, Result, is_external
 from btcore_recorder.replay import Replay
-from btcore_recorder.tick_trace import EntryName, Halt, Read, TickTrace, Visit, Write, scripts_of
+from btcore_recorder.tick_trace import (
+    MAX_OBSERVATIONS,
+    EntryName,
+    Halt,
+    Read,
+    TickTrace,
+    Visit,
+    Write,
+    scripts_of,
+)
 from btcore_recorder.values import NotReplayable, value_text
 from btcore_recorder.what_if import Change, HoldEntry, SetResult, unique_paths
 
@@ -80,6 +89,7 @@ class CauseFinder:
     def begin(self) -> None:
         """Begin a new question."""
         self._count = 0
+        self._traces.clear()
 
     def seek(self, position: int) -> None:
         """Run the replay to the end of *position* steps.
@@ -91,12 +101,23 @@ class CauseFinder:
             raise BtcoreError(f"the replay differs from the recording: {self._replay.difference}")
 
     def trace(self, index: int) -> TickTrace:
-        """Return what happens in the step with this index."""
+        """Return what happens in the step with this index.
+
+        Raises:
+            BtcoreError: In the steps of this question, too much happens.
+        """
         if index not in self._traces:
             self.seek(index)
-            trace = TickTrace(self._replay.tree)
+            observed = sum(trace.size for trace in self._traces.values())
+            trace = TickTrace(self._replay.tree, MAX_OBSERVATIONS - observed)
             self._replay.step()
             trace.close()
+            if trace.is_truncated:
+                raise BtcoreError(
+                    f"tick {self.tick(index)} cannot be explained: with the ticks that it depends on, it has "
+                    f"more than {MAX_OBSERVATIONS:,} ticks of nodes; ask about another tick, or about a node "
+                    "that depends on fewer"
+                )
             self.seek(index + 1)
             self._traces[index] = trace
         return self._traces[index]

@@ -5,7 +5,7 @@ The lines of the head describe the tree, up to `head`. A step is what happened b
 the tree, up to `state_end`; its value says why steps are missing before it.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache, partial
 from types import UnionType
 from typing import Any, Final, Protocol, cast, get_args, get_origin, get_type_hints
@@ -49,6 +49,8 @@ END_WORDS: Final = ("head", "end", "state_end")
 
 Line = list[Any]
 """A word, and its values as data of JSON."""
+Results = tuple[tuple[str, int, str], ...]
+"""The lines of results. Many ticks have the same as the tick before: forms of files keep their text."""
 
 _INPUTS: Final[dict[str, Any]] = {
     "result": Result,
@@ -137,6 +139,31 @@ def recording_lines(recording: RunRecording, paths: Iterable[str] = ()) -> Itera
         if position in segments:
             yield list(segment_lines(segments[position].gap, segments[position].state))
         yield list(step_lines(step))
+
+
+def result_lines(uid: int) -> list[tuple[str, int, str]]:
+    """Return the lines of the results of a node, by the number of the status."""
+    return [("result", uid, status.name) for status in Status]
+
+
+class ResultTexts:
+    """The texts of results in a form of files.
+
+    Args:
+        encode: Returns the text of a line.
+        separator: The text between two lines.
+    """
+
+    def __init__(self, encode: Callable[[Sequence[Any]], str], separator: str) -> None:
+        self._encode = cache(encode)
+        self._separator = separator
+        self._last: tuple[Results, str] = (), ""
+
+    def get(self, results: Results) -> str:
+        """Return the text of *results*, which are not empty."""
+        if results is not self._last[0]:
+            self._last = results, self._separator.join(map(self._encode, results))
+        return self._last[1]
 
 
 def input_line(event: Input) -> Line:

@@ -18,7 +18,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC, Writer
 from zstandard import decompress, frame_content_size
 
-from btcore_recorder.lines import DamageError, Line, encode_text, load_data
+from btcore_recorder.lines import DamageError, Line, Results, ResultTexts, encode_text, load_data
 
 TOPIC: Final = "/btcore/recording"
 _LIBRARY: Final = "btcore_recorder"
@@ -31,6 +31,7 @@ _SCHEMA: Final = {
     },
     "required": ["lines"],
 }
+_json: Final = json.JSONEncoder(ensure_ascii=False, separators=(",", ":"), allow_nan=False).encode
 MAX_CHUNK: Final = 1 << 28
 """The maximum size (bytes) of a record, and of a chunk after decompression."""
 
@@ -45,19 +46,25 @@ class McapForm:
         schema = self._writer.register_schema("btcore.recording", "jsonschema", json.dumps(_SCHEMA).encode())
         self._channel = self._writer.register_channel(TOPIC, "json", schema)
         self._count = 0
+        self._results = ResultTexts(_json, ",")
 
-    def add(self, lines: Iterable[Line], time: int = 0) -> None:
+    def add(self, lines: Iterable[Line | Results], time: int = 0) -> None:
         """Add a message with *lines*; *time* is in ns since 1970."""
-        rows = list(lines)
-        message: dict[str, Any] = {"lines": rows}
-        for row in rows:
-            if row[0] == "tick":
-                message["tick"] = row[1]
-            elif row[0] == "document":
-                self._writer.add_attachment(time, time, row[1], "application/xml", encode_text(row[2]))
-        if rows[-1][0] == "end":
-            message["status"] = rows[-1][1]
-        text = json.dumps(message, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+        rows: list[str] = []
+        rest = ""
+        for line in lines:
+            if isinstance(line, tuple):
+                rows.append(self._results.get(line))
+                continue
+            rows.append(_json(line))
+            match line:
+                case ["tick", number, *_]:
+                    rest = f',"tick":{_json(number)}'
+                case ["end", status, *_]:
+                    rest += f',"status":{_json(status)}'
+                case ["document", name, text, *_]:
+                    self._writer.add_attachment(time, time, name, "application/xml", encode_text(text))
+        text = f'{{"lines":[{",".join(rows)}]{rest}}}'
         self._writer.add_message(self._channel, time, encode_text(text), time, self._count)
         self._count += 1
 

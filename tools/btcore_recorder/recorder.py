@@ -3,7 +3,7 @@
 import logging
 import platform
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from fnmatch import fnmatchcase
 from itertools import chain
@@ -41,7 +41,7 @@ from btcore_recorder.inputs import (
     scopes_of,
     with_parents,
 )
-from btcore_recorder.lines import Line, input_line, transitions_line
+from btcore_recorder.lines import Line, Results, input_line, result_lines, transitions_line
 from btcore_recorder.tree_state import capture, recorded_entry
 from btcore_recorder.values import EXCLUDED, MAX_TEXT, Encoder
 
@@ -116,6 +116,20 @@ def _log_record_factory() -> _LogRecordFactory:
     return factory
 
 
+class _TransitionList(Observer):
+    """The transitions since the last call of `take`."""
+
+    def __init__(self) -> None:
+        self._found: list[list[Transition]] = []
+
+    def transitions(self, changes: Transitions) -> None:
+        self._found.append(changes.to_list())
+
+    def take(self) -> list[list[Transition]]:
+        found, self._found = self._found, []
+        return found
+
+
 class Recorder(Observer):
     """Records the ticks and halts of *tree* until it is closed.
 
@@ -156,7 +170,7 @@ class Recorder(Observer):
         self._tree = tree
         self._exclude = exclude
         self._deliver = deliver
-        self._transitions: list[list[Transition]] | None = [] if options.keeps_transitions else None
+        self._transitions = _TransitionList() if options.keeps_transitions else None
         self._run = options.run or uuid4().hex
         types: dict[str, Any] = {}
         self._encoder = Encoder(types.__setitem__)
@@ -164,16 +178,21 @@ class Recorder(Observer):
         self._scopes = {id(board): index for index, board in enumerate(self._boards)}
         self.has_failed = False
         self._time = tree.clock.now()
-        self._checksum = 0
         self._records: list[object] | None = None
         if not tree.documents:
             raise BtcoreError(f"tree '{tree.id}' is not from a document: it cannot be recorded")
-        self._unsubscribe = tree.subscribe(self)
+        added = [self] if self._transitions is None else [self, self._transitions]
+        self._unsubscribe = [tree.subscribe(observer) for observer in added]
         observers = tree.context.observers
         assert observers is not None
+        observers.has_checksum = True
+        self._observers = observers
         self._journal = journal.Journal(observers, self._encoder.encode, self._end_step)
+        self._result_lines: dict[NodeConfig, list[tuple[str, int, str]]] = {}
+        self._last_repeated: tuple[list[object], Results] = [], ()
         for node in tree.nodes:
             if is_external(type(node)):
+                self._result_lines[node.config] = result_lines(node.uid)
                 start_recording(node, self._journal, True)
                 for child in node.children:
                     if not is_external(type(child)):
@@ -199,11 +218,13 @@ class Recorder(Observer):
             board.recorder = None
         for node in self._tree.nodes:
             stop_recording(node)
-        self._unsubscribe()
+        self._observers.has_checksum = False
+        for unsubscribe in self._unsubscribe:
+            unsubscribe()
 
     def capture(self) -> TreeState:
         """Return the state of the tree, between two steps. A new segment begins, with a new checksum."""
-        self._checksum = 0
+        self._observers.checksum = 0
         state = self._journal.capture(lambda: capture(self._tree, self._boards, self._encoder.encode))
         excluded = {index for keys in state.scopes for key, index in keys.items() if self._is_excluded(key)}
         entries = [
@@ -273,12 +294,6 @@ class Recorder(Observer):
         with suppress(Exception):  # the message does not fit its arguments, which logging reports
             self._journal.add_message(record.levelname, record.getMessage()[:MAX_TEXT])
 
-    def transitions(self, changes: Transitions) -> None:
-        """Add the transitions to the checksum."""
-        self._checksum = changes.checksum(self._checksum)
-        if self._transitions is not None:
-            self._transitions.append(changes.to_list())
-
     def ticked(self, tick: int, stamp: int, duration_ns: int, status: Status) -> None:
         """Deliver the step, now that its transitions are known."""
         self.has_failed = status is FAILURE
@@ -301,20 +316,21 @@ class Recorder(Observer):
             self._records = records
 
     def _raw_step(self, records: list[object]) -> RawStep:
-        transitions = self._transitions
-        if transitions is not None:
-            self._transitions = []
-        return RawStep(records, self._checksum, self._time, transitions)
+        transitions = None if self._transitions is None else self._transitions.take()
+        return RawStep(records, self._observers.checksum, self._time, transitions)
 
-    def lines(self, raw: RawStep) -> list[Line]:
+    def lines(self, raw: RawStep) -> list[Line | Results]:
         """Return the lines of a step, which do not depend on the tree. Thread-safe."""
-        lines: list[Line] = []
-        for first, second in zip(raw.records[::2], raw.records[1::2], strict=True):
-            if first is not None:
-                config = cast(NodeConfig, first)
-                lines.append(["result", config.uid, _NAMES[cast(Status, second)]])
+        lines: list[Line | Results] = []
+        results: list[tuple[str, int, str]] = []
+        values: Iterator[Any] = iter(raw.records)
+        for config, event in zip(values, values, strict=True):
+            if config is not None:
+                results.append(self._result_lines[config][event])
                 continue
-            event = cast(journal.Event, second)
+            if results:
+                lines.append(tuple(results))
+                results = []
             if isinstance(event, journal.TickBegan):
                 lines.append(["tick", *event])
             elif isinstance(event, journal.HaltBegan):
@@ -324,8 +340,20 @@ class Recorder(Observer):
                     changes = chain.from_iterable(raw.transitions)
                     lines.append(transitions_line((change.uid, change.status) for change in changes))
                 lines.append(["end", _NAMES[event.status], raw.checksum])
+            elif isinstance(event, journal.ResultsRepeated):
+                lines.append(self._repeated(event.results))
             else:
                 lines.append(input_line(self._input(event)))
+        return lines
+
+    def _repeated(self, records: list[object]) -> Results:
+        """Return the lines of repeated results: the same object each time."""
+        last, lines = self._last_repeated
+        if records is not last:
+            values: Iterator[Any] = iter(records)
+            pairs = zip(values, values, strict=True)
+            lines = tuple([self._result_lines[config][status] for config, status in pairs])
+            self._last_repeated = records, lines
         return lines
 
     def _input(self, event: journal.Event) -> Input:

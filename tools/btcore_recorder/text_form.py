@@ -11,40 +11,43 @@ import zlib
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
-from btcore_recorder.lines import END_WORDS, DamageError, Line, encode_text, load_data
+from btcore_recorder.lines import END_WORDS, DamageError, Line, Results, ResultTexts, encode_text, load_data
 
 MAGIC: Final = b"btrec "
+_json: Final = json.JSONEncoder(ensure_ascii=False, separators=(", ", ":"), allow_nan=False).encode
 
 
 class TextForm:
     """Converts lines to text."""
 
     def __init__(self) -> None:
-        self._crc = 0
-        self._parts: list[str] = []
+        self._data = bytearray()
+        self._unchecked: list[str] = []  # the lines since the last CRC
+        self._results = ResultTexts(_text, "")
 
-    def add(self, lines: Iterable[Line], time: int = 0) -> None:
+    def add(self, lines: Iterable[Line | Results], time: int = 0) -> None:
         """Add lines; *time* (ns since 1970) is not a part of the text."""
-        for word, *values in lines:
+        for line in lines:
+            if isinstance(line, tuple):
+                self._unchecked.append(self._results.get(line))
+                continue
+            word, *values = line
             if word == "document":
                 file, text, is_shared = values
-                self._add(f"document {_json([file, is_shared])}\n")
-                self._add("".join(f"|{line}\n" for line in text.split("\n")))
+                self._unchecked.append(f"document {_json([file, is_shared])}\n")
+                self._unchecked += [f"|{each}\n" for each in text.split("\n")]
             elif word in END_WORDS:
-                crc = zlib.crc32(_json(values).encode(), self._crc)
-                self._parts.append(f"{word} {_json([*values, crc])}\n")
-                self._crc = 0
+                checked = encode_text("".join(self._unchecked))
+                crc = zlib.crc32(_json(values).encode(), zlib.crc32(checked))
+                self._data += checked + f"{word} {_json([*values, crc])}\n".encode()
+                self._unchecked.clear()
             else:
-                self._add(f"{word} {_json(values)}\n")
-
-    def _add(self, text: str) -> None:
-        self._crc = zlib.crc32(encode_text(text), self._crc)
-        self._parts.append(text)
+                self._unchecked.append(_text(line))
 
     def take(self) -> bytes:
         """Return the text since the last call."""
-        data = encode_text("".join(self._parts))
-        self._parts.clear()
+        data = bytes(self._data)
+        self._data.clear()
         return data
 
     def take_end(self) -> bytes:
@@ -52,8 +55,8 @@ class TextForm:
         return self.take()
 
 
-def _json(values: Sequence[object]) -> str:
-    return json.dumps(values, ensure_ascii=False, separators=(", ", ":"), allow_nan=False)
+def _text(line: Sequence[Any]) -> str:
+    return f"{line[0]} {_json(line[1:])}\n"
 
 
 class TextLines:

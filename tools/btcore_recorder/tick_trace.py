@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from typing import NamedTuple
+from typing import Final, NamedTuple
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.ports import SCRIPT_ROLES
@@ -15,6 +15,9 @@ from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status, Transition
 from btcore.tree.tree import Tree
 from btcore.xml.plan.key_uses import READING, find_name_uses, port_uses
 from btcore_recorder.inputs import scopes_of
+
+MAX_OBSERVATIONS: Final = 200_000
+"""Maximum number of ticks of nodes, reads and writes that are observed: a tick may repeat a node often."""
 
 
 class EntryName(NamedTuple):
@@ -60,7 +63,7 @@ class Write(NamedTuple):
     sequence_id: int
 
 
-@dataclass
+@dataclass(slots=True)
 class Visit:
     """A tick of a node.
 
@@ -93,7 +96,13 @@ class Halt(NamedTuple):
 class TickTrace(Observer):
     """Follows a tick of *tree*, from its creation until `close`.
 
+    Args:
+        tree: The tree, between two ticks.
+        limit: The maximum number of ticks of nodes, reads and writes that are observed.
+
     Attributes:
+        size: The number of those that were observed.
+        is_truncated: Whether there were more.
         visits: The ticks of nodes, in the order of their begin.
         ended: The same, in the order of their end.
         halts: The nodes that were halted, in order.
@@ -101,7 +110,10 @@ class TickTrace(Observer):
         error: The exception that ended the tick, or None.
     """
 
-    def __init__(self, tree: Tree) -> None:
+    def __init__(self, tree: Tree, limit: int = MAX_OBSERVATIONS) -> None:
+        self._limit = limit
+        self.size = 0
+        self.is_truncated = False
         self.visits: list[Visit] = []
         self.ended: list[Visit] = []
         self.halts: list[Halt] = []
@@ -160,7 +172,7 @@ class TickTrace(Observer):
 
     def transition(self, change: Transition) -> None:
         """Note a halt."""
-        if change.previous is RUNNING and change.status is IDLE:
+        if change.previous is RUNNING and change.status is IDLE and not self.is_truncated:
             self.halts.append(Halt(change.uid, self._unfinished[-1] if self._unfinished else None))
 
     def raised(self, error: NodeExecutionError, stamp: int) -> None:
@@ -169,6 +181,8 @@ class TickTrace(Observer):
 
     def _start(self, node: TreeNode) -> None:
         self._note_writes()
+        if self.is_truncated:
+            return
         uid = node.config.uid
         parent = self._parents.get(uid, 0)
         self._drop_above(parent)
@@ -181,9 +195,16 @@ class TickTrace(Observer):
             above.children.append(visit)
         self.visits.append(visit)
         self._unfinished.append(visit)
+        self._count(1 + len(reads))
+
+    def _count(self, observations: int) -> None:
+        self.size += observations
+        self.is_truncated = self.size > self._limit
 
     def _pre_tick(self, callback: Callable[[TreeNode], Status] | None, node: TreeNode) -> Status:
         forced = IDLE if callback is None else callback(node)
+        if self.is_truncated:
+            return forced
         self._unfinished[-1].decided_by = "callback" if forced in (SUCCESS, FAILURE) else ""
         return forced
 
@@ -192,6 +213,8 @@ class TickTrace(Observer):
     ) -> Status:
         self._note_writes()
         forced = IDLE if callback is None else callback(node, status)
+        if self.is_truncated:
+            return forced
         self._drop_above(node.config.uid)
         visit = self._unfinished.pop()
         visit.result = status
@@ -220,7 +243,10 @@ class TickTrace(Observer):
                     yield EntryName(scope, key), entry
 
     def _note_writes(self) -> None:
+        if self.is_truncated:
+            return
         uid = self._unfinished[-1].uid if self._unfinished else 0
+        count = len(self.writes)
         present = set()
         for name, entry in self._entries():
             present.add(name)
@@ -230,6 +256,7 @@ class TickTrace(Observer):
         for name in self._known.keys() - present:
             del self._known[name]
             self.writes.append(Write(name, uid, None, 0))
+        self._count(len(self.writes) - count)
 
     def _read(self, board: Blackboard, key: str, by: str, script: str) -> Read:
         entry = board.find(key)

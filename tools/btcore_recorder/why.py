@@ -392,7 +392,7 @@ class Explainer:
         trace = TickTrace(changed.tree)
         changed.step()
         trace.close()
-        if question.is_same(trace):
+        if trace.is_truncated or question.is_same(trace):
             return ""
         visits = trace.visits_of(question.uid)
         if question.kind == "halt":

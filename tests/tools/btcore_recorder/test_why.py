@@ -10,12 +10,14 @@ from itertools import combinations
 from pathlib import Path
 from random import Random
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from lxml import etree
 
 import btcore
 from btcore import FAILURE, RUNNING, SUCCESS, Blackboard, In, Put, Registry, SimClock, Status
+from btcore.errors import BtcoreError
 from btcore_recorder import Answer, Explainer, Replay
 from btcore_recorder.causes import MAX_CAUSES
 from btcore_recorder.inputs import RunRecording
@@ -108,6 +110,15 @@ def test_each_question_has_its_own_bound() -> None:
     assert len(answer.chain) == 2
     for _ in range(MAX_CAUSES):
         assert explainer.who_wrote("m") == answer
+
+
+def test_a_tick_that_repeats_a_node_too_often_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("btcore_recorder.causes.MAX_OBSERVATIONS", 1_000)
+    repeat = '<Repeat num_cycles="1000"><AlwaysSuccess/></Repeat>'
+    run = Run(btcore.loads(f'<root><BehaviorTree ID="Main">{repeat}</BehaviorTree></root>'))
+    run.tree.tick_exactly_once()
+    with pytest.raises(BtcoreError, match=r"^tick 1 cannot be explained: .* more than 1,000 ticks of"):
+        Explainer(run.end()).why()
 
 
 def test_a_recording_does_not_change_what_logging_prints(tmp_path: Path) -> None:
