@@ -34,7 +34,7 @@ and a `PoseNavigator`:
    `map_file`, `navigation`, `navigator`.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Mapping, Sequence, Set
 from typing import NamedTuple
 
 from btcore.clock import Clock
@@ -197,14 +197,11 @@ class _Round:
         if missing:
             options = [name for cls in missing for name in required_option_names(cls)]
             return f"is not used without {join_names(options)}"
-        for request in self._requests_of(provider, chain):
-            if request.problem and not request.is_optional:
-                return f"needs {title_with_article(request.type)}, but {request.problem}"
-        return ""
-
-    def _requests_of(self, provider: Provider, chain: tuple[Provider, ...]) -> Iterator[_Request]:
         for need in provider.object_needs:
-            yield self._request(need.type, need.is_optional, (*chain, provider))
+            problem = "" if need.is_optional else self._request(need.type, False, (*chain, provider)).problem
+            if problem:
+                return f"needs {title_with_article(need.type)}, but {problem}"
+        return ""
 
     def _describe_problem(
         self, type: TypeRef, chain: tuple[Provider, ...], obstacles: Mapping[Provider, str]
@@ -268,7 +265,10 @@ class _Round:
     def _use(self, provider: Provider, chain: tuple[Provider, ...]) -> None:
         if provider not in self._used:
             self._used[provider] = None
-            self._pending += self._requests_of(provider, chain)
+            self._pending += (
+                self._request(need.type, need.is_optional, (*chain, provider))
+                for need in provider.object_needs
+            )
 
     def _select_best(self, request: _Request) -> Provider:
         ranks = {provider: self._rank(provider) for provider in request.candidates}
@@ -314,12 +314,14 @@ class _Round:
         if clocks or uses_core_alone:
             return
         for provider in self._available.of_type(_CLOCK):
-            others = [need for need in provider.object_needs if need.type_name not in self._providers]
-            objects = {need.type_name: self._find_own(need.type) for need in others}
-            has_needs = None not in objects.values()
-            if has_needs and set(map(full_name, provider.types)) == {_CLOCK}:
+            own = {
+                need.type_name: self._find_own(need.type)
+                for need in provider.object_needs
+                if need.type_name not in self._providers
+            }
+            if None not in own.values() and set(map(full_name, provider.types)) == {_CLOCK}:
                 self._used[provider] = None
-                self._objects |= objects
+                self._objects |= own
                 return
 
     def _append_after_needs(

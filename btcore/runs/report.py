@@ -2,31 +2,30 @@
 
 import json
 import sys
-from collections.abc import Callable
 
 from btcore.escaping import escape_controls
-from btcore.runs.run_end import EndReason
+from btcore.runs.run_end import EndReason, RunEnd
 
 
 class Report(dict[str, object]):
     """The results of a run for the summary and for `--json`, by heading. A provider may have it as parameter.
 
     Args:
-        find_end_reason: Returns why the run ended, or None before its end.
+        run_end: The end of the run.
 
     Attributes:
         print_warning: Prints the warnings, by default on stderr.
     """
 
-    def __init__(self, find_end_reason: Callable[[], EndReason | None] = lambda: None) -> None:
+    def __init__(self, run_end: RunEnd | None = None) -> None:
         super().__init__()
-        self._find_end_reason = find_end_reason
+        self._run_end = run_end or RunEnd()
         self.print_warning = _print_warning
 
     @property
     def end_reason(self) -> EndReason | None:
         """Why the run ended; None before its end."""
-        return self._find_end_reason()
+        return self._run_end.reason
 
     def warn(self, message: str) -> None:
         """Print a warning."""

@@ -2,7 +2,7 @@
 
 import time
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from itertools import chain
 from os import PathLike
@@ -138,7 +138,7 @@ class Run:
         source: Runnable | Sequence[Runnable],
         *,
         providers: Sequence[Provider] | AvailableProviders = (),
-        settings: Sequence[Settings] | GivenSettings = (),
+        settings: Iterable[Settings] = (),
         prepare: Callable[["Run"], None] | None = None,
         nodes: Registry | None = None,
         tree: str | None = None,
@@ -158,10 +158,10 @@ class Run:
         plans = [planned for planned in self._sources if isinstance(planned, Plans)]
         leaf_types = list(dict.fromkeys(chain(*(tree.required_resources() for tree in plans))))
         self._prepare = prepare
-        self.settings = settings if isinstance(settings, GivenSettings) else GivenSettings(settings)
+        self.settings = GivenSettings(settings)
         self.run_settings = self.settings.of(RunSettings)
         self._end = RunEnd()
-        self.report = Report(lambda: self._end.reason)
+        self.report = Report(self._end)
         self.elapsed_s = 0.0
         self.wall_s = 0.0
         available = providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)

@@ -1,7 +1,7 @@
 """Settings: the options of providers, and those of every run."""
 
 from collections import Counter
-from collections.abc import Sequence, Set
+from collections.abc import Iterable, Iterator, Set
 from typing import Annotated, TypeVar
 
 from btcore.errors import SettingsError
@@ -65,11 +65,15 @@ class GivenSettings:
         TypeError: An object is no settings object.
     """
 
-    def __init__(self, settings: Sequence[Settings] = ()) -> None:
+    def __init__(self, settings: Iterable[Settings] = ()) -> None:
+        settings = list(settings)
         for settings_class, count in Counter(map(type, settings)).items():
             if count > 1:
                 raise SettingsError(f"{settings_class.__name__} are given {count} times")
         self._by_class = {type(given): check_settings(given) for given in settings}
+
+    def __iter__(self) -> Iterator[Settings]:
+        return iter(self._by_class.values())
 
     @property
     def classes(self) -> Set[type[Settings]]:

@@ -67,6 +67,7 @@ class TickLoop:
     def __init__(self, settings: RunSettings) -> None:
         self._settings = settings
         self._period_ns = round(NS_PER_S / settings.rate)
+        self._clock: Clock  # of the trees; set by `start`
         self._start_ns = 0
         self._due_ns = 0  # when all trees are ticked next
         self._end_ns: int | None = None
@@ -79,18 +80,14 @@ class TickLoop:
         self.missed_ticks = 0
 
     @property
-    def clock(self) -> Clock:
-        """The clock of the trees."""
-        return self.trees[0].clock
-
-    @property
     def elapsed_ns(self) -> int:
         """The time since the start, in ns of the trees' clock."""
-        return self.clock.now() - self._start_ns
+        return self._clock.now() - self._start_ns
 
     def start(self) -> None:
         """Begin the time of the loop; all trees are ticked, also those that have ended before."""
-        self._start_ns = self._due_ns = self.clock.now()
+        self._clock = self.trees[0].clock
+        self._start_ns = self._due_ns = self._clock.now()
         duration = self._settings.duration
         self._end_ns = None if duration is None else self._start_ns + round(duration * NS_PER_S)
         self._unfinished = self.trees
@@ -116,7 +113,7 @@ class TickLoop:
         while (end := self._find_end()) is None:
             if self.is_paused and not is_done:
                 self.trees[0].context.wait_real_time(POLL_INTERVAL_S)
-                self._due_ns = max(self._due_ns, self.clock.now())  # ticks of the pause are not missed
+                self._due_ns = max(self._due_ns, self._clock.now())  # ticks of the pause are not missed
             elif not is_done and (trees := self._take_due_trees()):
                 try:
                     self._tick(trees, end_statuses, on_tick)
@@ -145,13 +142,13 @@ class TickLoop:
         """Return why the loop ends between two ticks, or None."""
         if self._is_stopping:
             return "interrupted"
-        is_over = self._end_ns is not None and self.clock.now() >= self._end_ns
+        is_over = self._end_ns is not None and self._clock.now() >= self._end_ns
         return "duration" if is_over else None
 
     def _take_due_trees(self) -> list[Tree]:
         """Return all unfinished trees if they are due, else those that were woken."""
         woken = [tree for tree in self._unfinished if tree.context.consume_wake_up()]
-        return self._unfinished if self.clock.now() >= self._due_ns else woken
+        return self._unfinished if self._clock.now() >= self._due_ns else woken
 
     def _tick(self, trees: Sequence[Tree], end_statuses: Sequence[Status], on_tick: OnTick | None) -> None:
         for tree in trees:
@@ -160,7 +157,7 @@ class TickLoop:
         self.status = _join_statuses(self.trees)
         if on_tick is not None:
             on_tick(self.status)
-        late = self.clock.now() - self._due_ns
+        late = self._clock.now() - self._due_ns
         if late >= 0:  # else the tick was an additional one
             missed = late // self._period_ns
             self.missed_ticks += missed
@@ -179,14 +176,14 @@ class TickLoop:
         if self._end_ns is not None:
             times.append(self._end_ns)
         if has_reloader and not (is_done and self._settings.fast):
-            times.append(self.clock.now() + _POLL_INTERVAL_NS)
+            times.append(self._clock.now() + _POLL_INTERVAL_NS)
         if not times:
             self._wake_event.wait(POLL_INTERVAL_S)
-        elif self.clock.wait_until(min(times), self._wake_event):
+        elif self._clock.wait_until(min(times), self._wake_event):
             if self._wake_event.is_set():
                 self._wake_event.clear()  # before the trees are asked: a later wake-up sets it again
             else:  # the clock has ended the wait, as that of a simulation in lockstep may
-                self._due_ns = self.clock.now()
+                self._due_ns = self._clock.now()
 
     def step(self) -> None:
         """Tick the trees that are RUNNING once, or all trees if none is."""

@@ -123,11 +123,10 @@ def _literal_error(binding: Binding) -> str:
 
 
 class PlanningContext:
-    """What the planners of a document's trees share. The caches only save time.
+    """What the planners of a document's trees share. `leaf_tags` and the cache of bindings only save time.
 
     Attributes:
         leaf_tags: The tags of registered leaves so far.
-        binding_caches: The caches of bindings so far, by ID.
     """
 
     def __init__(self, definitions: Definitions, registry: Registry, collector: DiagnosticCollector) -> None:
@@ -135,8 +134,8 @@ class PlanningContext:
         self.dialect: Dialect = definitions.dialect
         self.collector = collector
         self.leaf_tags: set[str] = set()
-        self.binding_caches: dict[str, _BindingCache] = {}
         self._registry = registry
+        self._binding_caches: dict[str, _BindingCache | None] = {}
         self._name_hints: UnknownNameHints | None = None
 
     @property
@@ -152,13 +151,13 @@ class PlanningContext:
         """Return the manifest of a node; None if it is unknown."""
         return self._registry.get(id, self.dialect.format)
 
-    def add_binding_cache(self, id: str) -> _BindingCache | None:
-        """Create the cache for the bindings of a node, and return it; None if the node is unknown."""
-        manifest = self.manifest(id)
-        if manifest is None:
-            return None
-        self.binding_caches[id] = cache = _BindingCache(manifest, self.dialect.format)
-        return cache
+    def binding_cache(self, id: str) -> _BindingCache | None:
+        """Return the cache for the bindings of a node; None if the node is unknown."""
+        if id not in self._binding_caches:
+            manifest = self.manifest(id)
+            cache = None if manifest is None else _BindingCache(manifest, self.dialect.format)
+            self._binding_caches[id] = cache
+        return self._binding_caches[id]
 
 
 class _Item:
@@ -359,7 +358,7 @@ class TreePlanner:
     def plan(self) -> TreePlan:
         """Return the plan of the tree, without unknown nodes and calls of unknown trees, which are errors."""
         tree = TreePlan(self._definition)
-        subtree_tags, caches = self._dialect.subtree_tags, self._context.binding_caches
+        subtree_tags = self._dialect.subtree_tags
         plans: list[NodePlan | None] = [None]  # the <BehaviorTree> has no plan
         for item in self._items[1:]:
             element = item.element
@@ -369,7 +368,7 @@ class TreePlanner:
                 node = self._plan_call(tag, element, tree)
             else:
                 id = (element.get("ID") or "") if tag in EXPLICIT_TAGS else tag
-                cache = caches.get(id) or self._context.add_binding_cache(id)
+                cache = self._context.binding_cache(id)
                 if cache is not None:  # else the first pass has reported the unknown node
                     node = NodePlan(element, id, cache.manifest)
                     self._plan_attributes(node, cache)

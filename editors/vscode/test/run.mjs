@@ -1,11 +1,12 @@
 // Tests of the extension's logic: VS Code is a stub, btcore's processes are real. BTCORE names the command.
 import assert from "node:assert/strict";
-import { mkdtempSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { mkdtempSync, readdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import path from "node:path";
 import { fileURLToPath, pathToFileURL } from "node:url";
 import { test, after } from "node:test";
 import { build } from "esbuild";
+import { command, KINDS, random } from "./commands.mjs";
 
 const here = path.dirname(fileURLToPath(import.meta.url));
 const folder = mkdtempSync(path.join(tmpdir(), "btcore-vscode-"));
@@ -210,6 +211,104 @@ test("edits and commands of an earlier text apply to the present text", async ()
   document.type(before);
   await document.save();
   page.close();
+});
+
+/** Open the studio of a new file. */
+async function openFile(name, text) {
+  const target = path.join(folder, name);
+  writeFileSync(target, text);
+  return open(await vscode.workspace.openTextDocument(vscode.Uri.file(target)));
+}
+
+/** The texts of all files that a step of undo changes. */
+const textsOf = (step) => step.map(({ document: { text } }) => text);
+
+/** Apply a command; undo, redo and undo it again, and compare the texts. Returns null if it is refused. */
+async function tryCommand(page, wanted) {
+  const { undo } = vscode.steps;
+  const count = undo.length;
+  const done = await page.edit(wanted).catch((error) => assert.equal(error.code, -32803, error.message));
+  if (!done || undo.length === count) return null;
+  assert.equal(undo.length, count + 1, "a command is one step");
+  const step = undo.at(-1);
+  const [before, after] = ["before", "after"].map((side) => step.map((part) => part[side]));
+  for (const [name, expected] of [["undo", before], ["redo", after], ["undo", before]]) {
+    await page.ask(`studio/${name}`, {});
+    assert.deepEqual(textsOf(step), expected, `${name} of ${wanted.kind}`);
+  }
+  return { after };
+}
+
+const TREES = readdirSync(path.join(here, "../../../trees"), { recursive: true }).filter((name) => name.endsWith(".xml"));
+
+test("every command can be undone and repeated, to the byte", async () => {
+  const done = new Set();
+  const leaf = '<AlwaysSuccess name="eins"/>';
+  const crlf = XML.replace(leaf, `<Inverter _skipIf='true'>\n\t${leaf}</Inverter>`).replaceAll("\n", "\r\n");
+  for (const [name, text] of [["lf.xml", XML], ["crlf.xml", crlf]]) {
+    const page = await openFile(name, text);
+    for (const kind of KINDS) {
+      const next = random(7);
+      for (let trial = 0; trial < 12; trial++) {
+        const wanted = command(kind, page.uri, await page.draw(), next);
+        const { document: shown } = page.panel;
+        if (wanted && (await tryCommand(page, wanted))) done.add(kind);
+        assert.equal(shown.text, text);
+      }
+    }
+    page.close();
+  }
+  assert.deepEqual([...done].sort(), [...KINDS].sort());
+});
+
+test("an edit of several files is one step", async () => {
+  const part = path.join(folder, "part.xml");
+  const texts = ['<root BTCPP_format="4"><include path="part.xml"/><BehaviorTree ID="Main"><SubTree ID="Part"/></BehaviorTree></root>',
+    '<root BTCPP_format="4"><BehaviorTree ID="Part"><AlwaysSuccess/></BehaviorTree></root>'];
+  writeFileSync(part, texts[1]);
+  const page = await openFile("whole.xml", texts[0]);
+  const { document: whole } = page.panel;
+  // A node of the included file is edited in its file, and drawn from the text that is not saved.
+  const { nodes } = await page.draw();
+  const included = await vscode.workspace.openTextDocument(vscode.Uri.file(part));
+  assert.equal(nodes[1].place.uri, included.uri.toString());
+  await page.edit({ kind: "set", node: nodes[1].place, name: "name", text: "ä" });
+  texts[1] = texts[1].replace("Success/>", 'Success name="ä"/>');
+  assert.deepEqual([whole.text, included.text, (await page.draw()).nodes[1].name], [...texts, "ä"]);
+  const position = whole.positionAt(texts[0].indexOf("Part"));
+  const edit = await page.ask("textDocument/rename", { textDocument: { uri: page.uri }, position, newName: "Teil" });
+  await page.ask("studio/apply", { edit });
+  assert.deepEqual([whole.text, included.text], texts.map((text) => text.replace('"Part"', '"Teil"')));
+  await page.ask("studio/undo", {});
+  assert.deepEqual([whole.text, included.text], texts);
+  // The command before has changed the included document only.
+  await page.ask("studio/undo", {});
+  assert.deepEqual([whole.text, included.text], [texts[0], texts[1].replace(' name="ä"', "")]);
+  assert.ok(page.panel.active, "the studio has the focus again");
+  await page.ask("studio/redo", {});
+  assert.deepEqual([whole.text, included.text], texts);
+  page.close();
+});
+
+test("sequences of commands in the trees of the project are undone to the byte", async () => {
+  const next = random(11);
+  let count = 0;
+  for (const name of TREES) {
+    const text = readFileSync(path.join(here, "../../../trees", name), "utf8");
+    const page = await openFile(name.replaceAll(path.sep, "_"), text);
+    const { document: shown } = page.panel;
+    const first = vscode.steps.undo.length;
+    for (let trial = 0; trial < 10; trial++) {
+      const drawing = await page.draw(null);
+      const wanted = command(KINDS[Math.floor(next() * KINDS.length)], page.uri, drawing, next);
+      if (wanted) await page.edit(wanted).catch((error) => assert.equal(error.code, -32803, error.message));
+    }
+    count += vscode.steps.undo.length - first;
+    while (vscode.steps.undo.length > first) await page.ask("studio/undo", {});
+    assert.equal(shown.text, text, name);
+    page.close();
+  }
+  assert.ok(count > 3 * TREES.length, `only ${count} commands were not refused`);
 });
 
 test("a server that is starting can be restarted", async () => {

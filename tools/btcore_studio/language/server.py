@@ -3,6 +3,7 @@
 Each feature is a module with functions of `(project, document, …)`. Their results are types of the protocol.
 """
 
+import asyncio
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future
 from pathlib import Path
@@ -37,10 +38,12 @@ from btcore_studio.language.checker import Checker
 from btcore_studio.language.diagnostics import Report
 from btcore_studio.language.drawing import draw_document
 from btcore_studio.language.edit_commands import compute_edit, copy_nodes
+from btcore_studio.language.live import LiveExtension, LiveTree
 from btcore_studio.language.node_form import form_of
 from btcore_studio.language.palette import palette_of
 from btcore_studio.language.project import DocumentKey, Project, Settings, SourceDocument
 from btcore_studio.language.studio_protocol import (
+    BreakpointsParams,
     CopyParams,
     CopyResult,
     Data,
@@ -50,6 +53,7 @@ from btcore_studio.language.studio_protocol import (
     EditParams,
     Palette,
     Place,
+    WatchParams,
 )
 
 NAME: Final = "btcore"
@@ -152,11 +156,12 @@ class TreeServer(LanguageServer):
     Attributes:
         project: The documents and files of the client's workspace.
         checker: The background checks of the documents.
+        live: The running tree that the page watches.
         was_shut_down: Whether the client has requested the end of the server.
         params_classes: The parameters of requests outside of the Language Server Protocol, by method.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, live: LiveExtension | None = None) -> None:
         super().__init__(
             NAME,
             __version__,
@@ -165,6 +170,7 @@ class TreeServer(LanguageServer):
         )
         self.project = Project()
         self.checker = Checker(self.project, self._publish, self._show, self._refresh)
+        self.live = LiveTree(live, lambda data: self.protocol.notify("btcore/live", data))
         self.was_shut_down = False
         self.params_classes: dict[str, type[Data]] = {}
 
@@ -188,8 +194,8 @@ class TreeServer(LanguageServer):
         self.feature(method)(handle)
 
     async def close(self) -> None:
-        """End the background checks and their process."""
-        await self.checker.close()
+        """End the background checks and their process, and the connection with a running tree."""
+        await asyncio.gather(self.checker.close(), self.live.close())
 
     def _publish(self, file: DocumentKey, version: int | None, reports: list[Report]) -> None:
         uri = file if isinstance(file, str) else self.project.uri(file)
@@ -210,9 +216,13 @@ class TreeServer(LanguageServer):
             self.workspace_inlay_hint_refresh(None)
 
 
-def create_server() -> TreeServer:
-    """Return a server with all features, which is not started yet."""
-    server = TreeServer()
+def create_server(live: LiveExtension | None = None) -> TreeServer:
+    """Return a server with all features, which is not started yet.
+
+    Args:
+        live: Connects with running trees; default the installed extension with its default settings.
+    """
+    server = TreeServer(live)
     _keep_up_to_date(server)
     _add_features(server)
     _add_studio_requests(server)
@@ -325,6 +335,19 @@ def _add_studio_requests(server: TreeServer) -> None:
         "btcore/copy", CopyParams, lambda params: CopyResult(copy_nodes(project, params.nodes))
     )
 
+    def watch(params: WatchParams) -> None:
+        server.live.watch(params.address)
+
+    def set_breakpoints(params: BreakpointsParams) -> None:
+        server.live.set_breakpoints(params.keys)
+
+    def release(params: Data) -> None:
+        server.live.release()
+
+    server.add_request("btcore/watch", WatchParams, watch)
+    server.add_request("btcore/breakpoints", BreakpointsParams, set_breakpoints)
+    server.add_request("btcore/release", Data, release)
+
 
 def _completion_item_capabilities(server: TreeServer) -> types.ClientCompletionItemOptions | None:
     document = server.client_capabilities.text_document
@@ -361,6 +384,7 @@ def _keep_up_to_date(server: TreeServer) -> None:
     @server.feature(types.SHUTDOWN)
     def shutdown(_: None) -> None:
         checker.close()
+        server.live.end()
         server.was_shut_down = True
 
     @server.feature(types.TEXT_DOCUMENT_DID_OPEN)

@@ -390,3 +390,18 @@ class CopyResult(Data, frozen=True):
     """The elements, with the models and trees that they need."""
 
     xml: str
+
+
+# --- btcore/watch, btcore/breakpoints; the parameters of btcore/live are made in live.py
+
+
+class WatchParams(Data, frozen=True):
+    """The *address* of a running tree; "" ends the connection."""
+
+    address: str
+
+
+class BreakpointsParams(Data, frozen=True):
+    """The *keys* of the nodes before which the running tree stops."""
+
+    keys: list[str]

@@ -29,6 +29,7 @@ from btcore.xml.plan.plan import Plans
 from btcore_studio.language.command import GC_THRESHOLD
 
 if TYPE_CHECKING:
+    from btcore_studio.language.live import LiveExtension
     from btcore_studio.pages.session import Shown, StudioSession
 
 
@@ -51,7 +52,7 @@ class StudioOptions(LibraryOptions):
 
 @click.command(
     cls=ExtensibleCommand,
-    group="btcore.preview",
+    group="btcore.live",
     short_help="Edit trees in a browser, and watch them run.",
 )
 @click.argument("source", metavar="[SOURCE]", default=".", shell_complete=complete_tree)
@@ -94,14 +95,14 @@ def studio(
     if page is None:
         raise click.ClickException("the page is not built; in a checkout of btcore, build it with: make page")
     assert isinstance(ctx.command, ExtensibleCommand)
-    ctx.command.create_extension(extension_values)
+    live = ctx.command.create_extension(extension_values)
     gc.set_threshold(GC_THRESHOLD)
     # Whatever a page sends is answered with an error, and needs no log.
     logging.getLogger("pygls").addHandler(logging.NullHandler())
     # For what must not be lost: only this user can read it.
     folder = Path(mkdtemp(prefix="btcore-studio-"))
     try:
-        session = StudioSession(_find_shown(source, options, folder / "recording"), folder)
+        session = StudioSession(find_shown(source, options, live, folder / "recording"), folder)
 
         def show(url: str) -> None:
             if as_json:
@@ -142,41 +143,52 @@ async def _serve(
         await stop.wait()
 
 
-def _find_shown(source: str, options: StudioOptions, recording: Path) -> "Shown":
+def find_shown(source: str, options: StudioOptions, live: "LiveExtension | None", recording: Path) -> "Shown":
     """Return what is shown for the argument of the command.
 
     Args:
+        live: Connects pages with running trees.
         recording: A folder to create for the documents of a recording.
     """
     from btcore_studio.language.project import SUFFIXES
     from btcore_studio.pages.session import Shown
-    from btcore_studio.preview.timeline import RecordedRun, open_timeline
+    from btcore_studio.pages.timeline import RecordedRun, open_timeline
 
     plugins = tuple(str(Path(name).absolute()) if name.endswith(".py") else name for name in options.plugins)
     models = tuple(str(path.absolute()) for path in options.models)
     if Path(source).is_dir():
-        return Shown(Path(source), None, options.tree, options.read_only, plugins, models)
+        folder = Path(source)
+        return Shown(folder, None, options.tree, options.read_only, plugins, models, live=live)
     path = find_source(source)
     if path == STDIN:
         raise click.UsageError("btcore studio needs a file: a tree on stdin cannot be saved again.")
     timeline = open_timeline(path)
     if timeline is not None:
+        if live is not None and live.address:
+            raise click.UsageError(f"{path} is a recording, so there is no running tree to watch.")
         main = _write_documents(timeline.plans, recording)
         return Shown(recording, main, options.tree, True, plugins, models, RecordedRun(timeline))
     if path.suffix.lower() not in SUFFIXES:
         raise click.UsageError(f"'{path}' has no trees: its name must end with {' or '.join(SUFFIXES)}.")
     is_bundled = path.is_relative_to(bundled_trees.folder()) and not Path(source).exists()
     file = real_path(path)
-    return Shown(file.parent, file, options.tree, options.read_only or is_bundled, plugins, models)
+    is_read_only = options.read_only or is_bundled
+    return Shown(file.parent, file, options.tree, is_read_only, plugins, models, live=live)
 
 
 def _write_documents(plans: Plans, folder: Path) -> Path:
     """Write the documents of a recorded tree below *folder*. Return the file of the main document."""
-    files: list[Path] = []
-    for document in plans.definitions.sources.documents:
-        # A recording may come from a stranger, and from a machine with other folders.
-        recorded = posixpath.normpath(posixpath.join("/recorded/tree", document.file.replace("\\", "/")))
-        file = folder / recorded.lstrip("/").replace(":", "")
+    documents = plans.definitions.sources.documents
+    # A recording may come from a stranger, and from a machine with other folders.
+    places = [
+        posixpath.normpath(
+            posixpath.join("/recorded/tree", document.file.replace("\\", "/").replace(":", ""))
+        )
+        for document in documents
+    ]
+    common = posixpath.commonpath([posixpath.dirname(place) for place in places])
+    for document, place in zip(documents, places, strict=True):
+        file = folder / posixpath.relpath(place, common)
         file = file if file.suffix in (".xml", ".btproj") else file / "tree.xml"
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
@@ -184,8 +196,7 @@ def _write_documents(plans: Plans, folder: Path) -> Path:
         except (OSError, ValueError) as error:
             reason = read_error(error) if isinstance(error, OSError) else str(error)
             raise click.ClickException(f"the recorded tree can't be written: {reason}") from None
-        files.append(file)
-    return real_path(files[-1])
+    return real_path(file)
 
 
 def _keep_unsaved(session: "StudioSession", folder: Path) -> None:

@@ -17,10 +17,11 @@ from websockets.exceptions import ConnectionClosed
 
 from btcore.errors import BtcoreError
 from btcore.json_text import load_json
+from btcore_studio.language.live import LiveExtension
 from btcore_studio.language.project import MAX_FILES, PROJECT_SUFFIX, SUFFIXES, find_files
-from btcore_studio.language.server import TreeServer, create_server
+from btcore_studio.language.server import create_server
 from btcore_studio.pages.shared_files import PushedEdit, SharedFiles, StaleTextError
-from btcore_studio.preview.timeline import RecordedRun
+from btcore_studio.pages.timeline import RecordedRun
 
 CHECK_INTERVAL_S: Final = 0.1
 """Time between two checks of the open files on disk (s)."""
@@ -89,6 +90,7 @@ class Shown:
         plugins: Node libraries that the user of the command line trusts.
         models: Files with a TreeNodesModel.
         recorded: A recording of the tree in *file*, or None.
+        live: Connects pages with running trees; None if no installed package can do it.
     """
 
     folder: Path
@@ -98,6 +100,7 @@ class Shown:
     plugins: tuple[str, ...] = ()
     models: tuple[str, ...] = ()
     recorded: RecordedRun | None = None
+    live: LiveExtension | None = None
 
 
 class StudioSession:
@@ -106,18 +109,14 @@ class StudioSession:
     Args:
         shown: What is shown.
         previous: A folder for the previous contents of the files that are written.
-        new_language_server: Returns a language server, each for a page.
 
     Raises:
         RefusedError: There is no such folder.
     """
 
-    def __init__(
-        self, shown: Shown, previous: Path, new_language_server: Callable[[], TreeServer] = create_server
-    ) -> None:
+    def __init__(self, shown: Shown, previous: Path) -> None:
         self.shown = shown
         self.files = SharedFiles(shown.folder, shown.is_read_only, previous)
-        self.new_language_server = new_language_server
         self._pages: set[PageSession] = set()
         self._stamps: dict[Path, object] = {}
         self._tasks: list[asyncio.Task[None]] = []
@@ -158,7 +157,7 @@ class StudioSession:
             "uri": "" if file is None else uris.from_fs_path(str(file)),
             "tree": shown.tree,
             "readOnly": shown.is_read_only,
-            "live": False,
+            "live": shown.live is not None and shown.recorded is None,
             "recording": None if shown.recorded is None else shown.recorded.summary(),
         }
 
@@ -222,7 +221,7 @@ class PageSession:
         self._waiting: deque[bytes] = deque()
         self._waiting_size = 0
         self._has_waiting = asyncio.Event()
-        self._language_server = studio.new_language_server()
+        self._language_server = create_server(studio.shown.live)
         # pygls sends by `write` of this object.
         self._language_server.protocol.set_writer(self, include_headers=False)
         features = self._language_server.protocol.fm
@@ -360,6 +359,9 @@ class PageSession:
             for uri in _uris_in(data.get("params")):
                 self._studio.files.path(uri)
         self._handle(data)
+        live = self._studio.shown.live
+        if data.get("method") == types.INITIALIZED and live is not None and live.address:
+            self._language_server.live.watch(live.address)
 
     def _handle(self, data: dict[str, Any]) -> None:
         protocol = self._language_server.protocol

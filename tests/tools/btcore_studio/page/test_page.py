@@ -52,6 +52,11 @@ def save(page: Any) -> None:
     page.locator(".message", has_text="Saved").wait_for()
 
 
+def undo_all(page: Any) -> None:
+    while page.locator(".group button:enabled", has_text="Undo").count():
+        page.keyboard.press("Control+z")
+
+
 def test_fix_is_a_button_and_one_step_of_undo(
     folder: Path, start_studio: StartStudio, open_page: OpenPage
 ) -> None:
@@ -89,13 +94,11 @@ def test_pages_share_their_edits_but_not_undo(
     node(page, "dock").click()
     page.keyboard.press("Delete")
     node(other, "dock").wait_for(state="detached")
-    for _ in range(2):
-        page.keyboard.press("Control+z")
-    page.locator(".group button:disabled", has_text="Undo").wait_for()
+    undo_all(page)
     save(page)
     assert content(folder) == TREE.replace("<Script", "<!-- other --><Script")
     other.bring_to_front()
-    other.keyboard.press("Control+z")
+    undo_all(other)
     save(other)
     assert content(folder) == TREE
 
@@ -185,8 +188,7 @@ def test_line_breaks_of_windows_are_kept(
     save(page)
     assert "\r" not in content(folder, "other.xml").replace("\r\n", "")
     assert content(folder, "other.xml").count("\r\n") == CRLF.count("\r\n") - 1
-    while page.locator(".group button:enabled", has_text="Undo").count():
-        page.keyboard.press("Control+z")
+    undo_all(page)
     save(page)
     assert content(folder, "other.xml") == CRLF
 

@@ -11,6 +11,7 @@ import pytest
 from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
+from btcore_studio.language.server import TreeServer, create_server
 from btcore_studio.pages import server as server_module
 from btcore_studio.pages import session as session_module
 from tests.tools.btcore_studio.pages.conftest import TREE, PageClient, Studio
@@ -291,10 +292,14 @@ def test_language_server_checks_the_text_of_its_page(studio: Studio) -> None:
         assert other.notification("textDocument/publishDiagnostics")["diagnostics"] == []
 
 
-def test_language_server_ends_with_its_page(studio: Studio) -> None:
+def test_language_server_ends_with_its_page(studio: Studio, monkeypatch: pytest.MonkeyPatch) -> None:
     servers = []
-    create = studio.session.new_language_server
-    studio.session.new_language_server = lambda: servers.append(create()) or servers[-1]  # type: ignore[func-returns-value]
+
+    def create(live: Any) -> TreeServer:
+        servers.append(create_server(live))
+        return servers[-1]
+
+    monkeypatch.setattr(session_module, "create_server", create)
     with studio.page() as page:
         initialize(page)
         open_document(page, studio.uri("tree.xml"), TREE)

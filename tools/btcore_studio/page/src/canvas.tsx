@@ -10,6 +10,7 @@ import { copy, edit, openTree, paste, run } from "./operations";
 import { Quick } from "./quick";
 import { help, menu } from "./quick_state";
 import { drawing, live, selection, start, uri } from "./state";
+import { step } from "./timeline";
 import { tree as texts } from "./tree_texts";
 import { draw, found, query, View, view } from "./view";
 
@@ -211,6 +212,7 @@ function act(shown: View, action: Action): void {
       larger: () => shown.zoomTo(shown.zoom * ZOOM_STEP), smaller: () => shown.zoomTo(shown.zoom / ZOOM_STEP),
       fit: () => shown.fit(), help: () => { help.value = true; },
       menu: () => { menu.value = { x: place.left + 20, y: Math.min(place.bottom, innerHeight - 80) }; },
+      back: () => step(-1), forth: () => step(1),
       form: () => document.querySelector<HTMLElement>(".form input, .form textarea, .form select")?.focus(),
     };
     void page[action.page]();

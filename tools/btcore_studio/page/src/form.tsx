@@ -7,7 +7,7 @@ import { statuses, statusOf } from "./live";
 import { edit, openTree, run } from "./operations";
 import { Symbol } from "./palette";
 import type { Diagnostic, DrawnNode, Field, NodeForm, Position } from "./protocol";
-import { actions, diagnostics, drawing, live, palette, selectedNode, selectedNodes, start } from "./state";
+import { actions, diagnostics, drawing, live, selectedNode, selectedNodes, start } from "./state";
 import { moment } from "./timeline";
 import { tree as texts } from "./tree_texts";
 import { view } from "./view";
@@ -43,10 +43,11 @@ export function Form() {
 
 function Head({ node }: { node: DrawnNode }) {
   const status = statusOf(node.key, live.value);
-  const item = palette.value.items.find((other) => other.id === node.id);
+  const shown = view.value;
+  const glyph = /<path class="glyph" d="([^"]*)"/.exec(shown?.cardText(shown.structure.at(node.key)) ?? "");
   return (
     <header>
-      <Symbol item={{ kind: node.kind, symbol: item?.symbol }} />
+      <Symbol item={{ kind: node.kind, symbol: glyph?.[1] }} />
       <div>
         <h2>{node.name}{status !== null && <span class={`status s${status}`}>{statuses[status]}</span>}</h2>
         <p>
@@ -79,15 +80,16 @@ function Fields({ node, form }: { node: DrawnNode; form: NodeForm }) {
   const written = conditions.filter((field) => field.text !== null);
   const problems = problemsOf(node);
   const line = (field: Field) => <FieldRow key={field.name} node={node} field={field} problems={problems} />;
-  const isCall = groups.has("subtree");
+  const [call, remapping] = [true, false].map((isOwn) => groups.get("subtree")?.filter(({ name }) => isOwn === /^(ID$|_)/.test(name)) ?? []);
   return (
     <>
       {groups.get("name")?.map(line)}
-      {isCall && (
+      {call!.map(line)}
+      {remapping!.length > 0 && (
         <fieldset class="remapping">
           <legend>{texts.remapping}</legend>
           <div class="remapping-head" aria-hidden="true"><span>{texts.keyInside(node.calls)}</span><span>{texts.keyOutside}</span></div>
-          {groups.get("subtree")!.map(line)}
+          {remapping!.map(line)}
         </fieldset>
       )}
       {groups.has("port") && <fieldset><legend>{texts.ports}</legend>{groups.get("port")!.map(line)}</fieldset>}

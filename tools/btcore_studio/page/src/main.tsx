@@ -20,7 +20,7 @@ import {
   actions, diagnostics, drawing, files, folded, live, message, palette, selection, start, tree, uri,
 } from "./state";
 import { Splitter } from "./splitter";
-import { revealText, TextPane } from "./text_pane";
+import { applyAction, revealText, TextPane } from "./text_pane";
 import { texts } from "./texts";
 import { Timeline } from "./timeline";
 import { fileName, hiddenPanes, Toolbar } from "./toolbar";
@@ -146,6 +146,8 @@ const apply = (action: CodeAction) => void inOrder(async () => {
   }
 });
 
+applyAction.value = apply;
+
 async function move(step: () => Promise<Done | null>, nothing: string): Promise<void> {
   await inOrder(async () => {
     const done = await step();
@@ -157,7 +159,8 @@ async function move(step: () => Promise<Done | null>, nothing: string): Promise<
     const [first] = done.uris;
     if (first && !done.uris.includes(uri.value)) revealText({ uri: first, position: { line: 0, character: 0 } }, false);
     await (running ?? redraw()); // a changed text is being drawn already
-    selection.value = done.selection;
+    // In the text, the cursor shows what has changed.
+    if (!document.activeElement?.closest(".text")) selection.value = done.selection;
   });
 }
 

@@ -28,7 +28,7 @@ import { ask } from "./dialog";
 import { type CodeAction, fixes, fixesOf } from "./problems";
 import type { Place, Position, Range, WorkspaceEdit } from "./protocol";
 import { rendered } from "./markdown";
-import { actions, diagnostics, keyAt, message, selectedNode, selection, start, uri } from "./state";
+import { actions, diagnostics, drawing, keyAt, message, selectedNode, selection, start, uri } from "./state";
 import { texts } from "./texts";
 import { fileName } from "./toolbar";
 
@@ -43,8 +43,8 @@ export function revealText(place: Place, focus = true): void {
   wantedPlace.value = { ...place, focus };
 }
 
-/** Applies a change of several files; set by the pane. */
-const applyAction = signal<((action: CodeAction) => void) | null>(null);
+/** Applies a change of several files; set by main.tsx. */
+export const applyAction = signal<((action: CodeAction) => void) | null>(null);
 
 const openPlace = (address: string, line: number) => revealText({ uri: address, position: { line, character: 0 } });
 
@@ -366,7 +366,6 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
     if (!place) return;
     // In a shadow root CodeMirror adopts its style sheets, so that the page needs no inline styles.
     const root = place.shadowRoot ?? place.attachShadow({ mode: "open", delegatesFocus: true });
-    applyAction.value = apply;
     const states = new Map<string, EditorState>();
     let shown = "";
     let keyOfCursor: string | null = null;
@@ -381,13 +380,16 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
           }
         }
         const isMoved = transactions.some((transaction) => transaction.selection && !transaction.annotation(external));
-        if (isMoved) selectAtCursor();
+        // After a change, the nodes are where the cursor is only in the next drawing.
+        if (isMoved && !transactions.some((transaction) => transaction.docChanged)) selectAtCursor();
       },
     });
 
+    const isInText = () => root.activeElement === view.contentDOM;
+
     const selectAtCursor = () => {
       const best = keyAt(shown, positionAt(view.state.doc, view.state.selection.main.head));
-      if (best && !selection.value.includes(best)) {
+      if (best && !selection.peek().includes(best)) {
         keyOfCursor = best;
         selection.value = [best];
       }
@@ -444,11 +446,16 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
         }, show);
       }),
       effect(() => {
-        const node = selectedNode.value;
+        const key = selection.value.at(-1) ?? null;
         untracked(() => {
-          if (node && node.key !== keyOfCursor) revealText(node.place, false);
-          keyOfCursor = node?.key ?? null;
+          const node = selectedNode.value;
+          // While the user types, a broken text can lack the selected node.
+          if (node && key !== keyOfCursor && !isInText()) revealText(node.place, false);
+          keyOfCursor = key;
         });
+      }),
+      effect(() => {
+        if (drawing.value) untracked(() => { if (isInText()) selectAtCursor(); });
       }),
       effect(() => {
         if (diagnostics.value && fixes.value) untracked(() => { if (shown) showMarks(); });

@@ -46,6 +46,12 @@ function show(recording: Recording, data: Moment): void {
   };
 }
 
+/** Go some steps forth, or back, if the page shows a recording. */
+export function step(by: number): void {
+  const recording = start.value?.recording;
+  if (recording) void goTo(recording, position.value + by);
+}
+
 export function Timeline() {
   const recording = start.value?.recording;
   const runs = useMemo(() => [...(recording?.colours ?? "").matchAll(/(.)\1*/g)], [recording]);
@@ -53,7 +59,6 @@ export function Timeline() {
   const at = moment.value;
   const name = !at ? "" : at.tick ? texts.tick(at.tick) : at.position ? texts.halt : texts.beginning;
   const time = at ? texts.seconds(at.time) : "";
-  const step = (by: number) => void goTo(recording, position.value + by);
   return (
     <section class="timeline" aria-label={texts.timeline}>
       <div class="group">

@@ -116,6 +116,7 @@ export const tree = {
     { group: "select", keys: "/", text: "Search nodes" },
     { group: "view", keys: "+ −", text: "Zoom" },
     { group: "view", keys: "0", text: "Show the whole tree" },
+    { group: "view", keys: ", .", text: "One tick of a recording back, forward" },
     { group: "page", keys: "Enter", text: "Edit the attributes of the node" },
     { group: "page", keys: "Shift+F10", text: "Menu of the node" },
     { group: "page", keys: "Ctrl+Z", text: "Undo" },

@@ -1,0 +1,164 @@
+"""A page watches a running tree, and sets breakpoints in it."""
+
+import asyncio
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import pytest
+
+from btcore.errors import BtcoreError
+from btcore_studio.language import live as live_module
+from btcore_studio.language.live import LiveTree
+from btcore_studio.language.node_keys import KeyedNode, node_keys
+
+
+class Node(NamedTuple):
+    uid: int
+    parent: int
+    id: str
+    name: str
+    type: str
+
+
+NODES = (Node(1, 0, "Sequence", "round", "control"), Node(4, 1, "Open", "door", "action"))
+KEYS = node_keys(KeyedNode(node.uid, node.parent, node.id, node.name) for node in NODES)
+
+
+class State(NamedTuple):
+    connection: str = "connected"
+    detail: str = ""
+    nodes: Sequence[Node] = NODES
+    statuses: Mapping[int, int] = {1: 1, 4: 1}
+    results: Mapping[int, int] = {}
+    entries: Sequence[tuple[str, str, str]] = (("", "key", "1"),)
+    breakpoints: frozenset[int] = frozenset()
+    stopped_at: int = 0
+    problem: str = ""
+
+
+@dataclass
+class Connection:
+    """A connection that notes what it is asked for."""
+
+    state: State = field(default_factory=State)
+    calls: list[Any] = field(default_factory=list)
+    failure: str = ""
+
+    def poll(self, timeout: float) -> State:
+        if self.failure:
+            raise BtcoreError(self.failure)
+        return self.state
+
+    def set_breakpoints(self, uids: Sequence[int]) -> None:
+        self.calls.append(list(uids))
+        self.state = self.state._replace(breakpoints=frozenset(uids), stopped_at=uids[0] if uids else 0)
+
+    def release(self) -> None:
+        self.calls.append("release")
+        self.state = self.state._replace(stopped_at=0)
+
+    def close(self) -> None:
+        self.calls.append("close")
+
+
+class Extension:
+    """Connects with the connections in `opened`, in turn."""
+
+    address = ""
+
+    def __init__(self, *connections: Connection) -> None:
+        self.opened = list(connections)
+
+    def connect(self, address: str) -> Connection:
+        if address == "invalid":
+            raise BtcoreError("the address is invalid")
+        return self.opened.pop(0)
+
+
+class Page:
+    """Collects what is notified."""
+
+    def __init__(self) -> None:
+        self.data: dict[str, Any] = {}
+
+    def notify(self, data: dict[str, Any]) -> None:
+        self.data |= data
+
+    async def until(self, condition: Callable[[dict[str, Any]], object]) -> None:
+        async with asyncio.timeout(60):
+            while not condition(self.data):
+                await asyncio.sleep(0.01)
+
+
+def test_states_and_breakpoints_have_the_keys_of_the_drawing() -> None:
+    async def watch() -> None:
+        connection, page = Connection(), Page()
+        live = LiveTree(Extension(connection), page.notify)
+        live.set_breakpoints([KEYS[4], "of another tree"])
+        live.watch("somewhere")
+        assert (page.data["address"], page.data["connection"]) == ("somewhere", "waiting")
+        await page.until(lambda data: data["stopped"])
+        assert page.data["stopped"] == KEYS[4]
+        assert page.data["keys"] == [KEYS[1], KEYS[4]]
+        assert (page.data["statuses"], page.data["results"]) == ("11", "00")
+        assert page.data["entries"] == [("", "key", "1")]
+        assert page.data["breakpoints"] == [KEYS[4]]
+        assert page.data["wanted"] == sorted([KEYS[4], "of another tree"])
+        live.release()
+        await page.until(lambda data: not data["stopped"])
+        live.set_breakpoints([])
+        await page.until(lambda data: not data["breakpoints"])
+        # Another tree gets the breakpoints again.
+        live.set_breakpoints([KEYS[4]])
+        await page.until(lambda data: data["stopped"])
+        connection.state = State(nodes=NODES[:1])
+        await page.until(lambda data: data["keys"] == [KEYS[1]])
+        connection.state = State(nodes=tuple(NODES))
+        await page.until(lambda data: data["stopped"])
+        live.watch("")
+        assert page.data["address"] == page.data["connection"] == ""
+        await live.close()
+        assert connection.calls == [[4], "release", [], [4], [], [4], "close"]
+
+    asyncio.run(watch())
+
+
+def test_other_address_is_watched_after_the_end_of_the_first() -> None:
+    async def watch() -> None:
+        first, second, page = Connection(), Connection(State(detail="second")), Page()
+        live = LiveTree(Extension(first, second), page.notify)
+        live.watch("first")
+        await page.until(lambda data: data["connection"] == "connected")
+        live.watch("second")
+        await page.until(lambda data: data["detail"] == "second")
+        assert first.calls == ["close"]
+        await live.close()
+
+    asyncio.run(watch())
+
+
+def test_failure_of_a_connection_is_shown() -> None:
+    async def watch() -> None:
+        page = Page()
+        live = LiveTree(Extension(Connection(failure="the robot refuses the keys")), page.notify)
+        live.watch("somewhere")
+        await page.until(lambda data: data["connection"] == "lost")
+        assert page.data["detail"] == "the robot refuses the keys"
+        live.watch("")
+        await page.until(lambda data: not data["connection"])
+
+    asyncio.run(watch())
+
+
+def test_invalid_address_and_missing_package_are_errors(monkeypatch: pytest.MonkeyPatch) -> None:
+    async def watch() -> None:
+        page = Page()
+        with pytest.raises(BtcoreError, match="the address is invalid"):
+            LiveTree(Extension(), page.notify).watch("invalid")
+        monkeypatch.setattr(live_module, "find_extension", lambda: None)
+        with pytest.raises(BtcoreError, match=r"btcore\[monitor\]"):
+            LiveTree(None, page.notify).watch("somewhere")
+        assert page.data == {}
+
+    asyncio.run(watch())

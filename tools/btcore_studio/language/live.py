@@ -1,0 +1,336 @@
+"""The running tree that a page watches, and the protocol by which another package connects with it.
+
+A package offers an extension under the entry point group `btcore.live`:
+
+    [project.entry-points."btcore.live"]
+    robot = "rover_driver.watching:RoverWatch"
+
+The entry point names a class of settings. It needs no import of this module: the language server uses what
+the protocols list.
+"""
+
+import asyncio
+import threading
+from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import suppress
+from typing import Any, Final, Protocol
+
+from btcore import entry_points
+from btcore.errors import BtcoreError
+from btcore.extras import install_command
+from btcore_studio.language.node_keys import KeyedNode, node_keys
+
+GROUP: Final = "btcore.live"
+_POLL_S: Final = 0.1
+"""Minimum time (s) between two states of the running tree."""
+_END_S: Final = 20.0
+"""Maximum time (s) for the end of a connection."""
+_MAX_BREAKPOINTS: Final = 1_000
+_MAX_ADDRESS: Final = 300
+
+
+class LiveNode(Protocol):
+    """A node of a running tree."""
+
+    @property
+    def uid(self) -> int:
+        """The number of the node."""
+
+    @property
+    def parent(self) -> int:
+        """The number of its parent, or 0."""
+
+    @property
+    def id(self) -> str:
+        """The registration ID."""
+
+    @property
+    def name(self) -> str:
+        """The instance name."""
+
+    @property
+    def type(self) -> str:
+        """ "subtree" if the node calls a tree, otherwise any other text."""
+
+
+class LiveState(Protocol):
+    """The state of a running tree."""
+
+    @property
+    def connection(self) -> str:
+        """ "waiting", "connected", "lost" or "ended"."""
+
+    @property
+    def detail(self) -> str:
+        """A sentence about the connection."""
+
+    @property
+    def nodes(self) -> Sequence[LiveNode]:
+        """The nodes of the tree, each after its parent; another object if the tree is another."""
+
+    @property
+    def statuses(self) -> Mapping[int, int]:
+        """The number of the status of each node by its uid.
+
+        0 is idle, 1 running, 2 success, 3 failure and 4 skipped.
+        """
+
+    @property
+    def results(self) -> Mapping[int, int]:
+        """The number of the last status of each node other than idle and running, by its uid."""
+
+    @property
+    def entries(self) -> Sequence[tuple[str, str, str]]:
+        """The entries of the blackboards as (path of the subtree, key, value as text)."""
+
+    @property
+    def breakpoints(self) -> Collection[int]:
+        """The uids of the nodes with a breakpoint of this connection."""
+
+    @property
+    def stopped_at(self) -> int:
+        """The uid of the node before which the tree waits, or 0."""
+
+    @property
+    def problem(self) -> str:
+        """Why the last breakpoint could not be set, or ""."""
+
+
+class LiveConnection(Protocol):
+    """A connection to a running tree, used by one thread."""
+
+    def poll(self, timeout: float) -> LiveState:
+        """Return the state after *timeout* s, the same object if nothing has changed.
+
+        Raises:
+            BtcoreError: The tree can never be watched, for example because it refuses the keys.
+        """
+        ...
+
+    def set_breakpoints(self, uids: Sequence[int]) -> None:
+        """Set breakpoints before these nodes, and remove all others of this connection.
+
+        A failure is reported in `LiveState.problem`.
+        """
+        ...
+
+    def release(self) -> None:
+        """Let a tree that waits at a breakpoint continue."""
+        ...
+
+    def close(self) -> None:
+        """End the connection and remove its breakpoints. The tree continues."""
+        ...
+
+
+class LiveExtension(Protocol):
+    """The settings of a package that connects pages with running trees.
+
+    The class is derived from `btcore.Settings`: its fields are options of `btcore studio`, and
+    `__post_init__` checks them.
+    """
+
+    @property
+    def address(self) -> str:
+        """The address of the running tree to watch from the start, or ""."""
+
+    def connect(self, address: str) -> LiveConnection:
+        """Return a connection to the running tree at *address*. It need not run yet.
+
+        Args:
+            address: The address, as a user wrote it.
+
+        Raises:
+            BtcoreError: The address is invalid, or a package is not installed.
+        """
+        ...
+
+
+def find_extension() -> LiveExtension | None:
+    """Return the extension of an installed package with its default settings, or None."""
+    loaded, _ = entry_points.load(GROUP)
+    return loaded[0].value() if loaded else None
+
+
+class LiveTree:
+    """The connection of a page with a running tree. All methods are called by the event loop's thread.
+
+    Args:
+        extension: Connects with running trees; None uses the installed extension.
+        notify: Called with the parameters of `btcore/live` after each change.
+    """
+
+    def __init__(self, extension: LiveExtension | None, notify: Callable[[dict[str, Any]], None]) -> None:
+        self._extension = extension
+        self._notify = notify
+        self._followed: _FollowedTree | None = None
+        self._wanted: frozenset[str] = frozenset()
+
+    def watch(self, address: str) -> None:
+        """Connect with the running tree at *address*; "" ends the connection.
+
+        Raises:
+            BtcoreError: The address is invalid, or no installed package can connect.
+        """
+        connection = None
+        if address:
+            if self._extension is None:
+                self._extension = find_extension()
+            if self._extension is None:
+                raise BtcoreError(f"running trees need btcore's monitor: {install_command('zmq')}")
+            connection = self._extension.connect(address[:_MAX_ADDRESS])
+        self.end()
+        if connection is None:
+            self._notify(_live_data("", None, {}, self._wanted, ""))
+        else:
+            self._followed = _FollowedTree(address, connection, self._wanted, self._notify, self._followed)
+
+    def set_breakpoints(self, keys: Collection[str]) -> None:
+        """Set breakpoints before the nodes with these keys, and remove all others of the page."""
+        self._wanted = frozenset(sorted(keys)[:_MAX_BREAKPOINTS])
+        if self._followed is None or self._followed.is_ended:
+            self._notify(_live_data("", None, {}, self._wanted, ""))
+        else:
+            self._followed.set_breakpoints(self._wanted)
+
+    def release(self) -> None:
+        """Let a tree that waits at a breakpoint continue."""
+        if self._followed is not None:
+            self._followed.release()
+
+    def end(self) -> None:
+        """Let the connection end soon, which removes its breakpoints."""
+        if self._followed is not None:
+            self._followed.end()
+
+    async def close(self) -> None:
+        """End the connection, and wait for its end."""
+        self.end()
+        if self._followed is not None:
+            await asyncio.to_thread(self._followed.wait)
+
+
+class _FollowedTree:
+    """A running tree that a thread follows until `end`. Before it begins, the tree *before* ends."""
+
+    def __init__(
+        self,
+        address: str,
+        connection: LiveConnection,
+        wanted: frozenset[str],
+        notify: Callable[[dict[str, Any]], None],
+        before: "_FollowedTree | None",
+    ) -> None:
+        self._before = before
+        self._address = address
+        self._connection = connection
+        self._wanted = wanted
+        self._notify = notify
+        self._releases = 0
+        self._ended = threading.Event()
+        self._loop = asyncio.get_running_loop()
+        notify(_live_data(address, None, {}, wanted, ""))
+        self._thread = threading.Thread(target=self._follow, daemon=True)
+        self._thread.start()
+
+    def set_breakpoints(self, wanted: frozenset[str]) -> None:
+        self._wanted = wanted
+
+    def release(self) -> None:
+        self._releases += 1
+
+    def end(self) -> None:
+        self._ended.set()
+
+    @property
+    def is_ended(self) -> bool:
+        return self._ended.is_set()
+
+    def wait(self) -> None:
+        self._thread.join(_END_S)
+
+    def _follow(self) -> None:
+        if self._before is not None:
+            self._before.wait()
+            self._before = None
+        keys: dict[int, str] = {}
+        state: LiveState | None = None
+        # What was published, set and released.
+        shown: tuple[LiveState | None, frozenset[str]] = (None, frozenset())
+        has_set: frozenset[str] = frozenset()
+        released = 0
+        try:
+            while not self._ended.is_set():
+                before, state = state, self._connection.poll(_POLL_S)
+                wanted, has_other_nodes = self._wanted, before is None or state.nodes is not before.nodes
+                if has_other_nodes:
+                    keys = node_keys(
+                        KeyedNode(node.uid, node.parent, node.id, node.name, node.type == "subtree")
+                        for node in state.nodes
+                    )
+                    has_set = frozenset()
+                if keys and wanted != has_set:
+                    self._connection.set_breakpoints([uid for uid, key in keys.items() if key in wanted])
+                    has_set = wanted
+                if self._releases != released:
+                    released = self._releases
+                    self._connection.release()
+                if state is not shown[0] or wanted != shown[1]:
+                    shown = state, wanted
+                    self._publish(state, keys, wanted, has_other_nodes)
+        except BtcoreError as error:
+            self._publish(state, keys, self._wanted, True, str(error))
+        finally:
+            self._connection.close()
+
+    def _publish(
+        self,
+        state: LiveState | None,
+        keys: dict[int, str],
+        wanted: frozenset[str],
+        with_keys: bool,
+        failure: str = "",
+    ) -> None:
+        data = _live_data(self._address, state, keys, wanted, failure)
+        if with_keys:
+            data["keys"] = [keys.get(node.uid, "") for node in state.nodes] if state is not None else []
+
+        def notify() -> None:
+            if not self._ended.is_set():
+                self._notify(data)
+
+        with suppress(RuntimeError):  # the loop has ended
+            self._loop.call_soon_threadsafe(notify)
+
+
+def _live_data(
+    address: str, state: LiveState | None, keys: Mapping[int, str], wanted: Collection[str], failure: str
+) -> dict[str, Any]:
+    """Return the parameters of `btcore/live`, except the keys."""
+    data: dict[str, Any] = {
+        "address": address,
+        "connection": "waiting" if address else "",
+        "detail": "",
+        "problem": "",
+        "statuses": "",
+        "results": "",
+        "entries": [],
+        "wanted": sorted(wanted),
+        "breakpoints": [],
+        "stopped": "",
+    }
+    if state is not None:
+        uids = [node.uid for node in state.nodes]
+        data |= {
+            "connection": state.connection,
+            "detail": state.detail,
+            "problem": state.problem,
+            "statuses": "".join(str(state.statuses.get(uid, 0)) for uid in uids),
+            "results": "".join(str(state.results.get(uid, 0)) for uid in uids),
+            "entries": list(state.entries),
+            "breakpoints": [keys[uid] for uid in sorted(state.breakpoints) if uid in keys],
+            "stopped": keys.get(state.stopped_at, ""),
+        }
+    if failure:
+        data |= {"connection": "lost", "detail": failure}
+    return data
