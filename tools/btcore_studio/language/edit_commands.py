@@ -156,7 +156,7 @@ class _Draft:
         return self.found(element for element in self.editor.scan.elements if element.start == start)
 
     def found(self, elements: Iterable[ScannedElement]) -> ScannedElement:
-        """Return the first of some elements of the present text, which are there unless the text is broken."""
+        """Return the first of some elements, of which there is one unless the text is broken."""
         element = next(iter(elements), None)
         if element is None:
             raise EditError(f"the text is not XML ({self.reading.broken}): correct it first")
