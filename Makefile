@@ -81,7 +81,7 @@ ATTACKS ?= --pairs 3 --seconds 10
 STARVED ?= --starved 20 --seconds 3
 MCP_ATTACKS ?=
 MISTAKES ?=
-PREVIEW ?= --trials 9
+STUDIO ?= --trials 9
 PROOFS ?= --trees 1000
 TYPED_FILES ?= --files 200
 KILLS ?= --trials 100
@@ -283,14 +283,14 @@ accept-engine: .venv/ready .venv-compiled/ready
 	$(call acceptance,attacks,$(ATTACKS))
 	$(call acceptance,attacks,$(STARVED))
 
-accept-tools: .venv/ready
+accept-tools: .venv/ready page
 	@$(if $(filter none,$(EDITS)),,BTCORE_EXPECT=pure BTCORE_EDITS=$(EDITS) .venv/bin/pytest -n $(CORES) \
 		--dist worksteal tests/tools/btcore_studio/edit tests/tools/btcore_studio/language/test_edit_commands.py)
 	@$(if $(filter none,$(RECORDED_RUNS)),,BTCORE_EXPECT=pure BTCORE_RUNS=$(RECORDED_RUNS) .venv/bin/pytest -n $(CORES) \
 		$(addprefix tests/tools/btcore_recorder/,test_excerpts.py test_replay.py test_what_if.py test_why.py))
 	$(call acceptance,mcp_attacks,$(MCP_ATTACKS))
 	$(call acceptance,mistakes,$(MISTAKES))
-	$(call acceptance,preview,$(PREVIEW))
+	$(call acceptance,studio,$(STUDIO))
 	$(call acceptance,proofs,$(PROOFS),--jobs $(CORES))
 	$(call acceptance,typed_files,$(TYPED_FILES),--jobs $(CORES))
 	$(call acceptance,kills,$(KILLS))

@@ -3,7 +3,7 @@
 import threading
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import mypyc_attr
 
@@ -12,6 +12,9 @@ from btcore.engine.observers import Observers
 
 if TYPE_CHECKING:
     from btcore.engine.journal import Journal  # imported when a recording begins
+
+_REPETITIONS_PER_CHECK: Final = 16
+"""The number of repetitions after which a node in a tree without a tick limit checks the limit."""
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -45,28 +48,29 @@ class TickLimit:
     """Ends a tick that repeats nodes: after a time, or by an interruption. Those nodes check it.
 
     Attributes:
-        is_set: Whether there is a limit or an interruption, so that nodes check after each repetition.
         has_timed_out: Whether the time of `start` has ended the tick.
         is_interrupted: Whether ticks end as soon as possible, until `resume`.
     """
 
     def __init__(self) -> None:
-        self.is_set = False
         self.has_timed_out = False
         self.is_interrupted = False
         self._end = 0  # ns of real time, 0 = none
         self._event = threading.Event()
 
+    @property
+    def is_set(self) -> bool:
+        """Whether there is a limit or an interruption, so that nodes check it after each repetition."""
+        return self._end != 0 or self.is_interrupted
+
     def start(self, seconds: float) -> None:
         """Limit the tick that begins now to *seconds* of real time, whatever clock the tree has."""
         self._end = time.monotonic_ns() + round(seconds * NS_PER_S)
         self.has_timed_out = False
-        self.is_set = True
 
     def stop(self) -> None:
         """End the effect of `start`."""
         self._end = 0
-        self.is_set = self.is_interrupted
 
     def extend(self, nanoseconds: int) -> None:
         """Do not count *nanoseconds*, during which the tick was stopped at a breakpoint."""
@@ -76,12 +80,10 @@ class TickLimit:
     def interrupt(self) -> None:
         """End ticks as soon as possible, until `resume` is called. Thread-safe."""
         self.is_interrupted = True
-        self.is_set = True
 
     def resume(self) -> None:
         """End the effect of `interrupt`. Call it between ticks."""
-        if self.is_interrupted:
-            self.is_interrupted = self.is_set = False
+        self.is_interrupted = False
 
     def check(self) -> bool:
         """Return whether the tick must end now; set `has_timed_out`, and let Python handle signals."""
@@ -108,7 +110,6 @@ class TreeContext:
         lock: Held while the callbacks and counters of a node change, which any thread may do.
         woken_by: The UID of the node that last requested a tick, −1 for `Tree.wake`, 0 for no request.
         limit: The limit of ticks that repeat nodes.
-        stopped_ns: How long breakpoints have stopped the present tick (ns of real time).
         uses_time: Whether a node has read the clock, so that the tree reads it at the start of each tick.
         tick_start: The time (ns) at which the present tick began, by which its timers are judged, or -1.
         journal: Records what the ticks depend on; None = nothing is recorded.
@@ -125,7 +126,6 @@ class TreeContext:
         self.on_wake_up: Callable[[], object] | None = None
         self.woken_by = 0
         self.limit = TickLimit()
-        self.stopped_ns = 0
         self.uses_time = False  # most trees without timers never read the clock, which takes time
         self.tick_start = -1
         self.journal: Journal | None = None
@@ -204,10 +204,11 @@ class TreeContext:
             self.wake_event.wait(seconds)
         self._clear_wake_up()
 
-    def add_stopped_time(self, nanoseconds: int) -> None:
+    def exclude_time(self, nanoseconds: int) -> None:
         """Do not count *nanoseconds*, during which the tick was stopped at a breakpoint."""
-        self.stopped_ns += nanoseconds
         self.limit.extend(nanoseconds)
+        if self.observers is not None:
+            self.observers.exclude_time(nanoseconds)
 
     def must_pause(self, uid: int, count: int) -> bool:
         """Return whether the node *uid*, which has repeated its child *count* times, must pause.
@@ -216,6 +217,9 @@ class TreeContext:
         """
         if self.recorded_pause is not None:
             return self.recorded_pause(uid, count)
+        # Without a limit, a check only lets Python handle signals, which takes time and may be late.
+        if not self.limit.is_set and count % _REPETITIONS_PER_CHECK != 0:
+            return False
         must_end = self.limit.check()
         if must_end and self.journal is not None:
             self.journal.add_pause(uid, count)

@@ -283,7 +283,8 @@ class Journal(WriteRecorder):
         if len(transitions) != self._transition_count or transitions is not self._transitions:
             self._add_status_changes(transitions)
         if observers.only_need_checksum:
-            observers.flush()
+            if transitions:
+                observers.flush()
             observers.only_sums = True
 
     def _wait_for_writers(self) -> None:
@@ -370,16 +371,18 @@ class Journal(WriteRecorder):
         records[start:start] = [None, ExternalHaltBegan(uid)]
         self.add(ExternalHaltEnded(uid, error))
 
-    def add_callback(self, uid: int, start: int, is_pre_tick: bool, forced: Status) -> None:
-        """Record the status that a callback forces, unless it forces and writes nothing.
-
-        Args:
-            start: The `record_count` before the call.
-            forced: The status; any other than SUCCESS and FAILURE forces nothing.
-        """
+    def call_back(self, uid: int, is_pre_tick: bool, callback: Callable[[], Status]) -> Status:
+        """Call a callback of a node, return its result, and record it unless it forces and writes nothing."""
+        start = self.record_count
+        self.leave()
+        try:
+            forced = callback()
+        finally:
+            self.enter()
         forces = forced is SUCCESS or forced is FAILURE
         if forces or self.record_count > start:
             self.add(StatusForced(uid, is_pre_tick, forced if forces else SKIPPED))
+        return forced
 
     def add_pause(self, uid: int, repetitions: int) -> None:
         """Record that a node pauses; see `Paused`."""

@@ -1,7 +1,9 @@
 """The base class of all nodes: ticking, halting and access to ports.
 
 A parent calls `execute_tick`. A class of nodes implements `tick`. The order within a tick is that of
-BehaviorTree.CPP (src/tree_node.cpp): pre-conditions, tick, post-conditions, stored status.
+BehaviorTree.CPP (src/tree_node.cpp): pre-conditions, tick, post-conditions, stored status. A node with
+conditions or callbacks has a `TickWrapper`; its subclasses count (`watched_tick.py`) and record
+(`recorded_tick.py`) the ticks of a node.
 
 `execute_tick`, `halt_node` and `reset_status` are functions, and methods that call them. Parents call the
 functions: mypyc looks up by name every method that an interpreted class may override, which takes longer.
@@ -9,18 +11,17 @@ functions: mypyc looks up by name every method that an interpreted class may ove
 
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import TYPE_CHECKING, Any, ClassVar, Final, NoReturn, SupportsIndex
+from typing import Any, ClassVar, Final, NoReturn, SupportsIndex
 
 from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.blackboard import Blackboard
-from btcore.blackboard.ports import Port
 from btcore.diagnostics import LiteralProblem
 from btcore.engine.context import TreeContext
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.node_spec import NodeSpec
-from btcore.engine.tick_extras import UNDECIDED, NodeConditions, TickCounts, TickExtras
 from btcore.errors import BlackboardError, ConversionError, NodeError, NodeExecutionError, TickInterrupt
+from btcore.script.program import Program, compile_script, condition_result
 from btcore.status import (
     ANY_RESULT,
     FAILURE,
@@ -34,9 +35,8 @@ from btcore.status import (
     Status,
 )
 
-if TYPE_CHECKING:
-    from btcore.engine.journal import Journal  # imported when a recording begins
-
+UNDECIDED: Final = IDLE
+"""Stands for a result that the pre-conditions leave to the node; a node returns IDLE only in format 3."""
 NO_CHILDREN: Final[list["TreeNode"]] = []
 _NO_CONFIG: Final = NodeConfig("", "")
 _STILL_RUNNING: Final = (
@@ -89,8 +89,8 @@ class TreeNode:
     config: NodeConfig = _NO_CONFIG
     # What every tick reads comes first, so that it is close together in memory (compiled).
     _status: Status = IDLE
-    _tick_extras: TickExtras | None = None
-    """None = the node has no conditions, callbacks, counters or journal."""
+    _wrapper: "TickWrapper | None" = None
+    """Calls `tick` and `halt` of a node with conditions or callbacks, or that is watched; None for others."""
     _overrides_execute_tick: bool = False
     _raises_if_running: bool = False
     """The value of `_must_complete`, which takes longer to read (compiled)."""
@@ -188,9 +188,9 @@ class TreeNode:
             callback: The function; None removes it.
         """
         with self._context.lock:
-            extras = self._tick_extras or TickExtras()
-            extras.pre_tick = callback
-            self._tick_extras = None if extras.is_empty else extras
+            wrapper = self._wrapper or TickWrapper()
+            wrapper.pre_tick = callback
+            self._wrapper = None if wrapper.is_empty else wrapper
 
     def set_post_tick_function(self, callback: "Callable[[Any, Status], Status] | None") -> None:
         """Set the function that is called after each tick and its post-conditions; thread-safe.
@@ -202,9 +202,9 @@ class TreeNode:
             callback: The function; None removes it.
         """
         with self._context.lock:
-            extras = self._tick_extras or TickExtras()
-            extras.post_tick = callback
-            self._tick_extras = None if extras.is_empty else extras
+            wrapper = self._wrapper or TickWrapper()
+            wrapper.post_tick = callback
+            self._wrapper = None if wrapper.is_empty else wrapper
 
     def __repr__(self) -> str:
         return f"<{self.config.id} '{self.config.path}' {self._status.name}>"
@@ -238,12 +238,7 @@ class TreeNode:
 
     def set_status(self, status: Status) -> None:
         """Store *status*. Notify the observers if it differs from the previous status."""
-        previous = self._status
-        if previous is not status:
-            self._status = status
-            observers = self._context.observers
-            if observers is not None:
-                observers.record_transition(self.config, previous, status)
+        set_status(self, status)
 
     def reset_status(self) -> None:
         """Set the status to IDLE."""
@@ -327,51 +322,15 @@ def attach_to_tree(node: TreeNode, config: NodeConfig, context: TreeContext, bla
     node.config = config
     node._status = IDLE
     node._status_before_reset = IDLE
-    node._tick_extras = None
+    node._wrapper = None
     node._decorated_child = None
     node._raises_if_running = node._must_complete
     node._overrides_execute_tick = type(node).execute_tick is not TreeNode.execute_tick
     node._context = context
     node._blackboard = blackboard
     if config.conditions:
-        node._tick_extras = TickExtras()
-        node._tick_extras.conditions = NodeConditions(config.conditions, config.enums, blackboard)
-
-
-def start_recording(node: TreeNode, journal: "Journal", is_external: bool) -> None:
-    """Let *journal* record the results of an external node, or the ticks and halts by an external parent.
-
-    Args:
-        is_external: Whether *node* is external; if not, its parent is.
-    """
-    with node._context.lock:
-        node._tick_extras = extras = node._tick_extras or TickExtras()
-        extras.boundary_journal = journal
-        extras.is_external = is_external
-
-
-def stop_recording(node: TreeNode) -> None:
-    """End the effect of `start_recording`."""
-    with node._context.lock:
-        extras = node._tick_extras
-        if extras is not None:
-            extras.boundary_journal = None
-            extras.is_external = False
-            if extras.is_empty:
-                node._tick_extras = None
-
-
-def tick_counts_of(node: TreeNode) -> TickCounts | None:
-    """Return the tick counters of *node*; None before `start_tick_counts` was called."""
-    return None if node._tick_extras is None else node._tick_extras.tick_counts
-
-
-def start_tick_counts(node: TreeNode) -> TickCounts:
-    """Count the ticks of *node* from now on. Return the counters."""
-    with node._context.lock:
-        node._tick_extras = extras = node._tick_extras or TickExtras()
-        extras.tick_counts = counts = extras.tick_counts or TickCounts()
-    return counts
+        node._wrapper = TickWrapper()
+        node._wrapper.conditions = NodeConditions(config.conditions, config.enums, blackboard)
 
 
 def execution_error(node: TreeNode, cause: BaseException, doing: str) -> NodeExecutionError:
@@ -410,26 +369,24 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
     """
     if node._overrides_execute_tick and not ignore_override:
         return node.execute_tick()
-    extras = node._tick_extras
+    wrapper = node._wrapper
     status: Status
     try:
-        result = node.tick() if extras is None else _tick_with_extras(node, extras)
-        # The fast path: the node stored its result in its tick, as a Sequence stores RUNNING.
-        stored = node._status
-        if result is stored and stored is not IDLE:
-            status = stored
+        result = node.tick() if wrapper is None else wrapper.tick(node)
+        # Without calls of `_as_status` and `set_status`, which would take 15 % of a tick of `wide` (pure).
+        if result is SUCCESS:
+            status = SUCCESS
+        elif result is RUNNING:
+            status = RUNNING
         else:
-            # The most frequent result is tested here: calls would take 7 % of a tick of `wide` (pure).
-            status = SUCCESS if result is SUCCESS else _as_status(node, result)
-            # SKIPPED is returned to the parent but not stored, as in BehaviorTree.CPP.
-            if status is not stored and status is not SKIPPED:
-                node._status = status
-                observers = node._context.observers
-                if observers is not None:
-                    if stored is IDLE and status is SUCCESS:
-                        observers.record_success(node.config)
-                    else:
-                        observers.record_transition(node.config, stored, status)
+            status = _as_status(node, result)
+        before = node._status
+        # SKIPPED is returned to the parent but not stored, as in BehaviorTree.CPP.
+        if status is not before and status is not SKIPPED:
+            node._status = status
+            observers = node._context.observers
+            if observers is not None:
+                observers.record_transition(node.config, before, status)
         if status is RUNNING and node._raises_if_running:
             raise NodeError(_STILL_RUNNING)
     except NodeExecutionError as error:
@@ -443,48 +400,6 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
         child = node._decorated_child
         if child._status is SUCCESS or child._status is FAILURE:
             reset_status(child)
-    return status
-
-
-def _tick_with_extras(node: TreeNode, extras: TickExtras) -> Status:
-    """Call `tick` of *node* unless a pre-condition or callback decides, then what *extras* adds after it."""
-    journal = extras.boundary_journal
-    if journal is not None and not journal.is_inside:
-        return _tick_for_external_parent(node, extras, journal)
-    conditions = extras.conditions
-    counts = extras.tick_counts
-    if counts is not None:
-        counts.ticks += 1
-    status = UNDECIDED
-    if conditions is not None:
-        status = conditions.check_preconditions(node._status)
-        if status is SKIPPED and node._status is RUNNING:
-            halt_node(node)
-    # The callbacks are read once each, because another thread may remove them at any time.
-    pre_tick = extras.pre_tick
-    if (
-        status is UNDECIDED
-        and pre_tick is not None
-        and node._status is not SUCCESS
-        and node._status is not FAILURE
-    ):
-        forced = _call_callback(node, True, partial(pre_tick, node))
-        if forced is SUCCESS or forced is FAILURE:
-            status = forced
-    if status is UNDECIDED:
-        if journal is not None and extras.is_external:
-            status = _tick_external(node, journal)
-        else:
-            status = _as_status(node, node.tick())
-    if conditions is not None and (status is SUCCESS or status is FAILURE):
-        conditions.run_postconditions(status)
-    post_tick = extras.post_tick
-    if post_tick is not None:
-        forced = _call_callback(node, False, partial(post_tick, node, status))
-        if forced is SUCCESS or forced is FAILURE:
-            status = forced
-    if counts is not None:
-        counts.add_result(status)
     return status
 
 
@@ -549,6 +464,16 @@ def input_or(node: TreeNode, name: str, default: object) -> object:
         return default
 
 
+def set_status(node: TreeNode, status: Status) -> None:
+    """Store *status*, and notify the observers if it differs from the previous status."""
+    previous = node._status
+    if previous is not status:
+        node._status = status
+        observers = node._context.observers
+        if observers is not None:
+            observers.record_transition(node.config, previous, status)
+
+
 def reset_status(node: TreeNode) -> None:
     """Set *node* back to IDLE."""
     previous = node._status
@@ -562,22 +487,12 @@ def reset_status(node: TreeNode) -> None:
 
 def halt_node(node: TreeNode) -> None:
     """Halt *node*, whatever its status; see `TreeNode.halt_node`."""
-    extras = node._tick_extras
-    journal = None if extras is None else extras.boundary_journal
-    if journal is not None and not journal.is_inside:
-        _halt_for_external_parent(node, journal)
-        return
+    wrapper = node._wrapper
     try:
-        if extras is not None:
-            counts = extras.tick_counts
-            if counts is not None and node._status is RUNNING:
-                counts.halted += 1
-        if journal is not None and extras is not None and extras.is_external:
-            _halt_external(node, journal)
-        else:
+        if wrapper is None:
             node.halt()
-        if extras is not None and extras.conditions is not None:
-            extras.conditions.run_on_halted()
+        else:
+            wrapper.halt(node)
     except NodeExecutionError as error:
         reset_status(node)
         add_to_backtrace(node, error)
@@ -589,111 +504,131 @@ def halt_node(node: TreeNode) -> None:
         raise execution_error(node, error, "being halted") from error
 
 
-# --- ticks and halts at a boundary between built-in and external nodes, while the tree is recorded
-#
-# Built-in code runs inside the journal: what it does follows from what is recorded. External code, that of
-# nodes that are not built in and of callbacks, runs outside: its results and writes are recorded.
+# --- nodes with conditions or callbacks
 
 
-def _tick_for_external_parent(node: TreeNode, extras: TickExtras, journal: "Journal") -> Status:
-    """Tick *node*, and record that its external parent ticks it."""
-    journal.enter_for_tick(node.config.uid)
-    try:
-        return _tick_with_extras(node, extras)  # as built-in code now
-    finally:
-        journal.leave()
+class NodeConditions:
+    """The compiled pre- and post-conditions of one node.
+
+    The scripts run on the blackboard of the node's scope: for a SubTree node, the scope of the outer tree.
+    """
+
+    def __init__(self, scripts: Mapping[str, str], enums: Mapping[str, int], blackboard: Blackboard) -> None:
+        programs = {key: compile_script(text, enums) for key, text in scripts.items()}
+        self.blackboard = blackboard
+        self.failure_if: Program | None = programs.get("_failureIf")
+        self.success_if: Program | None = programs.get("_successIf")
+        self.skip_if: Program | None = programs.get("_skipIf")
+        self.while_true: Program | None = programs.get("_while")
+        self.on_halted: Program | None = programs.get("_onHalted")
+        self.on_failure: Program | None = programs.get("_onFailure")
+        self.on_success: Program | None = programs.get("_onSuccess")
+        self.post: Program | None = programs.get("_post")
+
+    def check_preconditions(self, status: Status) -> Status:
+        """Check the pre-conditions of a node before a tick.
+
+        `_failureIf`, `_successIf` and `_skipIf` are evaluated before a node starts. `_while` is also
+        evaluated while the node is RUNNING; if it is false then, the caller must halt the node.
+
+        Args:
+            status: The status of the node before the tick.
+
+        Returns:
+            The result of the node, which is then not ticked; UNDECIDED = the node must be ticked.
+        """
+        # A node that stores SKIPPED itself, by set_status(), is not active either, as in BehaviorTree.CPP.
+        if status is IDLE or status is SKIPPED:
+            if self.failure_if is not None and condition_result(self.failure_if.run(self.blackboard)):
+                return FAILURE
+            if self.success_if is not None and condition_result(self.success_if.run(self.blackboard)):
+                return SUCCESS
+            if self.skip_if is not None and condition_result(self.skip_if.run(self.blackboard)):
+                return SKIPPED
+        elif status is not RUNNING:
+            # A node that has completed and was not reset is ticked without pre-conditions.
+            return UNDECIDED
+        if self.while_true is not None and not condition_result(self.while_true.run(self.blackboard)):
+            return SKIPPED
+        return UNDECIDED
+
+    def run_postconditions(self, status: Status) -> None:
+        """Run `_onSuccess` or `_onFailure`, depending on the result *status*, and then `_post`."""
+        if status is SUCCESS:
+            if self.on_success is not None:
+                self.on_success.run(self.blackboard)
+        elif self.on_failure is not None:
+            self.on_failure.run(self.blackboard)
+        if self.post is not None:
+            self.post.run(self.blackboard)
+
+    def run_on_halted(self) -> None:
+        """Run `_onHalted`."""
+        if self.on_halted is not None:
+            self.on_halted.run(self.blackboard)
 
 
-def _tick_external(node: TreeNode, journal: "Journal") -> Status:
-    """Call `tick` of *node*, which is external, and record its result."""
-    journal.leave()
-    try:
-        status = _as_status(node, node.tick())
-    except BaseException as error:
-        journal.enter()
-        journal.add_error(node.config.uid, error)
-        raise
-    journal.enter_with_result(node.config, status)
-    return status
+class TickWrapper:
+    """Calls the tick and the halt of a node, with what comes before and after them.
 
+    Args:
+        former: The wrapper whose conditions and callbacks it gets, or None.
+    """
 
-def _halt_for_external_parent(node: TreeNode, journal: "Journal") -> None:
-    """Halt *node*, and record that its external parent halts it."""
-    journal.enter_for_halt(node.config.uid)
-    try:
-        halt_node(node)  # as built-in code now
-    finally:
-        journal.leave()
+    def __init__(self, former: "TickWrapper | None" = None) -> None:
+        self.conditions: NodeConditions | None = None
+        self.pre_tick: Callable[[Any], Status] | None = None
+        self.post_tick: Callable[[Any, Status], Status] | None = None
+        if former is not None:
+            self.conditions = former.conditions
+            self.pre_tick = former.pre_tick
+            self.post_tick = former.post_tick
 
+    @property
+    def is_empty(self) -> bool:
+        """Whether the node needs no wrapper."""
+        return self.conditions is None and self.pre_tick is None and self.post_tick is None
 
-def _halt_external(node: TreeNode, journal: "Journal") -> None:
-    """Call `halt` of *node*, which is external. Record what it does, unless it only resets the node."""
-    start = journal.record_count
-    journal.leave()
-    raised: BaseException | None = None
-    try:
+    def tick(self, node: TreeNode) -> Status:
+        """Tick *node* unless a pre-condition or callback decides, run what follows, and return the result."""
+        conditions = self.conditions
+        status = UNDECIDED
+        if conditions is not None:
+            status = conditions.check_preconditions(node._status)
+            if status is SKIPPED and node._status is RUNNING:
+                halt_node(node)
+        # The callbacks are read once each, because another thread may remove them at any time.
+        pre_tick = self.pre_tick
+        if pre_tick is not None and status is UNDECIDED and node._status not in (SUCCESS, FAILURE):
+            status = _forced_status(node, True, partial(pre_tick, node))
+        if status is UNDECIDED:
+            status = self.call_tick(node)
+        if conditions is not None and (status is SUCCESS or status is FAILURE):
+            conditions.run_postconditions(status)
+        post_tick = self.post_tick
+        if post_tick is not None:
+            forced = _forced_status(node, False, partial(post_tick, node, status))
+            if forced is not UNDECIDED:
+                status = forced
+        return status
+
+    def call_tick(self, node: TreeNode) -> Status:
+        """Return the result of `tick` of *node*."""
+        return _as_status(node, node.tick())
+
+    def halt(self, node: TreeNode) -> None:
+        """Halt *node*, and run its `_onHalted`."""
+        self.call_halt(node)
+        if self.conditions is not None:
+            self.conditions.run_on_halted()
+
+    def call_halt(self, node: TreeNode) -> None:
+        """Call `halt` of *node*."""
         node.halt()
-    except BaseException as error:
-        raised = error
-        raise
-    finally:
-        journal.enter()
-        journal.add_halt(node.config.uid, start, raised, node._status is IDLE)
 
 
-def _call_callback(node: TreeNode, is_pre_tick: bool, callback: Callable[[], Status]) -> Status:
-    """Call a callback of *node*. If the tree is recorded, record the status that it forces."""
+def _forced_status(node: TreeNode, is_pre_tick: bool, callback: Callable[[], Status]) -> Status:
+    """Return the result that a callback of *node* forces, or UNDECIDED."""
     journal = node._context.journal
-    if journal is None:
-        return callback()
-    start = journal.record_count
-    journal.leave()
-    try:
-        forced = callback()
-    finally:
-        journal.enter()
-    journal.add_callback(node.config.uid, start, is_pre_tick, forced)
-    return forced
-
-
-# --- ports that are attributes of a leaf
-#
-# The attributes are properties with these functions, and not compiled descriptors, because mypyc drops the
-# `__set__` of a descriptor class. The functions are here because this module is compiled; their class,
-# `PortAttribute`, is in `signature.py`, which is not, because mypyc cannot compile a subclass of property.
-
-PORT_PLACEHOLDER: Final = object()
-"""The argument for a port in the `__init__` of a dataclass: assigning it to the port has no effect."""
-
-
-def port_getter(port: Port) -> Callable[[Any], object]:
-    """Return a function that reads *port* of a node, or raises AttributeError for an output."""
-    name = port.name
-    if not port.reads:
-
-        def refuse(node: TreeNode) -> object:
-            raise AttributeError(
-                f"port [{name}] is an output: it can be assigned, but not read; to read and assign it, "
-                "annotate it with InOut[…]"
-            )
-
-        return refuse
-
-    def read(node: TreeNode) -> object:
-        return node.config.input(name).read()
-
-    return read
-
-
-def port_setter(port: Port) -> Callable[[Any, object], None]:
-    """Return a function that writes a value to *port* of a node, or raises AttributeError for an input."""
-    name, writes = port.name, port.writes
-
-    def write(node: TreeNode, value: object) -> None:
-        if value is PORT_PLACEHOLDER:
-            return
-        if not writes:
-            raise AttributeError(f"port [{name}] is an input: it can be read, but not assigned")
-        node.config.output(name).write(value)
-
-    return write
+    forced = callback() if journal is None else journal.call_back(node.config.uid, is_pre_tick, callback)
+    return forced if forced is SUCCESS or forced is FAILURE else UNDECIDED

@@ -6,13 +6,15 @@ An observer cannot change a tick's result. An observer that raises is unsubscrib
 import time
 from collections.abc import Callable
 from functools import partial
+from typing import Any, cast
 
-from mypy_extensions import mypyc_attr
+from mypy_extensions import i64, mypyc_attr
 
-from btcore.clock import Clock
-from btcore.engine.transition_records import TransitionRecorder, Transitions
+from btcore.clock import FAST_NOW, Clock
+from btcore.engine.node_config import NodeConfig
+from btcore.engine.transition_records import Transitions, create_transition, next_checksum
 from btcore.errors import NodeExecutionError
-from btcore.status import Status, Transition
+from btcore.status import IDLE, SUCCESS, Status, Transition
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -73,20 +75,81 @@ class Observer:
         """
 
 
-class Observers(TransitionRecorder):
-    """The observers of one tree. They are notified of the recorded transitions after each tick."""
+class Observers:
+    """The observers of one tree, which are notified of its transitions after each tick.
+
+    Attributes:
+        observers: The observers.
+        records: The transitions since the last notification, in the form of `transition_records.py`.
+        tick: The number of the latest tick that has started.
+        has_checksum: Whether `checksum` is computed.
+        checksum: The checksum of all transitions, except those in `records`.
+        only_need_checksum: Whether the checksum is computed, and no observer is notified of transitions.
+        only_sums: Whether transitions are only added to the checksum, and not recorded.
+    """
 
     def __init__(self, clock: Clock) -> None:
-        super().__init__(clock)
         self.observers: list[Observer] = []
+        self.records: list[object] = []
+        self.tick = 0
+        self.has_checksum = False
+        self.checksum: i64 = 0
+        self.only_need_checksum = False
+        self.only_sums = False
+        self._now: Callable[[], Any] = FAST_NOW.get(type(clock), clock.now)
+        self._first = 1  # the number of the first transition in `records`
+        self._count = 0  # of the transitions in `records`
         # The observers that override `Observer.transition`, and those that override `Observer.transitions`.
         self._immediate_observers: list[Observer] = []
         self._batch_observers: list[Observer] = []
         self._flushing = False
         self._tick_start = 0  # ns of real time
 
-    def notify_at_once(self, change: Transition) -> None:
-        """Notify the observers that override `Observer.transition`."""
+    # --- transitions
+
+    def record_transition(self, config: NodeConfig, previous: Status, status: Status) -> None:
+        """Record a transition of the node with *config*."""
+        if self.only_sums:
+            self.add_to_checksum(config, cast(i64, status))
+            return
+        stamp = self._now()
+        records = self.records
+        records.append(stamp)
+        records.append(config)
+        if previous is not IDLE or status is not SUCCESS:
+            records.append(previous)
+            records.append(status)
+        self._count += 1
+        if self._immediate_observers:
+            number = self._first + self._count - 1
+            self._notify_at_once(create_transition(number, stamp, self.tick, config, previous, status))
+
+    def record_resets(self, configs: list[NodeConfig], before: list[Status], count: int) -> None:
+        """Record that children of a node were reset.
+
+        Args:
+            configs: The configs of all children.
+            before: The previous statuses of the first children, or of all; IDLE = the child was not reset.
+            count: The number of children that were reset.
+        """
+        if self._immediate_observers:
+            for config, previous in zip(configs, before, strict=False):
+                if previous is not IDLE:
+                    self.record_transition(config, previous, IDLE)
+            return
+        records = self.records
+        records.append(self._now())
+        records.append(configs)
+        records.append(before)
+        records.append(IDLE)
+        self._count += count
+
+    def add_to_checksum(self, config: NodeConfig, status: i64) -> None:
+        """Add a transition to the checksum; *status* is the number of the new status."""
+        self.checksum = next_checksum(self.checksum, config, status)
+        self._first += 1
+
+    def _notify_at_once(self, change: Transition) -> None:
         for observer in self._immediate_observers:
             try:
                 observer.transition(change)
@@ -95,13 +158,18 @@ class Observers(TransitionRecorder):
 
     def flush(self) -> None:
         """Notify the observers of all recorded transitions."""
-        if self._flushing or not self.has_records:
+        if self._flushing or not self.records:
             return
         self._flushing = True
         try:
             # An observer may cause further transitions: all observers get them afterwards, in order.
-            while self.has_records:
-                changes = self.take_transitions()
+            while self.records:
+                changes = Transitions(self._first, self.tick, self.records, self._count)
+                if self.has_checksum:
+                    self.checksum = changes.checksum(self.checksum)
+                self._first += self._count
+                self.records = []
+                self._count = 0
                 for observer in self._batch_observers:
                     try:
                         observer.transitions(changes)
@@ -110,21 +178,23 @@ class Observers(TransitionRecorder):
         finally:
             self._flushing = False
 
+    # --- ticks and errors
+
     def begin_tick(self, tick: int) -> None:
         """Notify the observers of the recorded transitions, then start tick number *tick* of the root."""
         self.flush()
         self.tick = tick
         self._tick_start = time.perf_counter_ns()
 
-    def end_tick(self, status: Status, stopped_ns: int) -> None:
-        """Notify the observers of the end of a tick with the result *status*.
+    def exclude_time(self, nanoseconds: int) -> None:
+        """Do not count *nanoseconds* of the present tick in its duration."""
+        self._tick_start += nanoseconds
 
-        Args:
-            stopped_ns: How long breakpoints have stopped the tick (ns).
-        """
-        duration_ns = time.perf_counter_ns() - self._tick_start - stopped_ns
+    def end_tick(self, status: Status) -> None:
+        """Notify the observers of the end of a tick with the result *status*."""
+        duration_ns = time.perf_counter_ns() - self._tick_start
         self.flush()
-        stamp: int = self.now()
+        stamp: int = self._now()
         for observer in self.observers:
             try:
                 observer.ticked(self.tick, stamp, duration_ns, status)
@@ -134,12 +204,14 @@ class Observers(TransitionRecorder):
     def notify_error(self, error: NodeExecutionError) -> None:
         """Notify the observers that a node raised *error*."""
         self.flush()
-        stamp: int = self.now()
+        stamp: int = self._now()
         for observer in self.observers:
             try:
                 observer.raised(error, stamp)
             except Exception as problem:
                 self._unsubscribe_after_error(observer, problem)
+
+    # --- subscriptions
 
     def add(self, observer: Observer) -> Callable[[], None]:
         """Subscribe *observer*. Return a function that unsubscribes it; further calls have no effect."""
@@ -159,15 +231,24 @@ class Observers(TransitionRecorder):
         self._immediate_observers = [
             observer for observer in observers if type(observer).transition is not Observer.transition
         ]
-        self.notifies_at_once = bool(self._immediate_observers)
         self._batch_observers = [
             observer for observer in observers if type(observer).transitions is not Observer.transitions
         ]
+        self.only_need_checksum = (
+            self.has_checksum and not self._batch_observers and not self._immediate_observers
+        )
 
-    @property
-    def only_need_checksum(self) -> bool:
-        """Whether no observer is notified of transitions, and the checksum is needed."""
-        return self.has_checksum and not self._batch_observers and not self.notifies_at_once
+    def start_checksum(self) -> None:
+        """Compute the checksum of the transitions from now on."""
+        self.flush()
+        self.has_checksum = True
+        self.checksum = 0
+        self._set_observers(self.observers)
+
+    def stop_checksum(self) -> None:
+        """Do not compute the checksum any more."""
+        self.has_checksum = False
+        self._set_observers(self.observers)
 
     def _unsubscribe_after_error(self, observer: Observer, error: Exception) -> None:
         self._set_observers([other for other in self.observers if other is not observer])

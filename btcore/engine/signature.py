@@ -13,7 +13,8 @@ from types import MemberDescriptorType
 from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
 
 from btcore.blackboard.ports import UNSET, Direction, Port
-from btcore.engine.node import TreeNode, port_getter, port_setter
+from btcore.engine.leaf import port_getter, port_setter
+from btcore.engine.node import TreeNode
 from btcore.errors import ConversionError, RegistrationError
 from btcore.values import TypeRegistry, ValueType, to_text
 

@@ -27,7 +27,7 @@ from btcore.registry.registry import Registry
 from btcore.xml.define import define
 from btcore.xml.plan.key_uses import TreeKeys
 from btcore.xml.plan.plan import Plans, plan, root_trees
-from btcore.xml.read.document import DiagnosticCollector, Document, sort_diagnostics
+from btcore.xml.read.document import CollectedDiagnostics, DiagnosticCollector, Document, sort_diagnostics
 from btcore.xml.read.positions import LineIndex
 from btcore.xml.read.read import Sources, read
 from btcore.xml.read.scan import ScannedElement
@@ -72,11 +72,20 @@ def validate_document(
     with paused_garbage_collection():
         sources = document if isinstance(document, Sources) else read(document, nodes.documents)
         plans = plan(define(sources, tree, format), nodes, every_tree=True)
-        collector = _check_plans(plans, tree is not None, given)
-    return [*sort_diagnostics(collector.errors), *sort_diagnostics(collector.warnings)]
+        errors, warnings = validate_plans(plans, tree is not None, given)
+    return [*sort_diagnostics(errors), *sort_diagnostics(warnings)]
 
 
-def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> DiagnosticCollector:
+def validate_plans(
+    plans: Plans, is_selected: bool = False, given: Collection[str] = ()
+) -> CollectedDiagnostics:
+    """Return the errors and warnings of a document, whose plans are those of every tree.
+
+    Args:
+        plans: The plans.
+        is_selected: Whether the main tree was selected by its ID, so that the document need not name it.
+        given: Keys that the main tree's blackboard holds before the first tick.
+    """
     collector = DiagnosticCollector(plans.diagnostics)
     definitions, main = plans.definitions, plans.main_tree
     names_main = definitions.sources.main_document.root.get("main_tree_to_execute") is not None
@@ -108,7 +117,7 @@ def _check_plans(plans: Plans, is_selected: bool, given: Collection[str]) -> Dia
             known = {*given, *models.get(root.id, ())}
             check_keys(dry_run, root is main, known)
             check_value_types(dry_run, root is main, known)
-    return collector
+    return collector.diagnostics
 
 
 def _check_nodes(plans: Plans, results: ResultAnalysis, collector: DiagnosticCollector) -> None:

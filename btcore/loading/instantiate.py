@@ -125,11 +125,10 @@ class SubtreeDraft:
         plan: The plan of its tree.
         document: The document of its tree.
         prefix: The beginning of the paths of its nodes.
-        inputs: The inputs that nodes with equal texts share, by those of the plans.
         report: `DiagnosticCollector.report` for elements of the document.
     """
 
-    __slots__ = ("document", "inputs", "plan", "prefix", "report", "subtree")
+    __slots__ = ("document", "plan", "prefix", "report", "subtree")
 
     def __init__(
         self, plan: TreePlan, path: str, blackboard: Blackboard, collector: DiagnosticCollector
@@ -138,7 +137,6 @@ class SubtreeDraft:
         self.plan = plan
         self.document = plan.definition.document
         self.prefix = f"{path}/" if path else ""
-        self.inputs: dict[Input, Input] = {}
         self.report = partial(collector.report, self.document)
 
 
@@ -252,12 +250,7 @@ class NodeCreator:
                     if entry not in self._declarations and port.type.strong:
                         self._declarations[entry] = (binding, config)
             if isinstance(binding, Input):
-                bound = draft.inputs.get(binding)
-                if bound is None:
-                    bound = binding.bind(blackboard)
-                    if binding.is_shareable:
-                        draft.inputs[binding] = bound
-                inputs[port.name] = bound
+                inputs[port.name] = binding.bind(blackboard)
             # In format 3 the default of an output port is not connected.
             if port.writes and (binding.is_explicit or (key is not None and binding.format == 4)):
                 outputs[port.name] = Output(binding, blackboard)

@@ -6,7 +6,7 @@ from typing import ClassVar
 from mypy_extensions import mypyc_attr
 
 from btcore.engine.control import ControlNode, results_of_any
-from btcore.engine.node import execute_tick
+from btcore.engine.node import execute_tick, set_status
 from btcore.engine.node_spec import NodeSpec
 from btcore.errors import NodeError
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, PossibleResults, Status
@@ -76,7 +76,7 @@ class IfThenElse(BranchNode):
     def tick(self) -> Status:
         """Select a branch unless a branch is selected already, and tick it."""
         count = self.check_children()
-        self.set_status(RUNNING)
+        set_status(self, RUNNING)
         if self._branch == 0:
             condition = execute_tick(self._children[0])
             if condition is RUNNING:
@@ -118,7 +118,7 @@ class WhileDoElse(BranchNode):
     def tick(self) -> Status:
         """Tick the condition and the branch that it selects."""
         count = self.check_children()
-        self.set_status(RUNNING)
+        set_status(self, RUNNING)
         condition = execute_tick(self._children[0])
         if condition is RUNNING:
             return RUNNING

@@ -7,7 +7,7 @@ from mypy_extensions import mypyc_attr
 from btcore.blackboard.blackboard import Entry
 from btcore.blackboard.ports import Port
 from btcore.engine.control import DecoratorNode
-from btcore.engine.node import execute_tick, input_or
+from btcore.engine.node import execute_tick, input_or, set_status
 from btcore.engine.node_spec import NodeSpec
 from btcore.errors import BlackboardError, ConversionError, NodeError
 from btcore.nodes.blackboard_actions import SetBlackboard
@@ -98,7 +98,7 @@ class WhileDoElse3(BranchNode):
             raise NodeError(
                 f"<WhileDoElse> takes a condition and two branches, not {len(self._children)} children"
             )
-        self.set_status(RUNNING)
+        set_status(self, RUNNING)
         condition = execute_tick(self._children[0])
         if condition is RUNNING:
             return RUNNING
@@ -196,7 +196,7 @@ class BlackboardCheck(DecoratorNode):
 
     def tick(self) -> Status:
         """Compare, then tick the child."""
-        self.set_status(RUNNING)
+        set_status(self, RUNNING)
         if self._values_match():
             return execute_tick(self.child)
         if self.child._status is RUNNING:

@@ -7,7 +7,7 @@ from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.ports import Direction, Input, Port, PortRole, braced_key
 from btcore.engine.control import DecoratorNode
-from btcore.engine.node import execute_tick, reset_status
+from btcore.engine.node import execute_tick, reset_status, set_status
 from btcore.engine.node_spec import NodeSpec
 from btcore.errors import BlackboardError, NodeError
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
@@ -108,7 +108,7 @@ class LoopNode(DecoratorNode):
             if output is not None and output.key is not None:
                 output.write(value)
         if self._status is IDLE:
-            self.set_status(RUNNING)
+            set_status(self, RUNNING)
         status = execute_tick(self.child)
         self._child_running = status is RUNNING
         if status is SUCCESS or status is FAILURE:

@@ -6,7 +6,7 @@ from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.ports import Port
 from btcore.engine.control import ControlNode
-from btcore.engine.node import execute_tick, input_or
+from btcore.engine.node import execute_tick, input_or, set_status
 from btcore.engine.node_spec import NodeSpec
 from btcore.errors import NodeError
 from btcore.escaping import escape_controls
@@ -69,7 +69,7 @@ class ManualSelector(ControlNode):
         """Ask the user, then tick the chosen child."""
         count = len(self._children)
         if self._last_choice < 0 or input_or(self, "repeat_last_selection", False) is not True:
-            self.set_status(RUNNING)
+            set_status(self, RUNNING)
             options = [child.name for child in self._children] + ["SUCCESS", "FAILURE", "RUNNING"]
             question = f"{self.config.path}: which child should be ticked?"
             self._last_choice = self._prompt.choose(question, options)

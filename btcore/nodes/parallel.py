@@ -6,7 +6,7 @@ from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.ports import Port, PortRole
 from btcore.engine.control import ControlNode
-from btcore.engine.node import execute_tick
+from btcore.engine.node import execute_tick, set_status
 from btcore.engine.node_spec import NodeSpec
 from btcore.errors import NodeError
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
@@ -114,7 +114,7 @@ class Parallel(ParallelNode):
         failure_count = cast(int, self.get_input("failure_count"))
         success_limit = required_results(success_count, count, "successes")
         failure_limit = required_results(failure_count, count, "failures")
-        self.set_status(RUNNING)
+        set_status(self, RUNNING)
         # Only the skips of this tick count: a skipped child is ticked again, and may complete.
         skipped = 0
         for index, child in enumerate(self._children):
@@ -161,7 +161,7 @@ class ParallelAll(ParallelNode):
         """Tick the children that have not completed."""
         count = len(self._children)
         failure_limit = required_results(cast(int, self.get_input("max_failures")), count, "failures")
-        self.set_status(RUNNING)
+        set_status(self, RUNNING)
         skipped = 0
         for index in range(count):
             if index in self._completed:

@@ -1,20 +1,17 @@
 """Decorators that tick their child again after it has completed: Repeat and RetryUntilSuccessful."""
 
 from collections.abc import Mapping
-from typing import ClassVar, Final, cast
+from typing import ClassVar, cast
 
 from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.ports import Port, PortRole
 from btcore.engine.control import DecoratorNode
-from btcore.engine.node import execute_tick, input_or, reset_status
+from btcore.engine.node import execute_tick, input_or, reset_status, set_status
 from btcore.engine.node_spec import NodeSpec
 from btcore.errors import NodeError
 from btcore.status import FAILURE, IDLE, NO_RESULT, RUNNING, SKIPPED, SUCCESS, PossibleResults, Status
 from btcore.values import INT
-
-_REPETITIONS_PER_CHECK: Final = 16
-"""The number of repetitions after which a node in a tree without a tick limit calls `must_pause`."""
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -63,7 +60,7 @@ class RepeatedNode(DecoratorNode):
         """Tick the child until it is RUNNING, the limit is reached, or the result is known."""
         limit = cast(int, self.get_input(self.limit_port))
         repeat_on = self.repeat_on
-        self.set_status(RUNNING)
+        set_status(self, RUNNING)
         while self._count < limit or limit == -1:
             was_idle = self.child._status is IDLE
             status = execute_tick(self.child)
@@ -74,7 +71,7 @@ class RepeatedNode(DecoratorNode):
                 limit = self.limit_after(limit)
                 reset_status(self.child)
                 has_more = self._count < limit or limit == -1
-                if was_idle and has_more and (self.is_async or self._must_pause()):
+                if was_idle and has_more and self._must_pause():
                     self.wake_up()
                     return RUNNING
             elif status is SKIPPED:
@@ -91,10 +88,7 @@ class RepeatedNode(DecoratorNode):
         return repeat_on
 
     def _must_pause(self) -> bool:
-        # Without a tick limit, the call only lets Python handle signals, which takes time and may be late.
-        context = self._context
-        is_due = context.limit.is_set or self._count % _REPETITIONS_PER_CHECK == 0
-        return is_due and context.must_pause(self.config.uid, self._count)
+        return self.is_async or self._context.must_pause(self.config.uid, self._count)
 
     def limit_after(self, limit: int) -> int:
         """Return the limit that applies after a repetition, given the *limit* before."""

@@ -7,7 +7,7 @@ from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.ports import Port
 from btcore.engine.control import DecoratorNode
-from btcore.engine.node import execute_tick, input_or, reset_status
+from btcore.engine.node import execute_tick, input_or, reset_status, set_status
 from btcore.engine.node_spec import NodeSpec
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, PossibleResults, Status
 from btcore.values import BOOL
@@ -31,7 +31,7 @@ class Inverter(DecoratorNode):
 
     def tick(self) -> Status:
         """Tick the child, and return the opposite result."""
-        self.set_status(RUNNING)
+        set_status(self, RUNNING)
         status = execute_tick(self.child)
         if status is SUCCESS or status is FAILURE:
             reset_status(self.child)
@@ -55,7 +55,7 @@ class ForcedNode(DecoratorNode):
 
     def tick(self) -> Status:
         """Tick the child."""
-        self.set_status(RUNNING)
+        set_status(self, RUNNING)
         status = execute_tick(self.child)
         if status is SUCCESS or status is FAILURE:
             reset_status(self.child)
@@ -107,7 +107,7 @@ class KeepRunningUntilFailure(DecoratorNode):
 
     def tick(self) -> Status:
         """Tick the child."""
-        self.set_status(RUNNING)
+        set_status(self, RUNNING)
         status = execute_tick(self.child)
         if status is SUCCESS or status is FAILURE:
             reset_status(self.child)
@@ -147,7 +147,7 @@ class RunOnce(DecoratorNode):
         if self._result is not IDLE:
             # The port is read again, so that an entry may change the result; an unreadable port means true.
             return self._result if input_or(self, "then_skip", True) is False else SKIPPED
-        self.set_status(RUNNING)
+        set_status(self, RUNNING)
         status = execute_tick(self.child)
         if status is SUCCESS or status is FAILURE:
             self._result = status

@@ -6,7 +6,7 @@ from typing import ClassVar, cast
 from mypy_extensions import mypyc_attr
 
 from btcore.engine.control import ControlNode, halt_and_reset, results_in_order
-from btcore.engine.node import execute_tick
+from btcore.engine.node import execute_tick, set_status
 from btcore.engine.node_spec import NodeSpec
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, PossibleResults, Status
 
@@ -70,7 +70,7 @@ class OrderedNode(ControlNode):
             # As in BehaviorTree.CPP, a completed node that was not reset keeps its count.
             if previous is IDLE or previous is SKIPPED:
                 self._skipped_count = 0
-            self.set_status(RUNNING)
+            set_status(self, RUNNING)
         continue_on = self._continue_on
         index = self._current_child_index
         while index < count:
@@ -130,7 +130,7 @@ class ReactiveNode(ControlNode):
         children = self._children
         all_skipped = len(children) > 0
         if self._status is not RUNNING:
-            self.set_status(RUNNING)
+            set_status(self, RUNNING)
         for index, child in enumerate(children):
             status = execute_tick(child)
             if status is RUNNING:

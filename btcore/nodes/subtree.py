@@ -6,7 +6,7 @@ from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.ports import Port
 from btcore.engine.control import DecoratorNode
-from btcore.engine.node import execute_tick, reset_status
+from btcore.engine.node import execute_tick, reset_status, set_status
 from btcore.engine.node_spec import NodeSpec
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, NodeType, Status
 from btcore.values import BOOL
@@ -35,7 +35,7 @@ class SubTree(DecoratorNode):
     def tick(self) -> Status:
         """Tick the root of the inner tree."""
         if self._status is IDLE:
-            self.set_status(RUNNING)
+            set_status(self, RUNNING)
         status = execute_tick(self.child)
         if status is SUCCESS or status is FAILURE:
             reset_status(self.child)

@@ -9,7 +9,7 @@ from btcore.blackboard.ports import Port, PortRole
 from btcore.clock import NS_PER_MS
 from btcore.engine.control import DecoratorNode
 from btcore.engine.leaf import StatefulAction
-from btcore.engine.node import execute_tick, read_clock, reset_status
+from btcore.engine.node import execute_tick, read_clock, reset_status, set_status
 from btcore.engine.node_spec import NodeSpec
 from btcore.status import FAILURE, NO_RESULT, RUNNING, SKIPPED, SUCCESS, PossibleResults, Status
 from btcore.values import UINT
@@ -48,7 +48,7 @@ class Timeout(DecoratorNode):
         """Tick the child; fail if it is still RUNNING after the time limit."""
         allowed = cast(int, self.get_input("msec"))
         if self._deadline < 0:
-            self.set_status(RUNNING)
+            set_status(self, RUNNING)
             self._deadline = read_clock(self) + allowed * NS_PER_MS if allowed > 0 else 0
             if allowed > 0:
                 self.wake_at(self._deadline)
@@ -107,7 +107,7 @@ class Delay(DecoratorNode):
         """Return RUNNING until the time has passed, then tick the child."""
         delay = cast(int, self.get_input("delay_msec"))
         if self._deadline < 0:
-            self.set_status(RUNNING)
+            set_status(self, RUNNING)
             self._deadline = read_clock(self) + delay * NS_PER_MS
             self.wake_at(self._deadline)
             # Even for 0 ms: BehaviorTree.CPP's timer fires in its own thread, usually after this tick.

@@ -7,7 +7,7 @@ from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.ports import Port
 from btcore.engine.control import ControlNode, results_of_any
-from btcore.engine.node import execute_tick, input_or
+from btcore.engine.node import execute_tick, input_or, set_status
 from btcore.engine.node_spec import NodeSpec
 from btcore.errors import NodeError
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, PossibleResults, Status
@@ -66,7 +66,7 @@ class TryCatch(ControlNode):
         if self._status is IDLE or self._status is SKIPPED:
             self._skipped_count = 0
             self._catching = False
-        self.set_status(RUNNING)
+        set_status(self, RUNNING)
         last = len(self._children) - 1
         while not self._catching and self._current_child_index < last:
             status = execute_tick(self._children[self._current_child_index])

@@ -19,7 +19,8 @@ from btcore.engine.functions import (
     FunctionCoroutineAction,
     leaf_class,
 )
-from btcore.engine.node import PORT_PLACEHOLDER, TreeNode, attach_to_tree
+from btcore.engine.leaf import PORT_PLACEHOLDER
+from btcore.engine.node import TreeNode, attach_to_tree
 from btcore.engine.node_config import NO_INPUTS, NodeConfig
 from btcore.engine.node_spec import NodeSpec
 from btcore.engine.signature import (

@@ -314,12 +314,14 @@ class _Round:
         if clocks or uses_core_alone:
             return
         for provider in self._available.of_type(_CLOCK):
-            others = [need for need in provider.object_needs if need.type_name not in self._providers]
-            objects = {need.type_name: self._find_own(need.type) for need in others}
-            has_needs = None not in objects.values()
-            if has_needs and set(map(full_name, provider.types)) == {_CLOCK}:
+            own = {
+                need.type_name: self._find_own(need.type)
+                for need in provider.object_needs
+                if need.type_name not in self._providers
+            }
+            if None not in own.values() and set(map(full_name, provider.types)) == {_CLOCK}:
                 self._used[provider] = None
-                self._objects |= objects
+                self._objects |= own
                 return
 
     def _append_after_needs(

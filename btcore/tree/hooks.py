@@ -287,7 +287,7 @@ class Hooks:
                 self._condition.wait(SIGNAL_CHECK_S)
         finally:
             hook.waiting = hook.ready = False
-            self._context.add_stopped_time(time.monotonic_ns() - start)
+            self._context.exclude_time(time.monotonic_ns() - start)
 
     def _remove(self, hook: Hook) -> None:
         hook.enabled = False

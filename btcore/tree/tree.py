@@ -18,10 +18,9 @@ from btcore.engine.node import (
     halt_node,
     input_or,
     reset_status,
-    start_tick_counts,
 )
 from btcore.engine.observers import Observer, Observers
-from btcore.engine.tick_extras import TickCounts
+from btcore.engine.watched_tick import TickCounts, start_tick_counts
 from btcore.errors import BtcoreError, NodeError, NodeExecutionError
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
@@ -284,14 +283,7 @@ class Tree:
             NodeExecutionError: A node raised while it was halted. All nodes are halted before the exception
                 is raised. It is the first exception of a node; *later_errors* holds those of other nodes.
         """
-        journal = self.context.journal
-        if journal is not None:
-            journal.begin_halt()
-        try:
-            errors = self._halt_everything()
-        finally:
-            if journal is not None:
-                journal.end_step(IDLE)
+        errors = self._halt_everything()
         self.status = IDLE
         if errors:
             first = errors[0]
@@ -304,7 +296,23 @@ class Tree:
         if self.context.observers is not None:
             self.context.observers.notify_error(error)
 
+    def _halt_after(self, error: NodeExecutionError) -> None:
+        """Halt the tree after *error* in a tick. Add the errors of the halt to *error*."""
+        self.status = IDLE
+        self._notify_error(error)
+        error.later_errors += self._halt_everything()
+
     def _halt_everything(self) -> list[NodeExecutionError]:
+        journal = self.context.journal
+        if journal is None:
+            return self._halt_nodes()
+        journal.begin_halt()
+        try:
+            return self._halt_nodes()
+        finally:
+            journal.end_step(IDLE)
+
+    def _halt_nodes(self) -> list[NodeExecutionError]:
         errors: list[NodeExecutionError] = []
         # The root first, because halting it halts the tree in its own order. Then every node, because a node
         # may fail to halt its children.
@@ -472,59 +480,71 @@ class Tree:
         return f"<Tree '{self.id}' of {count} node{'' if count == 1 else 's'}, {self.status.name}>"
 
 
-def _tick(tree: Tree, repeat: bool) -> Status:
-    """Tick the root of *tree*, and if *repeat*, again while it is RUNNING and a wake-up is pending.
+# Functions, because calls of methods of `Tree` take longer (compiled).
 
-    A function, because a call of a method of `Tree` takes longer (compiled).
-    """
+
+def _tick(tree: Tree, repeat: bool) -> Status:
+    """Tick the root of *tree*, and if *repeat*, again while it is RUNNING and a wake-up is pending."""
     if tree._in_tick:
         raise BtcoreError(
             f"tree '{tree.id}' is being ticked already: neither a second thread nor a leaf of the tree "
             "can tick it during a tick; to request another tick, call wake()"
         )
     context = tree.context
-    root = tree.root
     limit = tree.tick_limit
     if limit is not None:
         context.limit.start(limit)
+    tree._in_tick = True
     try:
-        tree._in_tick = True
         while True:
             tree.ticks += 1
             if context.uses_time:
                 context.tick_start = context.clock.now()
             observers = context.observers
-            if observers is not None:
-                context.stopped_ns = 0
-                observers.begin_tick(tree.ticks)
-                if context.journal is not None:  # a journal needs observers
-                    context.journal.begin_tick(tree.ticks, context.tick_start, context.take_woken_by())
-            status = execute_tick(root)
-            if status is SUCCESS or status is FAILURE:
-                reset_status(root)
-            if observers is not None:
-                if context.journal is not None:
-                    context.journal.end_step(status)
-                observers.end_tick(status, context.stopped_ns)
+            status = _tick_root(tree) if observers is None else _tick_observed_root(tree, observers)
             if status is not RUNNING or not repeat or not context.consume_wake_up():
                 break
             if context.limit.check():
                 break
         if limit is not None and context.limit.has_timed_out:
-            raise tree._timeout_error()
-    except NodeExecutionError as error:
-        tree.status = IDLE
-        if context.journal is not None:
-            context.journal.begin_halt()
-        tree._notify_error(error)
-        error.later_errors += tree._halt_everything()
-        raise
+            error = tree._timeout_error()
+            tree._halt_after(error)
+            raise error
     finally:
         tree._in_tick = False
         context.tick_start = -1
-        if context.journal is not None:
-            context.journal.end_step(IDLE)  # without effect, unless the tick has raised
         if limit is not None:
             context.limit.stop()
     tree.status = status
+    return status
+
+
+def _tick_root(tree: Tree) -> Status:
+    """Tick the root of *tree*, and reset it if it has completed. If a node raises, halt the tree."""
+    root = tree.root
+    try:
+        status = execute_tick(root)
+    except NodeExecutionError as error:
+        tree._halt_after(error)
+        raise
+    if status is SUCCESS or status is FAILURE:
+        reset_status(root)
+    return status
+
+
+def _tick_observed_root(tree: Tree, observers: Observers) -> Status:
+    """Tick the root like `_tick_root`. Notify *observers*, and record the tick if the tree has a journal."""
+    context = tree.context
+    observers.begin_tick(tree.ticks)
+    journal = context.journal
+    if journal is None:
+        status = _tick_root(tree)
+    else:
+        journal.begin_tick(tree.ticks, context.tick_start, context.take_woken_by())
+        status = IDLE
+        try:
+            status = _tick_root(tree)
+        finally:
+            journal.end_step(status)
+    observers.end_tick(status)
     return status

@@ -23,7 +23,7 @@ _HEAD: Final = 52.0
 _FOOT: Final = 40.0
 _WIDEST: Final = 1700.0
 _MAX_SEARCHED: Final = 60
-"""Number of nodes up to which the best layout is searched, because a preview draws at each keystroke."""
+"""Number of nodes up to which the best layout is searched, because the studio draws at each keystroke."""
 _CORNER: Final = 8.0
 # The widths of the cards fit these fonts. resvg, which makes the PNG, omits a text if it finds none of them.
 _SANS: Final = (

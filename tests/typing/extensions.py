@@ -4,7 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from btcore_monitor.log_viewer import LogViewer
-from btcore_monitor.preview_extension import RobotPreview
+from btcore_monitor.live_extension import RobotExtension
 from btcore_proof.outcome_replay import OutcomesReader
 from btcore_recorder.commands.replay import LogViewer as ReplayExtension
 from btcore_recorder.moments import Moments
@@ -12,7 +12,7 @@ from btcore_recorder.outcomes import read_outcomes
 from btcore_studio.language.live import LiveExtension
 from btcore_studio.pages.timeline import Timeline
 
-preview: LiveExtension = RobotPreview()
+live: LiveExtension = RobotExtension()
 replay: ReplayExtension = LogViewer()
 timeline: Callable[[Path], Timeline] = Moments
 outcomes: OutcomesReader = read_outcomes

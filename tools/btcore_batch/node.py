@@ -229,7 +229,7 @@ def status_array(
 
 
 class BatchConditions:
-    """The compiled pre- and post-conditions of one node, in the order of `btcore.engine.tick_extras`."""
+    """The compiled pre- and post-conditions of one node, in the order of `btcore.engine.node`."""
 
     def __init__(self, node: BatchNode) -> None:
         programs = {key: BatchProgram(text, node) for key, text in node.config.conditions.items()}

@@ -10,7 +10,7 @@ from functools import partial
 from typing import Any, NamedTuple
 
 from btcore.engine.node import TreeNode
-from btcore.engine.tick_extras import TickExtras, WatchedConditions
+from btcore.engine.watched_tick import watch
 from btcore.status import SKIPPED, Status
 from btcore.tree.tree import Tree
 from btcore_proof.tree_state import StateKeeper, state_fields_of
@@ -49,15 +49,11 @@ class TickProgress:
             for child in node.children:
                 self._parents[child.config.uid] = node
         for number, node in enumerate(tree.nodes):
-            extras = node._tick_extras = node._tick_extras or TickExtras()
+            wrapper = watch(node)
             if node.children:
                 reads = _reads_entries(node)
-                config = node.config
-                start = partial(self._start, node, reads, bool(state_fields_of(type(node))))
-                extras.conditions = WatchedConditions(
-                    config.conditions, config.enums, node._blackboard, start
-                )
-            extras.post_tick = partial(self._end, number, extras.post_tick)
+                wrapper.started = partial(self._start, node, reads, bool(state_fields_of(type(node))))
+            wrapper.post_tick = partial(self._end, number, wrapper.post_tick)
 
     def begin(self) -> None:
         """Begin a tick of the tree."""

@@ -139,7 +139,7 @@ class _ObservedCode(ExternalCode):
 class Moments:
     """The moments of a recording, in any order.
 
-    It satisfies the protocol of the entry point group `btcore.recordings`, which the preview declares.
+    It satisfies the protocol of the entry point group `btcore.recordings`, which the studio declares.
 
     Args:
         recording: The recording, or the path of its file.

@@ -372,7 +372,6 @@ def load_recorded(head: Head, external: ExternalCode, clock: StepClock) -> Tree:
     external.nodes, external.boards = tree.nodes, scopes_of(tree)
     tree.context.uses_time = True
     tree.context.recorded_pause = external.paused
-    tree.context.limit.is_set = True
     return tree
 
 

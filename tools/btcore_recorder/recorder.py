@@ -16,9 +16,9 @@ from btcore.blackboard.blackboard import Blackboard
 from btcore.builds import active_build
 from btcore.engine import journal
 from btcore.engine.control import ControlNode, DecoratorNode
-from btcore.engine.node import start_recording, stop_recording
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.observers import Observer
+from btcore.engine.recorded_tick import start_recording, stop_recording
 from btcore.engine.transition_records import Transitions
 from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.registry.manifest import Manifest
@@ -185,7 +185,7 @@ class Recorder(Observer):
         self._unsubscribe = [tree.subscribe(observer) for observer in added]
         observers = tree.context.observers
         assert observers is not None
-        observers.has_checksum = True
+        observers.start_checksum()
         self._observers = observers
         self._journal = journal.Journal(observers, self._encoder.encode, self._end_step)
         self._result_lines: dict[NodeConfig, list[tuple[str, int, str]]] = {}
@@ -218,7 +218,7 @@ class Recorder(Observer):
             board.recorder = None
         for node in self._tree.nodes:
             stop_recording(node)
-        self._observers.has_checksum = False
+        self._observers.stop_checksum()
         for unsubscribe in self._unsubscribe:
             unsubscribe()
 

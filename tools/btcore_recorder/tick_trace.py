@@ -9,7 +9,7 @@ from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.ports import SCRIPT_ROLES
 from btcore.engine.node import TreeNode
 from btcore.engine.observers import Observer
-from btcore.engine.tick_extras import TickExtras, WatchedConditions
+from btcore.engine.watched_tick import WatchedTick
 from btcore.errors import NodeExecutionError
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status, Transition
 from btcore.tree.tree import Tree
@@ -124,28 +124,25 @@ class TickTrace(Observer):
         self._boards = scopes_of(tree)
         self._reads = readings(tree)
         self._parents = {child.config.uid: node.config.uid for node in tree.nodes for child in node.children}
-        self._saved = {node.config.uid: node._tick_extras for node in tree.nodes}
+        self._saved = {node.config.uid: node._wrapper for node in tree.nodes}
         for node in tree.nodes:
             self._follow(node)
         self._known = {name: entry.sequence_id for name, entry in self._entries()}
         self._unsubscribe = tree.subscribe(self)
 
     def _follow(self, node: TreeNode) -> None:
-        former = node._tick_extras or TickExtras()
-        board = node._blackboard if former.conditions is None else former.conditions.blackboard
-        config = node.config
-        node._tick_extras = extras = TickExtras()
-        start = partial(self._start, node)
-        extras.conditions = WatchedConditions(config.conditions, config.enums, board, start)
-        extras.pre_tick = partial(self._pre_tick, former.pre_tick)
-        extras.post_tick = partial(self._post_tick, former.post_tick)
+        node._wrapper = wrapper = WatchedTick(node._wrapper)
+        wrapper.counts = None
+        wrapper.started = partial(self._start, node)
+        wrapper.pre_tick = partial(self._pre_tick, wrapper.pre_tick)
+        wrapper.post_tick = partial(self._post_tick, wrapper.post_tick)
 
     def close(self) -> None:
         """Stop following the tree."""
         self._note_writes()
         self._unsubscribe()
         for node in self._tree.nodes:
-            node._tick_extras = self._saved[node.config.uid]
+            node._wrapper = self._saved[node.config.uid]
 
     # --- the answers
 
@@ -278,11 +275,11 @@ def readings(tree: Tree) -> Mapping[int, list[tuple[Blackboard, str, str, str]]]
     """Return what the nodes of *tree* may read, by UID: scopes, keys, attributes and scripts."""
     found: dict[int, list[tuple[Blackboard, str, str, str]]] = {}
     for node in tree.nodes:
-        config, extras = node.config, node._tick_extras
+        config, wrapper = node.config, node._wrapper
         own = []
         outer = node._blackboard
-        if extras is not None and extras.conditions is not None:
-            outer = extras.conditions.blackboard
+        if wrapper is not None and wrapper.conditions is not None:
+            outer = wrapper.conditions.blackboard
         for attribute, script in scripts_of(node):
             names = {use.name for use in find_name_uses(script, config.enums) if use.access in READING}
             board = outer if attribute in config.conditions else node._blackboard

@@ -75,6 +75,9 @@ class Studio {
   /** The last drawing of the page. */
   private drawing: Drawing = { nodes: [] };
   tree: string | null = null;
+  /** The documents of each command that can be undone or redone, since the last other change. */
+  private steps: { undo: string[][]; redo: string[][] } = { undo: [], redo: [] };
+  private isOwnChange = false;
 
   constructor(
     readonly document: vscode.TextDocument,
@@ -121,8 +124,10 @@ class Studio {
     switch (method) {
       case "studio/start":
         return this.start();
+      case "studio/read":
+        return (await vscode.workspace.openTextDocument(editable(String(params.uri)))).getText();
       case "studio/apply":
-        return this.studios.apply(params.edit as VersionedEdit);
+        return this.apply(params.edit as VersionedEdit);
       case "studio/undo":
         return this.step("undo");
       case "studio/redo":
@@ -174,10 +179,42 @@ class Studio {
     };
   }
 
-  /** Undo or redo the last change of the document. VS Code does so in the active editor. */
+  private async apply(edit: VersionedEdit): Promise<void> {
+    this.isOwnChange = true;
+    await this.studios.apply(edit).finally(() => (this.isOwnChange = false));
+    this.steps.undo.push(Object.keys(edit.changes));
+    this.steps.redo = [];
+  }
+
+  /** Note a change: one that is not the page's own is the last one of its document. */
+  changed(): void {
+    if (!this.isOwnChange) this.steps = { undo: [], redo: [] };
+  }
+
+  /**
+   * Undo or redo the last change. VS Code does so in the document of the active editor, and asks whether it should do so
+   * in the other documents of a step, too. A command that has changed only an included document is undone in its editor.
+   */
   private async step(command: "undo" | "redo"): Promise<void> {
-    if (!this.panel.active) this.panel.reveal(this.panel.viewColumn, false);
-    await vscode.commands.executeCommand(command);
+    const own = this.document.uri.toString();
+    const uris = this.steps[command].at(-1) ?? [own];
+    const versions = (): string => uris.map((uri) => this.studios.changes.versions()[uri]).join(" ");
+    const before = versions();
+    this.isOwnChange = true;
+    try {
+      const [other] = uris;
+      if (other !== undefined && !uris.includes(own)) await this.studios.showText(other, this.panel.viewColumn);
+      else if (!this.panel.active) this.panel.reveal(this.panel.viewColumn, false);
+      await vscode.commands.executeCommand(command);
+    } finally {
+      this.isOwnChange = false;
+    }
+    // The user may have answered no.
+    if (versions() !== before) {
+      this.steps[command].pop();
+      this.steps[command === "undo" ? "redo" : "undo"].push(uris);
+    }
+    this.panel.reveal(this.panel.viewColumn, false);
   }
 
   private async save(uri: string): Promise<void> {
@@ -219,6 +256,13 @@ class Studio {
     );
     return drawings.flatMap(({ nodes }) => nodes);
   }
+}
+
+/** Return the URI of a document that the page may read and change. */
+function editable(address: string): vscode.Uri {
+  const uri = vscode.Uri.parse(address, true);
+  if (uri.scheme !== "file" || !EDITABLE.test(uri.path)) throw new Error(`The studio does not change ${address}.`);
+  return uri;
 }
 
 /** Return a result whose edits have the versions of the texts for which they were made. */
@@ -319,8 +363,7 @@ export class Studios implements vscode.CustomTextEditorProvider {
     for (let trial = 0; trial < MAX_EDIT_TRIALS; trial++) {
       const edit = new vscode.WorkspaceEdit();
       for (const [address, edits] of Object.entries(changes)) {
-        const uri = vscode.Uri.parse(address, true);
-        if (uri.scheme !== "file" || !EDITABLE.test(uri.path)) throw new Error(`The studio does not change ${address}.`);
+        const uri = editable(address);
         for (const { range, newText } of edits) {
           const place = this.changes.range(address, range, versions);
           if (!place) throw new Error("The text was changed in the meantime. Please repeat the command.");
@@ -336,9 +379,14 @@ export class Studios implements vscode.CustomTextEditorProvider {
 
   /** Show a place in the editor of its text, beside the studio in *column*. */
   async reveal({ uri, position }: Place, column: vscode.ViewColumn | undefined): Promise<void> {
+    this.moveCursor(await this.showText(uri, column), position);
+  }
+
+  /** Show the editor of a text, beside the studio in *column*. */
+  showText(uri: string, column: vscode.ViewColumn | undefined): Thenable<vscode.TextEditor> {
     const visible = vscode.window.visibleTextEditors.find(({ document }) => document.uri.toString() === uri);
     const other = column === vscode.ViewColumn.One ? vscode.ViewColumn.Beside : vscode.ViewColumn.One;
-    this.moveCursor(await vscode.window.showTextDocument(vscode.Uri.parse(uri), { viewColumn: visible?.viewColumn ?? other }), position);
+    return vscode.window.showTextDocument(vscode.Uri.parse(uri), { viewColumn: visible?.viewColumn ?? other });
   }
 
   /** Move the cursor of the visible editors of a text to the selected node. */
@@ -389,6 +437,7 @@ export class Studios implements vscode.CustomTextEditorProvider {
   private changed(event: vscode.TextDocumentChangeEvent): void {
     if (event.document.languageId !== LANGUAGE || !event.contentChanges.length) return;
     this.changes.note(event);
+    this.open.forEach((studio) => studio.changed());
     this.notify("studio/changed", { uri: event.document.uri.toString() });
     this.sendBreakpoints();
   }

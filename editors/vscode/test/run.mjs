@@ -281,6 +281,12 @@ test("an edit of several files is one step", async () => {
   assert.deepEqual([whole.text, included.text], texts.map((text) => text.replace('"Part"', '"Teil"')));
   await page.ask("studio/undo", {});
   assert.deepEqual([whole.text, included.text], texts);
+  // The command before has changed the included document only.
+  await page.ask("studio/undo", {});
+  assert.deepEqual([whole.text, included.text], [texts[0], texts[1].replace(' name="ä"', "")]);
+  assert.ok(page.panel.active, "the studio has the focus again");
+  await page.ask("studio/redo", {});
+  assert.deepEqual([whole.text, included.text], texts);
   page.close();
 });
 

@@ -145,7 +145,7 @@ export const languages = {
 /** The steps that `undo` and `redo` can take. VS Code asks before it undoes a step of several files; here it does so. */
 export const steps = { undo: [], redo: [] };
 function step(from, to, side) {
-  const active = calls.panels.find((panel) => panel.active)?.document;
+  const active = calls.panels.find((panel) => panel.active)?.document ?? window.shown?.document;
   const index = steps[from].findLastIndex((parts) => parts.some(({ document }) => document === active));
   if (index < 0) return;
   const [parts] = steps[from].splice(index, 1);
@@ -177,7 +177,8 @@ export const window = {
   showInputBox: async ({ value }) => value,
   showSaveDialog: async ({ defaultUri }) => defaultUri,
   showTextDocument: async (uri) => {
-    const editor = { document: { uri }, revealRange() {} };
+    const editor = { document: await workspace.openTextDocument(uri), revealRange() {} };
+    calls.panels.forEach((panel) => (panel.active = false));
     window.shown = editor;
     return editor;
   },

@@ -66,12 +66,15 @@ from btcore_studio.language.studio_protocol import (
     WorkspaceEdit,
     Wrap,
 )
-from btcore_studio.language.symbols import is_call, node_id, read_symbols
+from btcore_studio.language.symbols import is_call, node_id
 from btcore_studio.language.tree_reading import TreeReading, read_trees
 
 MAX_NODES: Final = 5_000
 """Maximum number of nodes of an operation."""
 
+MAX_CHECKED: Final = 300
+"""Number of elements of a document up to which each operation returns its new warnings: about 10 ms."""
+_MAX_WARNINGS: Final = 10
 _EMPTY_DOCUMENT: Final = '<root BTCPP_format="4">\n</root>\n'
 _FIRST_TREE: Final = "MainTree"
 _UNFINISHED: Final = frozenset({WRONG_CHILD_COUNT, FIRST_TICK_REFUSED, MISSING_PORT, MISSING_SUBTREE_PORT})
@@ -251,7 +254,7 @@ class _Operation:
         self._drafts: dict[str, _Draft] = {}
         self._notes: list[str] = []
         self._tolerated: frozenset[DiagnosticCode] = _UNFINISHED
-        self._pasted: _Draft | None = None
+        self._always_warns = False
 
     def apply(self, command: AnyCommand) -> None:
         """Compute the edits."""
@@ -405,7 +408,7 @@ class _Operation:
         if models:
             self._insert_models(draft, models)
         self._notes += notes
-        self._pasted = draft
+        self._always_warns = True
         self._tolerated |= _OF_TEXTS | _OF_PASTED_NODES
 
     def _remove(self, nodes: Sequence[_Target]) -> None:
@@ -532,8 +535,6 @@ class _Operation:
         draft = node.draft
         edit = inline_subtree(draft.reading.plans, draft.reading.parsed(node.element))
         draft.apply_and_select([edit], edit)
-        if len(self._callers(draft, node.id)) == 1:
-            self._notes.append(f"the tree '{node.id}' is not called any more")
 
     def _callers(self, draft: _Draft, id: str) -> list[str]:
         """Return the trees with a call of a tree, once for each call, in all files of the project."""
@@ -650,8 +651,6 @@ class _Operation:
                 changes[uri] = [
                     TextEdit(_range(before, edit, draft.has_mark), edit.text) for edit in draft.edits
                 ]
-                if draft is self._pasted:
-                    self._notes += _unwritten_keys(read_trees(self._project, source), draft)
             for offset in dict.fromkeys(draft.selected):
                 selected.append(Place(uri, _position(source, offset + draft.has_mark)))
         return EditResult(WorkspaceEdit(changes), selected, list(dict.fromkeys(self._notes)))
@@ -673,20 +672,10 @@ class _Operation:
                 raise EditError(f"{error.message}: {error.hint}" if error.hint else error.message)
             if error.code in _OF_TEXTS:
                 self._notes.append(error.message)
-
-
-def _unwritten_keys(reading: TreeReading, draft: _Draft) -> list[str]:
-    """Return a sentence about each key that the selected nodes bring into a tree, and no node writes."""
-    scanned = reading.document.source_map.scan
-    symbols = read_symbols(reading.source.uri, scanned, draft.format, reading.nodes)
-    starts = {below.start for start in draft.selected for below in draft.element_at(start).iter()}
-    tree = next(tree for tree in symbols.trees if any(node.start in starts for node in tree.nodes))
-    uses = [*tree.uses, *(port.outer for call in tree.calls for port in call.ports.values() if port.outer)]
-    new = [use for use in uses if use.element.start in starts and not use.key.startswith("@")]
-    # A called tree may write its keys.
-    known = {use.key for use in uses if use.writes or use.element.start not in starts or is_call(use.element)}
-    keys = dict.fromkeys(use.key for use in new if use.reads and use.key not in known)
-    return [f"no node of the tree writes {{{key}}}" for key in keys]
+        if self._always_warns or after.size <= MAX_CHECKED:
+            warned = {(warning.code, warning.message) for warning in before.warnings}
+            new = [item.message for item in after.warnings if (item.code, item.message) not in warned]
+            self._notes += new[:_MAX_WARNINGS]
 
 
 def _position(source: SourceDocument, offset: int) -> Position:

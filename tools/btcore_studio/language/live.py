@@ -1,8 +1,8 @@
 """The running tree that a page watches, and the protocol by which another package connects with it.
 
-A package offers an extension under the entry point group `btcore.preview`:
+A package offers an extension under the entry point group `btcore.live`:
 
-    [project.entry-points."btcore.preview"]
+    [project.entry-points."btcore.live"]
     robot = "rover_driver.watching:RoverWatch"
 
 The entry point names a class of settings. It needs no import of this module: the language server uses what
@@ -20,7 +20,7 @@ from btcore.errors import BtcoreError
 from btcore.extras import install_command
 from btcore_studio.language.node_keys import KeyedNode, node_keys
 
-GROUP: Final = "btcore.preview"
+GROUP: Final = "btcore.live"
 _POLL_S: Final = 0.1
 """Minimum time (s) between two states of the running tree."""
 _END_S: Final = 20.0

@@ -3,14 +3,17 @@
 import contextlib
 from bisect import bisect_left
 from collections.abc import Iterable
+from functools import cached_property
 from itertools import islice
 from pathlib import Path
 from typing import Final
 from weakref import WeakKeyDictionary
 
-from btcore.blackboard.ports import Port
+from btcore.blackboard.ports import Port, braced_key
 from btcore.diagnostic_codes import DOCUMENT_TOO_LARGE
+from btcore.diagnostics import Diagnostic
 from btcore.errors import RegistrationError, TreeError
+from btcore.lint.validate import validate_plans
 from btcore.registry.registry import Registry
 from btcore.status import NodeType
 from btcore.xml.define import define, parse_format
@@ -62,11 +65,11 @@ class TreeReading:
         self.document = self._parse(source)
         self.document.unsaved = project.unsaved
         self._registry = project.registry
+        self._given = tuple(braced_key(key) or key for key in project.settings.given)
         self.sources = read(self.document, project.registry.documents)
         self.definitions = define(self.sources)
         self.nodes, self.missing = _nodes_for(project.registry, self.sources)
         self.files = {document: self._source_of(project, document) for document in self.sources.documents}
-        self._plans: Plans | None = None
         self._parsed: dict[ScannedElement, Element] = {}
 
     def _parse(self, source: SourceDocument) -> Document:
@@ -104,16 +107,24 @@ class TreeReading:
             )
         )
 
-    @property
+    @cached_property
     def plans(self) -> Plans:
         """The plans of every tree."""
-        if self._plans is None:
-            self._plans = plan(self.definitions, self.nodes, every_tree=True)
-        return self._plans
+        return plan(self.definitions, self.nodes, every_tree=True)
 
     def knows(self, id: str) -> bool:
         """Return whether a node has code or a model."""
         return id not in self.missing and any(self.nodes.get(id, format) is not None for format in (3, 4))
+
+    @property
+    def size(self) -> int:
+        """The number of elements of the document."""
+        return len(self.document.source_map.scan.elements)
+
+    @cached_property
+    def warnings(self) -> tuple[Diagnostic, ...]:
+        """The warnings about the document and its includes, as far as the nodes are known."""
+        return validate_plans(self.plans, given=self._given).warnings
 
     def position(self, document: Document, offset: int) -> Position:
         """Return the position of an offset in the text of one of the documents."""

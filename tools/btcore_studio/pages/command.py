@@ -52,7 +52,7 @@ class StudioOptions(LibraryOptions):
 
 @click.command(
     cls=ExtensibleCommand,
-    group="btcore.preview",
+    group="btcore.live",
     short_help="Edit trees in a browser, and watch them run.",
 )
 @click.argument("source", metavar="[SOURCE]", default=".", shell_complete=complete_tree)
@@ -102,7 +102,7 @@ def studio(
     # For what must not be lost: only this user can read it.
     folder = Path(mkdtemp(prefix="btcore-studio-"))
     try:
-        session = StudioSession(_find_shown(source, options, live, folder / "recording"), folder)
+        session = StudioSession(find_shown(source, options, live, folder / "recording"), folder)
 
         def show(url: str) -> None:
             if as_json:
@@ -143,9 +143,7 @@ async def _serve(
         await stop.wait()
 
 
-def _find_shown(
-    source: str, options: StudioOptions, live: "LiveExtension | None", recording: Path
-) -> "Shown":
+def find_shown(source: str, options: StudioOptions, live: "LiveExtension | None", recording: Path) -> "Shown":
     """Return what is shown for the argument of the command.
 
     Args:
@@ -180,11 +178,17 @@ def _find_shown(
 
 def _write_documents(plans: Plans, folder: Path) -> Path:
     """Write the documents of a recorded tree below *folder*. Return the file of the main document."""
-    files: list[Path] = []
-    for document in plans.definitions.sources.documents:
-        # A recording may come from a stranger, and from a machine with other folders.
-        recorded = posixpath.normpath(posixpath.join("/recorded/tree", document.file.replace("\\", "/")))
-        file = folder / recorded.lstrip("/").replace(":", "")
+    documents = plans.definitions.sources.documents
+    # A recording may come from a stranger, and from a machine with other folders.
+    places = [
+        posixpath.normpath(
+            posixpath.join("/recorded/tree", document.file.replace("\\", "/").replace(":", ""))
+        )
+        for document in documents
+    ]
+    common = posixpath.commonpath([posixpath.dirname(place) for place in places])
+    for document, place in zip(documents, places, strict=True):
+        file = folder / posixpath.relpath(place, common)
         file = file if file.suffix in (".xml", ".btproj") else file / "tree.xml"
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
@@ -192,8 +196,7 @@ def _write_documents(plans: Plans, folder: Path) -> Path:
         except (OSError, ValueError) as error:
             reason = read_error(error) if isinstance(error, OSError) else str(error)
             raise click.ClickException(f"the recorded tree can't be written: {reason}") from None
-        files.append(file)
-    return real_path(files[-1])
+    return real_path(file)
 
 
 def _keep_unsaved(session: "StudioSession", folder: Path) -> None:

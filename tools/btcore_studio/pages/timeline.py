@@ -1,4 +1,4 @@
-"""A recording in the preview, and the protocol by which another package runs it again.
+"""A recording in the studio, and the protocol by which another package runs it again.
 
 A package offers a function under the entry point group `btcore.recordings`, named after the extension of the
 files: it is called with the path of a file, and returns a `Timeline`. The entry point needs no import of this

@@ -390,7 +390,7 @@ def test_extract_and_inline(page: Callable[..., Page]) -> None:
     assert '<SubTree ID="Nap" a="{a}"/>' in shown.text
     assert 'main_tree_to_execute="A"' in shown.text
     result = shown.do(protocol.Inline(shown.place("<SubTree")))
-    assert result.notes == ["the tree 'Nap' is not called any more"]
+    assert result.notes == ["the tree 'Nap' is unused: 'A' doesn't call it, directly or indirectly"]
     assert shown.selected(result) == ["Sleep"]
     with pytest.raises(EditError, match="'A' is the main tree: choose another main tree first"):
         shown.do(protocol.RemoveTree(URI, "A"))
@@ -483,7 +483,7 @@ def test_copied_nodes_bring_their_trees_and_models(page: Callable[..., Page]) ->
     assert shown.selected(result) == ["Go", "SubTree", "Unknown"]
     assert result.notes == [
         "the node 'Unknown' is unknown: write its model, or load its library",
-        "no node of the tree writes {g}",
+        "the port 'goal' of <Go> reads {g}, which is never written",
     ]
     drawing = shown.drawing()
     assert [node.id for node in drawing.nodes] == ["Sequence", "Go", "SubTree", "SubTree", "Look", "Unknown"]

@@ -1,26 +1,22 @@
-"""A recording in the preview: the run at any moment."""
+"""A recording in the studio: the run at any moment."""
 
-import json
-import subprocess
-import sys
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from pathlib import Path
-from threading import Thread
 from typing import Any
 
 import pytest
 
+import btcore
 from btcore import Builder, Put, Registry, Status, action
 from btcore.status import IDLE
 from btcore_recorder import record
 from btcore_recorder.files import read_recording
 from btcore_recorder.moments import Moments
 from btcore_recorder.replay import STATE_INTERVAL
-from btcore_studio.pages.timeline import RecordedRun, open_timeline
-from btcore_studio.preview.server import PreviewServer
-from btcore_studio.preview.session import PreviewSession
-from btcore_studio.preview.tree_reading import RecordedTree
-from tests.tools.btcore_studio.preview.test_server import JSON, request
+from btcore_studio.pages.command import StudioOptions, find_shown
+from btcore_studio.pages.timeline import RecordedRun
+from tests.tools.btcore_studio.pages.conftest import TREE, running_studio
+from tests.tools.btcore_studio.pages.test_server import initialize, open_document
 
 TICKS = 2 * STATE_INTERVAL + 10
 
@@ -101,27 +97,41 @@ def test_a_moment_far_ahead_is_reached_in_several_replies(run: tuple[Path, list[
     assert moments.at(STATE_INTERVAL, 0.0).position == STATE_INTERVAL
 
 
-@pytest.fixture
-def server(run: tuple[Path, list[tuple[Status, ...]]]) -> Iterator[PreviewServer]:
-    timeline = open_timeline(run[0])
-    assert timeline is not None
-    session = PreviewSession(RecordedTree(run[0], timeline.plans), None, timeline)
-    with PreviewServer(session) as server:
-        Thread(target=server.serve_forever, args=(0.01,), daemon=True).start()
-        yield server
-        server.shutdown()
+def test_the_keys_of_a_moment_are_those_of_the_drawing(
+    run: tuple[Path, list[tuple[Status, ...]]], built: Path, previous: Path, tmp_path: Path
+) -> None:
+    shown = find_shown(str(run[0]), StudioOptions(), None, tmp_path / "recording")
+    with running_studio(shown, previous, built) as studio, studio.page() as page:
+        start = page.request("btcore/start")
+        initialize(page)
+        text = page.request("btcore/read", {"uri": start["uri"]})["text"]
+        open_document(page, start["uri"], text)
+        moment = page.request("btcore/moment", {"position": 7})
+        assert (moment["tick"], moment["entries"]) == (7, [["", "n", "7"]])
+        params = {"textDocument": {"uri": start["uri"]}, "tree": None, "folded": []}
+        drawn = page.request("btcore/drawing", params)["nodes"]
+        keys = {node["key"]: node["name"] for node in drawn}
+        assert [keys[key] for key in moment["leaves"]] == ["Count", "<far>"]
+        assert [leaf["status"] for leaf in moment["leaves"].values()] == [2, 2]
+        assert start["recording"]["keys"] == list(keys)
 
 
-def test_the_server_answers_with_a_moment(server: PreviewServer) -> None:
-    status, data, _ = request(server, "POST", f"/{server.token}/moment", {"position": 7}, JSON)
-    moment = json.loads(data)
-    assert (status, moment["tick"], moment["entries"]) == (200, 7, [["", "n", "7"]])
-    drawn = json.loads(request(server, "GET", f"/{server.token}/drawing")[1])["nodes"]
-    keys = {node["key"]: node["name"] for node in drawn}
-    assert [keys[key] for key in moment["leaves"]] == ["Count", "<far>"]
-    assert [status["status"] for status in moment["leaves"].values()] == [2, 2]
-    for body in ({}, {"position": "7"}, {"position": None}):
-        assert request(server, "POST", f"/{server.token}/moment", body, JSON)[0] == 400
+def test_documents_of_a_recording_keep_their_places(tmp_path: Path) -> None:
+    part = f'<root BTCPP_format="4">{TREE[TREE.index("<BehaviorTree") :]}'.replace("Rounds", "Visit")
+    main = TREE.replace("<AlwaysSuccess/>", '<SubTree ID="Visit"/>').replace(
+        ">", '><include path="../shared/part.xml"/>', 1
+    )
+    (tmp_path / "shared").mkdir()
+    (tmp_path / "trees").mkdir()
+    (tmp_path / "shared/part.xml").write_text(part, encoding="utf-8")
+    (tmp_path / "trees/main.xml").write_text(main, encoding="utf-8")
+    with btcore.load(tmp_path / "trees/main.xml") as tree, record(tree, tmp_path / "run.btrec.txt"):
+        tree.tick_while_running()
+    shown = find_shown(str(tmp_path / "run.btrec.txt"), StudioOptions(), None, tmp_path / "recording")
+    assert shown.file is not None
+    assert shown.file.is_relative_to(tmp_path / "recording")
+    assert shown.file.read_text(encoding="utf-8") == main
+    assert (shown.file.parent / "../shared/part.xml").resolve().read_text(encoding="utf-8") == part
 
 
 def test_the_results_over_time_are_bounded_and_keep_a_failure(run: tuple[Path, list[Any]]) -> None:
@@ -130,30 +140,3 @@ def test_the_results_over_time_are_bounded_and_keep_a_failure(run: tuple[Path, l
     assert len(data["colours"]) * data["width"] >= data["count"] == timeline.count
     assert len(data["keys"]) == len(set(data["keys"])) == 4
     assert data["start"] == timeline.count
-
-
-def test_the_page_goes_to_moments_by_the_slider_and_by_keys(
-    run: tuple[Path, list[tuple[Status, ...]]], browser: Any
-) -> None:
-    command = [sys.executable, "-m", "btcore", "preview", "--json", str(run[0])]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            assert process.stdout is not None
-            page = browser.new_page(viewport={"width": 1280, "height": 760})
-            page.goto(json.loads(process.stdout.readline())["url"])
-            page.wait_for_selector(f"#moment :text('Tick {TICKS}')")
-            page.fill("#position", "7")
-            page.wait_for_selector("#moment :text('Tick 7')")
-            assert page.text_content("#entries tbody") == "n7"
-            page.evaluate("document.activeElement.blur()")
-            page.keyboard.press("ArrowLeft")
-            page.wait_for_selector("#moment :text('Tick 6')")
-            page.evaluate("select(state.drawing.nodes.find((node) => node.id === 'Count').key)")
-            page.wait_for_selector("#node .value.out:text('6')")
-            assert page.text_content("#node .status") == "RUNNING"
-            page.keyboard.press("ArrowRight")
-            page.wait_for_selector("#moment :text('Tick 7')")
-            page.wait_for_selector("#node .value.out:text('7')")
-            page.close()
-        finally:
-            process.terminate()

@@ -56,9 +56,7 @@ function changeTree(home: Home, { id, place, isMain }: TreeSummary): void {
 
 /** Rename a tree with its calls. The name is the value of the attribute ID. */
 async function renameTree(home: Home, place: TreeSummary["place"]): Promise<void> {
-  if (!home.documents) return;
-  await home.documents.load(place.uri);
-  const text = home.documents.text(place.uri);
+  const text = await home.read(place.uri);
   const begin = offsetAt(text, place.position);
   const found = /\sID\s*=\s*["']/.exec(text.sliceString(begin, begin + 1000));
   if (found) await rename(place.uri, positionAt(text, begin + found.index + found[0].length));

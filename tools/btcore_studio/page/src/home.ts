@@ -1,7 +1,8 @@
 // Where the page lives: in a browser, or in a web view of VS Code.
 
+import type { Text } from "@codemirror/state";
 import { effect, signal } from "@preact/signals";
-import { type Change, Documents, Mark, type Reply } from "./documents";
+import { type Change, Documents, Mark, type Reply, textOf } from "./documents";
 import { type Done, History } from "./history";
 import type { Place, Pushed, SharedText, Start, WorkspaceEdit } from "./protocol";
 import { Connection, CONTENT_MODIFIED, RpcError, type Transport } from "./rpc";
@@ -17,6 +18,7 @@ export interface Home {
   /** The texts of the page; null if an editor has them. */
   readonly documents: Documents | null;
   begin(): Promise<Start>;
+  read(uri: string): Promise<Text>;
   /** Begin to note changes, so that an edit for the present texts can be applied to later ones. */
   mark(): Mark;
   /** Apply an edit as one step of undo. */
@@ -137,6 +139,11 @@ export class BrowserHome implements Home {
     return this.start;
   }
 
+  async read(uri: string): Promise<Text> {
+    await this.documents.load(uri);
+    return this.documents.text(uri);
+  }
+
   mark(): Mark {
     return this.documents.mark();
   }
@@ -248,6 +255,10 @@ class EditorHome implements Home {
 
   begin(): Promise<Start> {
     return this.connection.request("studio/start", {});
+  }
+
+  async read(uri: string): Promise<Text> {
+    return textOf(await this.connection.request<string>("studio/read", { uri }));
   }
 
   mark(): Mark {

@@ -20,7 +20,7 @@ import {
   actions, diagnostics, drawing, files, folded, live, message, palette, selection, start, tree, uri,
 } from "./state";
 import { Splitter } from "./splitter";
-import { revealText, TextPane } from "./text_pane";
+import { applyAction, revealText, TextPane } from "./text_pane";
 import { texts } from "./texts";
 import { Timeline } from "./timeline";
 import { fileName, hiddenPanes, Toolbar } from "./toolbar";
@@ -145,6 +145,8 @@ const apply = (action: CodeAction) => void inOrder(async () => {
     message.value = reason(error);
   }
 });
+
+applyAction.value = apply;
 
 async function move(step: () => Promise<Done | null>, nothing: string): Promise<void> {
   await inOrder(async () => {

@@ -43,8 +43,8 @@ export function revealText(place: Place, focus = true): void {
   wantedPlace.value = { ...place, focus };
 }
 
-/** Applies a change of several files; set by the pane. */
-const applyAction = signal<((action: CodeAction) => void) | null>(null);
+/** Applies a change of several files; set by main.tsx. */
+export const applyAction = signal<((action: CodeAction) => void) | null>(null);
 
 const openPlace = (address: string, line: number) => revealText({ uri: address, position: { line, character: 0 } });
 
@@ -366,7 +366,6 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
     if (!place) return;
     // In a shadow root CodeMirror adopts its style sheets, so that the page needs no inline styles.
     const root = place.shadowRoot ?? place.attachShadow({ mode: "open", delegatesFocus: true });
-    applyAction.value = apply;
     const states = new Map<string, EditorState>();
     let shown = "";
     let keyOfCursor: string | null = null;

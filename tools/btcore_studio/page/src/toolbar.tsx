@@ -89,10 +89,12 @@ export function Toolbar({ home }: { home: Home }) {
   const shown = drawing.value?.tree ?? tree.value ?? "";
   return (
     <>
-      <div class="title">
-        <h1 title={uri.value}>{fileName(uri.value) || texts.title}</h1>
-        {isUnsaved && <span class="tag">{texts.unsaved}</span>}
-      </div>
+      {home.documents && (
+        <div class="title">
+          <h1 title={uri.value}>{fileName(uri.value) || texts.title}</h1>
+          {isUnsaved && <span class="tag">{texts.unsaved}</span>}
+        </div>
+      )}
       <div class="group">
         {home.documents && (
           <button onClick={() => actions.save()} disabled={isFixed || !isUnsaved} title={`${texts.save} (Ctrl+S)`}>{texts.save}</button>

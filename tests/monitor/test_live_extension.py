@@ -1,4 +1,4 @@
-"""The preview watches a published tree, and sets breakpoints in it."""
+"""The studio watches a published tree, and sets breakpoints in it."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -10,7 +10,7 @@ import pytest
 import btcore
 from btcore_monitor.errors import MonitorError
 from btcore_monitor.keys import ClientKeys, RobotKeys, create_keys
-from btcore_monitor.preview_extension import RobotConnection, RobotPreview, RobotState
+from btcore_monitor.live_extension import RobotConnection, RobotExtension, RobotState
 from btcore_monitor.serve import serve
 from btcore_monitor.watch.address import AddressError
 
@@ -33,7 +33,7 @@ def tree() -> btcore.Tree:
 def connection(tree: btcore.Tree) -> Iterator[RobotConnection]:
     with (
         serve(tree, groot2_port=0, allow_control=True) as publisher,
-        closing(RobotPreview().connect(publisher.address)) as connection,
+        closing(RobotExtension().connect(publisher.address)) as connection,
     ):
         assert isinstance(connection, RobotConnection)
         yield connection
@@ -140,4 +140,4 @@ def test_robot_with_keys_is_watched_and_controlled_by_clients_only(tree: btcore.
 
 def test_invalid_address_is_an_error() -> None:
     with pytest.raises(AddressError, match="not an address"):
-        RobotPreview().connect("http://x/y z")
+        RobotExtension().connect("http://x/y z")

@@ -1,4 +1,4 @@
-"""The monitor's part of `btcore preview`: watch a running tree, and set breakpoints in it.
+"""The monitor's part of `btcore studio`: watch a running tree, and set breakpoints in it.
 
 Statuses and entries come from a `Feed`, so from any robot. Breakpoints need Groot 2's protocol.
 """
@@ -53,10 +53,10 @@ class RobotState(NamedTuple):
     problem: str = ""
 
 
-class RobotPreview(KeyOptions, Settings):
-    """Connects the preview with any robot that the monitor can watch.
+class RobotExtension(KeyOptions, Settings):
+    """Connects the studio with any robot that the monitor can watch.
 
-    It satisfies the protocol of the entry point group `btcore.preview`, which the preview declares.
+    It satisfies the protocol of the entry point group `btcore.live`, which the language server declares.
 
     Raises:
         SettingsError: An option has an invalid value.
@@ -97,7 +97,7 @@ class RobotPreview(KeyOptions, Settings):
 
 
 class RobotConnection:
-    """A connection of the preview to a robot. Use it from one thread.
+    """A connection of a page to a robot. Use it from one thread.
 
     Args:
         address: The robot's address, as in `parse_address`.
@@ -108,7 +108,7 @@ class RobotConnection:
     """
 
     def __init__(self, address: str, keys: "ClientKeys | None" = None) -> None:
-        # Imported here, because `btcore preview --help` needs no ZeroMQ.
+        # Imported here, because `btcore studio --help` needs no ZeroMQ.
         from btcore_monitor.watch.feed import Feed
 
         # Another monitor may read the recording of transitions, which only one client can read.

@@ -1,1 +1,0 @@
-"""A page that shows a tree in a browser or an editor, follows its file, and can watch a running tree."""
