@@ -271,6 +271,7 @@ function handleKey(event: KeyboardEvent): boolean {
     // In a field: first its own text, then the file.
     if (isUndo && target.value !== (target.dataset.text ?? before.get(target))) return true;
     if (isRedo && (undone.get(target) ?? 0) > 0) return true;
+    undone.delete(target);
   }
   if (isUndo) void actions.undo();
   else if (isRedo) void actions.redo();
