@@ -43,6 +43,7 @@ function insert(item: PaletteItem): void {
 export function Palette() {
   const words = useSignal("");
   const about = useSignal("");
+  const current = useSignal("");
   const items = palette.value.items.toSorted((a, b) => KINDS.indexOf(a.kind) - KINDS.indexOf(b.kind) || a.id.localeCompare(b.id));
   const byId = new Map(items.map((item) => [item.id, item]));
   const matches = search(words.value, items, (item) => item.id);
@@ -69,10 +70,13 @@ export function Palette() {
     stops[at + step]?.focus();
     event.preventDefault();
   };
+  // Tab reaches one of the items, and arrows the others.
+  const shownIds = [...recent, ...groups.flatMap(([, found]) => found.map(({ item }) => item))].map(({ id }) => id);
+  const stop = shownIds.includes(current.value) ? current.value : shownIds[0];
   const button = (item: PaletteItem, at: readonly number[]) => (
     <button
       key={item.id} class="palette-item" data-id={item.id} title={item.about} aria-describedby="palette-about"
-      onFocus={() => { about.value = item.about; }} onPointerEnter={() => { about.value = item.about; }}
+      tabIndex={item.id === stop ? 0 : -1} onFocus={() => { about.value = item.about; current.value = item.id; }} onPointerEnter={() => { about.value = item.about; }}
     >
       <Symbol item={item} /><Highlighted text={item.id} at={at} />
     </button>

@@ -1,0 +1,394 @@
+"""Trees are built and changed in Chromium: with the mouse, with the keyboard, and every command undone."""
+
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from random import Random
+from typing import Any
+
+import pytest
+
+from btcore import Registry, bundled_trees
+from btcore.testing import Harness, Outcomes, with_mock_leaves
+from btcore.xml.read.read import parse_file
+from btcore_studio.convert.convert import convert
+
+WAIT_S = 20.0
+TREE = (
+    '<root BTCPP_format="4" main_tree_to_execute="Rounds">\r\n'
+    "  <!-- rounds -->\r\n"
+    '  <BehaviorTree ID="Rounds">\r\n'
+    '    <Sequence name="round">\r\n'
+    "      <Script name='set'  code=\"lap := 3\"/> <!-- before -->\r\n"
+    '      <Fallback name="door">\r\n'
+    '        <ScriptCondition name="open?" code="lap == 4"/>\r\n'
+    '        <Sleep name="wait" msec="5"/>\r\n'
+    "      </Fallback>\r\n"
+    '      <Sleep msec="7" name="rest"/>\r\n'
+    '      <SubTree ID="Visit" place="{lap}"/>\r\n'
+    "    </Sequence>\r\n"
+    "  </BehaviorTree>\r\n"
+    '  <BehaviorTree ID="Visit"><Inverter><AlwaysSuccess name="greet"/></Inverter></BehaviorTree>\r\n'
+    "</root>\r\n"
+)
+# The nodes of the bundled tree in pre-order: the ID, the index of the parent, and the ports in format 4.
+PATROLLING: tuple[tuple[str, int, dict[str, str]], ...] = (
+    ("KeepRunningUntilFailure", -1, {}),
+    ("ReactiveSequence", 0, {}),
+    ("Fallback", 1, {}),
+    ("BatteryChecker", 2, {"low": "20"}),
+    ("Sequence", 2, {}),
+    ("GetWaypoint", 4, {"wp_id": "recharge", "waypoint": "{recharge_wp}"}),
+    ("Move", 4, {"goal": "{recharge_wp}"}),
+    ("Recharge", 4, {}),
+    ("Sequence", 1, {}),
+    ("GetWaypoint", 8, {"wp_id": "next", "waypoint": "{wp}"}),
+    ("Parallel", 8, {"success_count": "1", "failure_count": "1"}),
+    ("TrackObjects", 10, {}),
+    ("Move", 10, {"goal": "{wp}"}),
+    ("Patrol", 8, {}),
+)
+RUNS = 1_000
+
+
+class Editor:
+    """The page of a file, as a user sees it."""
+
+    def __init__(self, page: Any, file: Path) -> None:
+        self.page = page
+        self.file = file
+        self.canvas = page.locator(".canvas")
+
+    def wait(self, condition: Callable[[], Any], what: str = "the page did not change") -> None:
+        """Wait until *condition* is true."""
+        end = time.monotonic() + WAIT_S
+        while not condition():
+            assert time.monotonic() < end, what
+            time.sleep(0.02)
+
+    @property
+    def labels(self) -> list[str]:
+        """The names of the nodes in the order of the tree."""
+        script = "items => items.map(item => item.getAttribute('aria-label').split(',')[0])"
+        labels: list[str] = self.page.locator("g.node").evaluate_all(script)
+        return labels
+
+    @property
+    def selected(self) -> list[str]:
+        script = "items => items.map(item => item.getAttribute('aria-label').split(',')[0])"
+        labels: list[str] = self.page.locator("g.node.selected").evaluate_all(script)
+        return labels
+
+    @property
+    def message(self) -> str:
+        return str(self.page.locator("footer .message").text_content())
+
+    def shows(self, labels: list[str], what: str = "") -> None:
+        """Wait until the picture has the nodes with these names."""
+        self.wait(lambda: self.labels == labels, f"{what}: not {labels}; {self.message}")
+
+    def node(self, name: str) -> Any:
+        return self.page.locator(f"g.node[aria-label^='{name},']").first
+
+    def box(self, name: str) -> Any:
+        return self.node(name).locator(".card").bounding_box()
+
+    def still_box(self, number: int) -> Any:
+        """Scroll to the node with a number. Return the box of its card when it does not move any more."""
+        script = "card => { card.scrollIntoView(); return card.getBoundingClientRect().toJSON(); }"
+        before = None
+        while True:
+            box = self.page.locator(f"g[data-uid='{number}'] .card").evaluate(script)
+            if box == before:
+                return box
+            before = box
+            time.sleep(0.15)
+
+    def select(self, *names: str) -> None:
+        """Select nodes with the mouse."""
+        for index, name in enumerate(names):
+            self.node(name).click(modifiers=["Control"] if index else [], position={"x": 12, "y": 12})
+        self.wait(lambda: sorted(self.selected) == sorted(names), f"{self.selected} are selected")
+
+    @property
+    def focused(self) -> str:
+        """The label or the text of the element with the focus."""
+        script = "element => element.name || element.ariaLabel || element.textContent"
+        return str(self.page.evaluate(f"() => ({script})(document.activeElement)"))
+
+    def press(self, *keys: str) -> None:
+        for key in keys:
+            self.page.keyboard.press(key)
+
+    def do(self, *steps: str) -> None:
+        """Press keys, write into popups (:TEXT) and fields (#NAME=TEXT), and wait for messages (?TEXT)."""
+        for step in steps:
+            text = step[1:]
+            if step[0] == ":" and self.page.locator(".quick").count():
+                self.choose(text)
+            elif step[0] == ":":
+                self.page.locator(".prompt input").fill(text)
+                self.press("Enter")
+            elif step[0] == "?":
+                self.wait(lambda text=text: text in self.message)  # type: ignore[misc]
+            elif step[0] == "#":
+                name, _, value = text.partition("=")
+                self.page.locator(f"#field-{name}").fill(value)
+                self.press("Enter")
+                self.canvas.focus()
+            else:
+                self.press(step)
+
+    def saved(self) -> bytes:
+        """Save the file. Return its content."""
+        save = self.page.get_by_role("button", name="Save", exact=True)
+        self.page.keyboard.press("Control+s")
+        self.wait(lambda: save.is_disabled() or "Saved" in self.message, f"not saved: {self.message}")
+        return self.file.read_bytes()
+
+    def saves(self, expected: bytes) -> None:
+        """Save the file until it has the expected content."""
+        end = time.monotonic() + WAIT_S
+        while self.saved() != expected and time.monotonic() < end:
+            time.sleep(0.02)
+        assert self.file.read_bytes() == expected
+
+    def choose(self, words: str) -> None:
+        """Choose in the list of node types that is open."""
+        self.page.locator(".quick [role=option]").first.wait_for()
+        self.page.keyboard.type(words)
+        self.page.keyboard.press("Enter")
+
+    def drag_item(self, id: str, x: float, y: float) -> None:
+        """Drag an item of the palette to a point."""
+        item = self.page.locator(f".palette-item[data-id='{id}']").last
+        item.scroll_into_view_if_needed()
+        box = item.bounding_box()
+        self.drag((box["x"] + 20, box["y"] + 10), (x, y))
+
+    def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
+        mouse = self.page.mouse
+        mouse.move(*start)
+        mouse.down()
+        mouse.move(start[0] + 9, start[1] + 9, steps=2)
+        mouse.move(*end, steps=4)
+        mouse.up()
+
+
+@pytest.fixture
+def edit(start_studio: Callable[..., Any], browser: Any, tmp_path: Path) -> Iterator[Callable[[str], Editor]]:
+    """Return a function that shows a text in the studio."""
+    contexts: list[Any] = []
+    errors: list[str] = []
+
+    def show(text: str) -> Editor:
+        file = tmp_path / "tree.xml"
+        file.write_bytes(text.encode())
+        studio = start_studio(tmp_path, "tree.xml")
+        context = browser.new_context(
+            viewport={"width": 1400, "height": 900},
+            permissions=["clipboard-read", "clipboard-write"],
+            reduced_motion="reduce",
+        )
+        contexts.append(context)
+        page = context.new_page()
+        page.on("pageerror", lambda error: errors.append(str(error)))
+        page.goto(studio.url)
+        page.locator(".canvas .node, .empty-tree").first.wait_for()
+        return Editor(page, file)
+
+    yield show
+    for context in contexts:
+        context.close()
+    assert errors == []
+
+
+# The selected nodes, the steps, and the names of the nodes after the command.
+ALL = ("round", "set", "door", "open?", "wait", "rest", "Visit", "Inverter", "greet")
+COMMANDS: dict[str, tuple[str, str, str]] = {
+    "add a child": (
+        "door",
+        "i :alwayssucc",
+        "round set door open? wait AlwaysSuccess rest Visit Inverter greet",
+    ),
+    "add after": ("set", "i :inv", "round set Inverter door open? wait rest Visit Inverter greet"),
+    "wrap": ("set door", "w :parallel", "round Parallel set door open? wait rest Visit Inverter greet"),
+    "unwrap": ("door", "u", "round set open? wait rest Visit Inverter greet"),
+    "change the type": ("door", "t :reactivefallback", " ".join(ALL)),
+    "rename": ("rest", "F2 :pause", "round set door open? wait pause Visit Inverter greet"),
+    "disable": ("door", "e", " ".join(ALL)),
+    "duplicate": ("set rest", "Control+d", "round set set door open? wait rest rest Visit Inverter greet"),
+    "delete": ("set wait", "Delete", "round door open? rest Visit Inverter greet"),
+    "cut": ("door", "Control+x", "round set rest Visit Inverter greet"),
+    "paste": (
+        "rest",
+        "Control+c ?Copied Control+v",
+        "round set door open? wait rest rest Visit Inverter greet",
+    ),
+    "move later": ("set", "Alt+ArrowRight", "round door open? wait set rest Visit Inverter greet"),
+    "move earlier": ("rest", "Alt+ArrowLeft", "round set rest door open? wait Visit Inverter greet"),
+    "move out": ("wait", "Alt+ArrowUp", " ".join(ALL)),
+    "move in": ("rest", "Alt+ArrowDown", " ".join(ALL)),
+    "extract": ("door", "x :Door", "round set Door door open? wait rest Visit Inverter greet"),
+    "inline": ("Visit", "Shift+X", "round set door open? wait rest Inverter greet"),
+    "set a port": ("rest", "#msec=12", " ".join(ALL)),
+}
+
+
+def test_every_command_is_undone_byte_for_byte(edit: Callable[[str], Editor]) -> None:
+    editor = edit(TREE)
+    before = TREE.encode()
+    for name, (nodes, steps, expected) in COMMANDS.items():
+        editor.select(*nodes.split())
+        editor.do(*steps.split())
+        editor.shows(expected.split(), name)
+        editor.wait(lambda: editor.saved() != before, f"{name} did not change the file")
+        after = editor.file.read_bytes()
+        editor.press("Control+z")
+        editor.saves(before)
+        editor.press("Control+Shift+Z")
+        editor.saves(after)
+        editor.press("Control+z")
+        editor.saves(before)
+        editor.shows(list(ALL), name)
+
+
+def test_patrolling_is_built_with_the_mouse_alone(edit: Callable[[str], Editor]) -> None:
+    editor = edit("")
+    editor.page.get_by_role("button", name="Create a tree").click()
+    # Values are typed, because a mouse has no letters.
+    for number, (id, parent, ports) in enumerate(PATROLLING, 1):
+        box = {"x": 600.0, "y": 300.0, "width": 0.0, "height": 0.0}
+        if parent >= 0:
+            box = editor.still_box(parent + 1)
+        editor.drag_item(id, box["x"] + box["width"] / 2, box["y"] + 0.8 * box["height"])
+        editor.wait(lambda count=number: len(editor.labels) == count, f"{id}: {editor.labels}")  # type: ignore[misc]
+        for name, text in ports.items():
+            field = editor.page.locator(f"#field-{name}")
+            field.click(click_count=3)
+            editor.page.keyboard.type(text)
+        if ports:
+            editor.page.locator("g[data-uid='1']").click(position={"x": 12, "y": 12})
+    is_like_patrolling(editor)
+
+
+def test_patrolling_is_built_with_the_keyboard_alone(edit: Callable[[str], Editor]) -> None:
+    editor = edit("")
+    # The libraries of nodes are imported by another process.
+    editor.page.locator(".palette-item[data-id='Patrol']").wait_for()
+    for _ in range(40):
+        editor.press("Tab")
+        if editor.focused == "Create a tree":
+            break
+    editor.press("Enter")
+    editor.page.get_by_role("button", name="Insert the first node").wait_for()
+    assert editor.focused == "Insert the first node"
+    cursor = -1
+    for index, (id, parent, ports) in enumerate(PATROLLING):
+        # Up from the last node to the parent, whose last child the node becomes.
+        while cursor != parent:
+            editor.press("ArrowUp")
+            cursor = PATROLLING[cursor][1]
+        editor.press("i" if index else "Enter")
+        editor.choose(id)
+        editor.wait(lambda count=index + 1: len(editor.labels) == count, f"{id}: {editor.labels}")  # type: ignore[misc]
+        cursor = index
+        if not ports:
+            continue
+        editor.page.locator(f"#field-{next(iter(ports))}").wait_for()
+        editor.press("Enter")
+        for name, text in ports.items():
+            for _ in range(20):
+                if editor.focused == name:
+                    break
+                editor.press("Tab")
+            editor.page.keyboard.type(text)
+            editor.press("Enter")
+        editor.press("Escape")
+    is_like_patrolling(editor)
+
+
+def is_like_patrolling(editor: Editor) -> None:
+    """Compare the saved file with the bundled tree: runs with the same outcomes of the leaves."""
+    nodes = Registry.standard()
+    nodes.add_plugins()
+    mocks = with_mock_leaves(nodes)
+    editor.wait(lambda: b'goal="{wp}"' in editor.saved(), f"not saved: {editor.file.read_bytes()!r}")
+    built = Harness.load(editor.file, nodes=mocks)
+    # The bundled tree is written in format 3, in which some nodes have another meaning.
+    conversion = convert(parse_file(bundled_trees.folder() / "patrolling.xml"), nodes)
+    bundled = Harness.loads(conversion.text, nodes=mocks)
+    random = Random(31)
+    for _ in range(RUNS):
+        outcomes = Outcomes("|".join(random.choices(("S", "F", "RS", "RF", "RRS", "RRRF"), k=9)))
+        for harness in (built, bundled):
+            outcomes.drive(harness.tree, ticks=8)
+            harness.halt()
+    changes = [[change for step in harness.trace for change in step.changes] for harness in (built, bundled)]
+    assert len(changes[0]) > 10 * RUNS
+    assert changes[0] == changes[1]
+
+
+def test_nodes_are_moved_and_copied_with_the_mouse(edit: Callable[[str], Editor]) -> None:
+    editor = edit(TREE)
+    start, end = editor.box("rest"), editor.box("set")
+    source = (start["x"] + 12, start["y"] + 12)
+    target = (end["x"] + end["width"] + 6, end["y"] + 20)
+    editor.drag(source, target)
+    moved = ["round", "set", "rest", "door", "open?", "wait", "Visit", "Inverter", "greet"]
+    editor.shows(moved)
+    editor.press("Control+z")
+    editor.wait(lambda: editor.labels[2] == "door")
+    # Escape leaves the tree as it is.
+    mouse = editor.page.mouse
+    mouse.move(*source)
+    mouse.down()
+    mouse.move(*target, steps=4)
+    editor.page.locator(".marks .insert").wait_for(state="attached")
+    editor.press("Escape")
+    mouse.up()
+    assert editor.page.locator(".ghost, .marks .insert").count() == 0
+    # Ctrl copies.
+    mouse.move(*source)
+    mouse.down()
+    mouse.move(*target, steps=4)
+    editor.page.keyboard.down("Control")
+    mouse.up()
+    editor.page.keyboard.up("Control")
+    copied = ["round", "set", "rest", "door", "open?", "wait", "rest", "Visit", "Inverter", "greet"]
+    editor.shows(copied)
+
+
+def test_what_is_not_possible_says_why(edit: Callable[[str], Editor]) -> None:
+    editor = edit(TREE)
+    editor.select("set")
+    editor.press("u")
+    assert editor.message == "The node has no children."
+    editor.select("round")
+    editor.press("Control+d")
+    assert editor.message.startswith("A tree has exactly one root node.")
+    editor.press("Shift+F10")
+    item = editor.page.get_by_role("menuitem", name="Duplicate")
+    assert item.get_attribute("aria-disabled") == "true"
+    item.focus()
+    assert "exactly one root" in item.locator("small").inner_text()
+    editor.press("Escape")
+    assert editor.canvas.evaluate("canvas => canvas === document.activeElement")
+
+
+def test_the_picture_is_a_tree_for_screen_readers(edit: Callable[[str], Editor]) -> None:
+    editor = edit(TREE)
+    editor.canvas.focus()
+    editor.press("ArrowDown", "ArrowDown", "ArrowRight")
+    assert editor.selected == ["door"]
+    node = editor.node("door")
+    wanted = {"role": "treeitem", "aria-level": "2", "aria-posinset": "2", "aria-setsize": "4"}
+    assert {name: node.get_attribute(name) for name in wanted} == wanted
+    assert editor.canvas.get_attribute("aria-activedescendant") == node.get_attribute("id")
+    assert node.get_attribute("aria-expanded") == "true"
+    editor.press("Space")
+    editor.wait(lambda: editor.node("door").get_attribute("aria-expanded") == "false")
+    assert "wait" not in editor.labels
+    editor.press("/")
+    editor.page.keyboard.type("wait")
+    editor.wait(lambda: editor.selected == ["wait"], "the found node is not shown")
