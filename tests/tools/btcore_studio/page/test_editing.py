@@ -326,7 +326,7 @@ def is_like_patrolling(editor: Editor) -> None:
             harness.halt()
     changes = [[change for step in harness.trace for change in step.changes] for harness in (built, bundled)]
     assert len(changes[0]) > 10 * RUNS
-    assert changes[0] == changes[1]
+    assert changes[0] == changes[1], editor.file.read_text()
 
 
 def test_nodes_are_moved_and_copied_with_the_mouse(edit: Callable[[str], Editor]) -> None:
