@@ -90,6 +90,7 @@ class BagSource:
         from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
         _limit_chunks()
+        _accept_other_schemas()
         known = get_typestore(Stores.ROS2_KILTED)
         for name, definition in definitions.items():
             known.register(get_types_from_msg(definition, name))
@@ -197,6 +198,19 @@ def _limit_chunks() -> None:
             return bytes(decompressor().decompress(data, max_length=size))
 
         storage_mcap.DECOMPRESSORS[name] = decompress
+
+
+def _accept_other_schemas() -> None:
+    """Let rosbags read a bag that also has channels of other encodings, such as a recording of btcore."""
+    from rosbags.rosbag2 import storage_mcap
+
+    get_definition = storage_mcap.get_msgdef
+
+    def get_known_definition(schema: Any) -> Any:
+        is_known = schema is not None and schema.encoding in ("ros2msg", "ros2idl", "omgidl", "")
+        return get_definition(schema if is_known else None)
+
+    storage_mcap.get_msgdef = get_known_definition
 
 
 def _serve(requests: Iterator[bytes], cpu_seconds: int, source: BagSource) -> None:

@@ -3,8 +3,9 @@
 A log has neither the ticks nor what leaves read and wrote. The engine is run on it: a leaf that is ticked
 returns the status of the next transition if it is its own, otherwise its present status. Control nodes and
 decorators whose results depend on their children alone are run by the engine. All others are external nodes,
-which tick and halt the children whose transitions follow. A SubTree node is always run by the engine: if its
-parent is a SubTree node, too, and its pre-condition decides, its replay has more transitions than the log.
+which tick and halt the children whose transitions follow. A SubTree node is always run by the engine, and the
+result that its pre-condition has decided is forced. This is not possible for SKIPPED: if its parent is a
+SubTree node, too, and `_skipIf` or `_while` has skipped it, its replay has more transitions than the log.
 """
 
 from collections.abc import Iterable, Iterator, Mapping
@@ -13,7 +14,7 @@ from typing import Final
 from lxml import etree
 
 import btcore
-from btcore.engine.journal import ChildHalted, ChildTicked, ExternalHaltBegan, StatusSet
+from btcore.engine.journal import ChildHalted, ChildTicked, ExternalHaltBegan, StatusForced, StatusSet
 from btcore.engine.node import TreeNode, execute_tick, halt_node, reset_status
 from btcore.engine.observers import Observer
 from btcore.engine.transition_records import Transitions
@@ -238,6 +239,9 @@ class _Import:
         state = state._replace(nodes=(*state.nodes, *begin))
         self._head = self._head._replace(state=state)
         restore_nodes(state, tree, (), self._code.decode)
+        for number, node in enumerate(shape.nodes, 1):
+            if node.type is NodeType.SUBTREE and number > 1:
+                tree.nodes[number - 1].set_pre_tick_function(self._code.pre_tick)
         self._follower = _Follower(self._code)
         tree.subscribe(self._follower)
 
@@ -419,6 +423,13 @@ class _LoggedCode(ExternalCode):
         node = self.nodes[uid - 1]
         is_result = self._number(change) == uid and change.status not in (IDLE, RUNNING)
         return is_result and node.type is NodeType.SUBTREE and node._status is IDLE
+
+    def pre_tick(self, node: TreeNode) -> Status:
+        change = self.next
+        if change is None or not self.is_decided_subtree(node.config.uid, change):
+            return SKIPPED
+        self.events.append(StatusForced(node.config.uid, True, change.status))
+        return change.status
 
     def halt(self, node: TreeNode) -> None:
         uid = node.config.uid

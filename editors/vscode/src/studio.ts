@@ -330,7 +330,7 @@ export class Studios implements vscode.CustomTextEditorProvider {
     if (!document) return false;
     const studio = [...this.open].find((item) => item.document === document);
     if (studio) {
-      studio.panel.reveal(undefined, true);
+      studio.panel.reveal(studio.panel.viewColumn, true);
       if (typeof tree === "string") studio.show(tree);
       return true;
     }

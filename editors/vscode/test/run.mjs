@@ -311,6 +311,29 @@ test("sequences of commands in the trees of the project are undone to the byte",
   assert.ok(count > 3 * TREES.length, `only ${count} commands were not refused`);
 });
 
+test("breakpoints in the margin are those of the running tree", async () => {
+  const page = await open(document, "Runde");
+  const { nodes } = await page.draw();
+  const wanted = (expected) => ({ wanted: keys }) => keys.length === expected.length && expected.every((key) => keys.includes(key));
+  const set = async (keys, expected) => {
+    const from = page.panel.sent.length;
+    await page.ask("btcore/breakpoints", { keys });
+    await notified(page.panel, "btcore/live", wanted(expected), from);
+  };
+  // The tree is called twice.
+  const twice = [nodes[3].key, nodes[5].key];
+  await set([nodes[3].key], twice);
+  assert.deepEqual(vscode.debug.breakpoints.map(({ location }) => [location.uri.fsPath, location.range.start.line]), [[file, 9]]);
+  await set([...twice, nodes[0].key], [...twice, nodes[0].key]);
+  await set([nodes[0].key], [nodes[0].key]);
+  const from = page.panel.sent.length;
+  vscode.debug.addBreakpoints([new vscode.SourceBreakpoint(new vscode.Location(document.uri, new vscode.Position(3, 0)))]);
+  await notified(page.panel, "btcore/live", wanted([nodes[0].key, nodes[1].key]), from);
+  await set([], []);
+  assert.deepEqual(vscode.debug.breakpoints, []);
+  page.close();
+});
+
 test("a server that is starting can be restarted", async () => {
   const before = vscode.calls.clients.length;
   vscode.configuration.set("command", "missing");

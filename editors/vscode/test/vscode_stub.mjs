@@ -191,7 +191,7 @@ export const window = {
 
 /** The custom editor of the extension. */
 export const editors = {};
-export async function openWith(uri, type, { viewColumn } = {}) {
+export async function openWith(uri, type, { viewColumn = 1 } = {}) {
   if (type !== editors.type) throw new Error(`no editor ${type}`);
   const messages = new Hub(), ended = new Hub(), sent = [], replies = new Map();
   let last = 0;
@@ -213,7 +213,11 @@ export async function openWith(uri, type, { viewColumn } = {}) {
       },
     },
     onDidDispose: (listener) => { ended.on("end", listener); return { dispose() {} }; },
-    reveal() { calls.panels.forEach((item) => (item.active = item === panel)); },
+    // Without a column, VS Code would show it a second time, in the active one.
+    reveal(column, preserveFocus = false) {
+      if (column === undefined) throw new Error("reveal without a column");
+      if (!preserveFocus) calls.panels.forEach((item) => (item.active = item === panel));
+    },
     dispose: () => { calls.panels.splice(calls.panels.indexOf(panel), 1); ended.emit("end"); },
     notify: (method, params) => messages.emit("message", { jsonrpc: "2.0", method, params }),
     /** Send a request of the page. */
@@ -228,7 +232,7 @@ export async function openWith(uri, type, { viewColumn } = {}) {
     },
   };
   calls.panels.push(panel);
-  panel.reveal();
+  panel.reveal(viewColumn);
   await editors.provider.resolveCustomTextEditor(panel.document, panel);
 }
 

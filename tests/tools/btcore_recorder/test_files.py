@@ -3,16 +3,19 @@
 import logging
 import re
 from contextlib import suppress
-from io import FileIO
+from io import BytesIO, FileIO
 from pathlib import Path
 from random import Random
 
 import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
 
 import btcore
 from btcore import SUCCESS, BtcoreError, In, NodeExecutionError, Registry, Tree
 from btcore.logs import LogError
 from btcore.testing import TestNodeConfig
+from btcore_bags.log import BagLog, read_bag
 from btcore_recorder import Explainer, Replay, record
 from btcore_recorder.file_recorder import RingRecorder
 from btcore_recorder.files import EXTENSIONS, read_recording
@@ -95,6 +98,36 @@ def test_a_recording_with_facts_and_transitions_is_read() -> None:
     assert (facts.code["Look"].place, facts.resources) == ("leaves.py:6", ("btcore.clock.Clock",))
     assert [step.woken_by for step in replay.steps] == [0, 0, 3, -1, -1, None]
     assert [len(step.transitions or ()) for step in replay.steps] == [3, 0, 9, 3, 0, 3]
+
+
+def test_a_recording_and_a_bag_in_one_file_are_both_read(tmp_path: Path) -> None:
+    tree = btcore.loads(
+        '<root BTCPP_format="4"><BehaviorTree ID="Main"><AlwaysSuccess/></BehaviorTree></root>'
+    )
+    bag = BagLog(tree, tmp_path / "bag.mcap")
+    with record(tree, tmp_path / "run.mcap"):
+        tree.tick_once()
+    bag.finish()
+    bag.release()
+    both = tmp_path / "both.mcap"
+    with both.open("wb") as file:
+        writer = Writer(file)
+        writer.start(profile="ros2")
+        for part in ("bag.mcap", "run.mcap"):
+            channels: dict[int, int] = {}
+            for schema, channel, message in make_reader(
+                BytesIO((tmp_path / part).read_bytes())
+            ).iter_messages():
+                if channel.id not in channels:
+                    known = writer.register_schema(schema.name, schema.encoding, schema.data)
+                    channels[channel.id] = writer.register_channel(
+                        channel.topic, channel.message_encoding, known
+                    )
+                number = channels[channel.id]
+                writer.add_message(number, message.log_time, message.data, 0, message.sequence)
+        writer.finish()
+    assert read_recording(both) == read_recording(tmp_path / "run.mcap")
+    assert read_bag(both).transitions == read_bag(tmp_path / "bag.mcap").transitions
 
 
 def test_the_tree_is_not_changed_by_a_recording_that_has_ended(tmp_path: Path) -> None:

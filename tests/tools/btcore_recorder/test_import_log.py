@@ -52,11 +52,11 @@ def logged(log: Recording) -> Changes:
     return [(change.uid, change.status) for change in log.transitions]
 
 
-def has_decided_child(log: Recording, uid: int) -> bool:
-    """Return whether a SubTree node has a SubTree child with conditions, which the engine ticks anyway."""
+def has_skipped_child(log: Recording, uid: int) -> bool:
+    """Return whether a SubTree node may skip its SubTree child, which the engine ticks nevertheless."""
     nodes = [log.nodes[uid], *(log.nodes[child] for child in log.nodes[uid].children)]
-    conditions = [name for name in nodes[-1].ports if name.startswith("_")]
-    return all(node.id == "SubTree" for node in nodes) and len(nodes) == 2 and bool(conditions)
+    is_inner = all(node.id == "SubTree" for node in nodes) and len(nodes) == 2
+    return is_inner and not nodes[-1].ports.keys().isdisjoint(("_skipIf", "_while"))
 
 
 @settings(max_examples=max(10, settings().max_examples // 3))
@@ -75,11 +75,30 @@ def test_the_replay_of_a_log_has_its_transitions(
                 if action != "inject" or len(tree.subtrees) == 1:
                     act(tree, action, Random(seed))
         log = read_log(Path(folder) / "run.btlog")
-    assume(not any(has_decided_child(log, uid) for uid in log.nodes))
+    assume(not any(has_skipped_child(log, uid) for uid in log.nodes))
     whole, cut = logged(log), int(part * len(log.transitions))
     assert replayed(import_log(log)) == whole
     # The engine completes the tick in which a log ends.
     assert replayed(import_log(replace(log, transitions=log.transitions[:cut])))[:cut] == whole[:cut]
+
+
+@pytest.mark.parametrize("condition", ["_successIf", "_failureIf"])
+def test_the_condition_of_a_subtree_within_a_subtree_decides(tmp_path: Path, condition: str) -> None:
+    tree = btcore.loads(
+        f"""<root BTCPP_format="4" main_tree_to_execute="Main">
+        <BehaviorTree ID="Main"><Sequence><AlwaysSuccess/><SubTree ID="Outer"/></Sequence></BehaviorTree>
+        <BehaviorTree ID="Outer"><SubTree ID="Inner" {condition}="@n == 1"/></BehaviorTree>
+        <BehaviorTree ID="Inner"><Sequence><AlwaysSuccess/><Sleep msec="1000"/></Sequence></BehaviorTree>
+        </root>""",
+        clock=SimClock(),
+    )
+    with BtLog(tree, tmp_path / "run.btlog"):
+        for number in (0, 1, 1, 0):
+            tree.blackboard["n"] = number
+            tree.tick_exactly_once()
+            tree.halt()
+    log = read_log(tmp_path / "run.btlog")
+    assert replayed(import_log(log)) == logged(log)
 
 
 @pytest.mark.parametrize("name", ["v4_sample.btlog", "v4_sample.db3", "v3_sample.fbl"])

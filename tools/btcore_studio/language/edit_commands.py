@@ -153,7 +153,14 @@ class _Draft:
 
     def element_at(self, start: int) -> ScannedElement:
         """Return the element that begins at an offset of the present text."""
-        return next(element for element in self.editor.scan.elements if element.start == start)
+        return self.found(element for element in self.editor.scan.elements if element.start == start)
+
+    def found(self, elements: Iterable[ScannedElement]) -> ScannedElement:
+        """Return the first of some elements, of which there is one unless the text is broken."""
+        element = next(iter(elements), None)
+        if element is None:
+            raise EditError(f"the text is not XML ({self.reading.broken}): correct it first")
+        return element
 
     @property
     def root(self) -> ScannedElement:
@@ -352,7 +359,7 @@ class _Operation:
         root = draft.root
         tree = draft.editor.insert(root, _index_of_new_tree(root), f'<BehaviorTree ID="{_FIRST_TREE}"/>')
         draft.apply([tree])
-        return _Target(draft, next(draft.root.iter("BehaviorTree")))
+        return _Target(draft, draft.found(draft.root.iter("BehaviorTree")))
 
     # --- rules
 
@@ -594,7 +601,7 @@ class _Operation:
                 raise EditError(f"'{port.name}' cannot be the name of a port: {error}")
         if not command.id or not FORBIDDEN.isdisjoint(command.id):
             raise EditError(f"'{command.id}' cannot be the ID of a node: use letters, digits, '_' and '-'")
-        before = _model_in(draft, command.id)
+        before = next(_models_in(draft, command.id), None)
         if before is None:
             self._insert_models(draft, [f'<{command.type} ID="{escape_value(command.id)}"/>'])
         elif before.tag != command.type:
@@ -603,8 +610,7 @@ class _Operation:
 
     def _set_ports(self, draft: _Draft, command: SetModel) -> None:
         """Write the ports of a model. Ports that do not change keep their text."""
-        model = _model_in(draft, command.id)
-        assert model is not None
+        model = draft.found(_models_in(draft, command.id))
         ports = {child.get("name") or "": child for child in model.children if child.tag in PORT_TAGS}
         wanted = {port.name: port for port in command.ports}
         if [name for name in ports if name in wanted] != [name for name in wanted if name in ports]:
@@ -622,8 +628,7 @@ class _Operation:
         draft.apply(edits)
         added = [port_text(port) for name, port in wanted.items() if name not in kept]
         if added:
-            model = _model_in(draft, command.id)
-            assert model is not None
+            model = draft.found(_models_in(draft, command.id))
             places = [index for index, child in enumerate(model.children, 1) if child.tag in PORT_TAGS]
             draft.apply([draft.editor.insert(model, places[-1] if places else 0, "\n".join(added))])
 
@@ -631,7 +636,7 @@ class _Operation:
         root = draft.root
         if not any(child.tag == "TreeNodesModel" for child in root.children):
             draft.apply([draft.editor.insert(root, len(root.children), "<TreeNodesModel/>")])
-        section = next(child for child in draft.root.children if child.tag == "TreeNodesModel")
+        section = draft.found(child for child in draft.root.children if child.tag == "TreeNodesModel")
         draft.apply([draft.editor.insert(section, len(section.children), "\n".join(models))])
 
     # --- the result
@@ -686,11 +691,11 @@ def _range(source: SourceDocument, edit: Edit, shift: int) -> Range:
     return Range(_position(source, edit.start + shift), _position(source, edit.end + shift))
 
 
-def _model_in(draft: _Draft, id: str) -> ScannedElement | None:
-    """Return the element of the model of a node or a tree."""
+def _models_in(draft: _Draft, id: str) -> Iterator[ScannedElement]:
+    """Yield the elements of the models of a node or a tree."""
     sections = [child for child in draft.root.children if child.tag == "TreeNodesModel"]
     models = (model for section in sections for model in section.children)
-    return next((model for model in models if model.get("ID") == id), None)
+    return (model for model in models if model.get("ID") == id)
 
 
 def _is_in_tree(element: ScannedElement) -> bool:

@@ -32,6 +32,7 @@ PROJECT_SUFFIX: Final = ".btproj"
 """The ending of the names of projects of Groot 2."""
 SUFFIXES: Final = (".xml", PROJECT_SUFFIX)
 _SKIPPED_FOLDERS: Final = {"node_modules", "build", "dist", "install", "log", "__pycache__", "site-packages"}
+_NO_PATH: Final = re.compile("[\0\ud800-\udfff]")
 _TREES: Final = re.compile(rb"<\s*(?:root|Root|BehaviorTree|TreeNodesModel)\b")
 
 
@@ -196,7 +197,10 @@ class Project:
         Returns:
             None if the file cannot be read as UTF-8.
         """
-        path = real_path(path)
+        try:
+            path = real_path(path)
+        except ValueError:  # a NUL character or a lone surrogate
+            return None
         for document in self._open.values():
             if document.path == path:
                 return document
@@ -287,7 +291,8 @@ class Project:
         if document is None:
             return set()
         includes = [element for root in document.scan.roots for element in root.iter("include")]
-        return {real_path(path.parent / written) for element in includes if (written := element.get("path"))}
+        paths = [written for element in includes if is_usable_path(written := element.get("path") or "")]
+        return {real_path(path.parent / written) for written in paths}
 
     def forget_files(self) -> None:
         """Search the files of the workspace again, because files were created or deleted."""
@@ -326,6 +331,11 @@ def find_files(folders: Iterable[Path], suffixes: tuple[str, ...], most: int) ->
             if len(paths) >= most or visited > MAX_ENTRIES:
                 return paths[:most]
     return paths
+
+
+def is_usable_path(text: str) -> bool:
+    """Return whether a file can have this path: it has no NUL character and no lone surrogate."""
+    return text != "" and _NO_PATH.search(text) is None
 
 
 def _has_trees(path: Path) -> bool:

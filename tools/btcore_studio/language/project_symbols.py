@@ -11,7 +11,7 @@ from btcore.registry.registry import Registry
 from btcore.xml.plan.tree_plan import SubtreeCall
 from btcore.xml.read.read import MAX_INCLUDED_FILES
 from btcore.xml.read.scan import ScannedAttribute, ScannedElement
-from btcore_studio.language.project import Project, SourceDocument
+from btcore_studio.language.project import Project, SourceDocument, is_usable_path
 from btcore_studio.language.symbols import (
     CallPort,
     FileSymbols,
@@ -41,8 +41,8 @@ def symbols_of(project: Project) -> "ProjectSymbols":
 
 def included_path(document: SourceDocument, element: ScannedElement) -> Path | None:
     """Return the file that an `<include>` element names, or None if it is in a ROS package or missing."""
-    written = element.get("path")
-    if not written or "\0" in written:
+    written = element.get("path") or ""
+    if not is_usable_path(written):
         return None
     path = Path(written)
     if path.is_absolute():

@@ -2,7 +2,7 @@
 
 import contextlib
 from bisect import bisect_left
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
@@ -27,7 +27,7 @@ from btcore.xml.models.model_file import (
 from btcore.xml.plan.plan import Plans, plan
 from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.document import Document
-from btcore.xml.read.element import Element
+from btcore.xml.read.element import Element, encoded
 from btcore.xml.read.positions import LineIndex, SourceMap
 from btcore.xml.read.read import Sources, parse_text, read
 from btcore.xml.read.scan import Scan, ScannedElement, scan
@@ -66,7 +66,7 @@ class TreeReading:
         self.document.unsaved = project.unsaved
         self._registry = project.registry
         self._given = tuple(braced_key(key) or key for key in project.settings.given)
-        self.sources = read(self.document, project.registry.documents)
+        self.sources = read(self.document, [*project.registry.documents, *_documents_around(project, source)])
         self.definitions = define(self.sources)
         self.nodes, self.missing = _nodes_for(project.registry, self.sources)
         self.files = {document: self._source_of(project, document) for document in self.sources.documents}
@@ -74,8 +74,10 @@ class TreeReading:
 
     def _parse(self, source: SourceDocument) -> Document:
         file = str(source.path) if source.path is not None else ""
+        # A lone surrogate, which no file can contain, becomes "?".
+        text = encoded(source.text).decode()
         try:
-            return parse_text(source.text, file)
+            return parse_text(text, file)
         except TreeError as error:
             first = error.diagnostics[0]
         if first.code == DOCUMENT_TOO_LARGE:
@@ -87,7 +89,8 @@ class TreeReading:
         self.broken = f"line {first.line}: {first.message}" if first.line else first.message
         if first.line:
             self.fault = LineIndex(source.text).offset(first.line, max(1, first.column))
-        return _scanned_document(source.scan, file)
+        text = text.replace("\0", "?")
+        return _scanned_document(source.scan if text == source.text else scan(text), file)
 
     def _source_of(self, project: Project, document: Document) -> SourceDocument:
         if document is self.document:
@@ -173,6 +176,15 @@ def read_trees(project: Project, source: SourceDocument) -> TreeReading:
     return reading
 
 
+def _documents_around(project: Project, source: SourceDocument) -> Iterator[Document]:
+    """Yield the projects of Groot that include a document: its trees may call the trees of their files."""
+    if source.path is not None:
+        for root in project.roots_of(source.path):
+            if root != source.path:
+                with contextlib.suppress(TreeError):
+                    yield project.parse_path(root)
+
+
 def _scanned_document(scanned: Scan, file: str) -> Document:
     """Return the document of a text that is not XML, with the elements of its scan.
 
@@ -213,7 +225,8 @@ def _nodes_for(registry: Registry, sources: Sources) -> tuple[Registry, frozense
                 add_document_models(nodes, document, override=is_project)
     seen = _unknown_nodes(nodes, documents)
     for id, (document, node_type, ports) in seen.items():
-        with contextlib.suppress(RegistrationError):
+        # No class can have the name of an ID with a NUL character or a lone surrogate.
+        with contextlib.suppress(RegistrationError, ValueError):
             add_mock(nodes, id, node_type, list(ports.values()), "", document)
     return nodes, frozenset(seen)
 

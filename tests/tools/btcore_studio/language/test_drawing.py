@@ -199,6 +199,22 @@ def test_a_broken_text_keeps_its_picture(rounds: Draw, old: str, new: str, line:
     assert shown.broken.startswith("line "), shown.broken
 
 
+def test_trees_of_a_project_of_groot_call_each_other(draw: Draw, project: Project, tmp_path: Path) -> None:
+    (tmp_path / "part.xml").write_text(PART)
+    (tmp_path / "all.btproj").write_text(
+        '<root BTCPP_format="4" project_name="a"><include path="tree.xml"/><include path="part.xml"/></root>'
+    )
+    text = TREE.replace('<include path="part.xml"/>', "")
+    (tmp_path / "tree.xml").write_text(text, encoding="utf-8")
+    project.configure([tmp_path], project.settings)
+    shown = draw(text, uri=(tmp_path / "tree.xml").as_uri())
+    assert ids(shown).count("Inverter") == 2
+    assert [tree.id for tree in shown.trees] == ["Rounds", "Visit"]
+    other = draw(PART, uri=(tmp_path / "part.xml").as_uri())
+    assert (other.tree, other.trees[0].callers) == ("Visit", ["Rounds"])
+    assert ids(draw(text, uri=(tmp_path / "tree.xml").as_uri())).count("Inverter") == 2
+
+
 def test_trees_of_the_document_come_first(rounds: Draw) -> None:
     library = TREE.replace(' main_tree_to_execute="Rounds"', "").replace(
         "</root>", '<BehaviorTree ID="Other"><Sleep/></BehaviorTree></root>'

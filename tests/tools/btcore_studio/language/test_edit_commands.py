@@ -1,5 +1,6 @@
 """The request btcore/edit: the operations of a page, their refusals, and random sequences of them."""
 
+import contextlib
 import os
 import random
 from collections.abc import Callable
@@ -14,6 +15,8 @@ from btcore_studio.edit.text_edits import invert_edits
 from btcore_studio.language import studio_protocol as protocol
 from btcore_studio.language.drawing import draw_document
 from btcore_studio.language.edit_commands import compute_edit, copy_nodes
+from btcore_studio.language.node_form import form_of
+from btcore_studio.language.palette import palette_of
 from btcore_studio.language.project import Project, SourceDocument
 from btcore_studio.language.studio_protocol import (
     AnyCommand,
@@ -628,6 +631,32 @@ def test_random_sequences(project: Project, texts: dict[str, list[str]], tmp_pat
             text = apply_edits(text, edits)
         assert text == start
     assert len(outcomes) > 10, outcomes
+
+
+DOCUMENT_TYPE = "<!DOCTYPE a [<!ENTITY b 'c'>]>"
+MISTAKES = ("", "<", ">", '"', "&", "</", "/>", "<!--", "]]>", "<a b='", "\0", "\ud800", DOCUMENT_TYPE)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_random_mistakes(project: Project, texts: dict[str, list[str]], tmp_path: Path, seed: int) -> None:
+    rng = random.Random(f"mistakes:{seed}")
+    done = 0
+    for _ in range(min(SEQUENCES, 100) // 4):
+        text = decorated(rng.choice(texts[rng.choice(list(texts))]), rng)
+        for _ in range(rng.randint(1, 3)):
+            start = rng.randrange(len(text) + 1)
+            text = text[:start] + rng.choice(MISTAKES) + text[start + rng.choice((0, 1, 3, 30, 300)) :]
+        page = Page(project, text, (tmp_path / "tree.xml").as_uri())
+        for _ in range(5):
+            drawing = page.drawing()
+            assert len(palette_of(project, page.source).items) > 50
+            for node in drawing.nodes[:3]:
+                with contextlib.suppress(EditError):
+                    form_of(project, page.source, node.place)
+            with contextlib.suppress(EditError):
+                page.do(random_command(rng, drawing, page.uri))
+                done += 1
+    assert done > 0
 
 
 def check_result(page: Page, before: str, edits: list[Edit], result: EditResult, place: str) -> None:

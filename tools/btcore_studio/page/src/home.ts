@@ -161,6 +161,7 @@ export class BrowserHome implements Home {
   }
 
   async save(uri: string): Promise<void> {
+    await this.documents.load(uri);
     await this.documents.pushed(uri);
     await this.connection.request("btcore/save", { uri });
     this.connection.notify("textDocument/didSave", { textDocument: { uri } });

@@ -164,19 +164,30 @@ async function move(step: () => Promise<Done | null>, nothing: string): Promise<
   });
 }
 
+/** The documents that this page has changed since it saved them. */
+const changed = new Set<string>();
+
+/** Save every file with changes: a command can change several. */
+async function save(): Promise<void> {
+  const unsaved = files.value.filter((file) => file.unsaved).map((file) => file.uri);
+  const wanted = home.documents ? [...new Set([...unsaved, ...changed])] : [uri.value];
+  try {
+    for (const address of wanted) {
+      await home.save(address);
+      changed.delete(address);
+    }
+    message.value = wanted.length ? texts.saved(wanted.map(fileName).join(", ")) : texts.nothingToSave;
+  } catch (error) {
+    message.value = texts.saveRefused(reason(error));
+  }
+}
+
 Object.assign(actions, {
   request: (method, params) => home.connection.request(method, params),
   edit,
   undo: () => move(() => home.undo(), texts.nothingToUndo),
   redo: () => move(() => home.redo(), texts.nothingToRedo),
-  save: () => inOrder(async () => {
-    try {
-      await home.save(uri.value);
-      message.value = texts.saved(fileName(uri.value));
-    } catch (error) {
-      message.value = texts.saveRefused(reason(error));
-    }
-  }),
+  save: () => inOrder(save),
   redraw,
   reveal: (place) => {
     if (home.documents) revealText(place);
@@ -228,7 +239,8 @@ function waitForPalette(ms: number): void {
   }, ms);
 }
 
-home.onChange((_, origin) => {
+home.onChange((address, origin) => {
+  if (origin !== "remote") changed.add(address);
   clearTimeout(typingTimer);
   if (origin === "typing") typingTimer = window.setTimeout(redraw, TYPING_WAIT_MS);
   else void redraw();
@@ -296,6 +308,7 @@ function Notices() {
     <div class="notices" role="status">
       {!isConnected.value && <p>{texts.lost}</p>}
       {notice.value && <p>{notice.value}</p>}
+      {start.value?.uri === "" && !uri.value && <p>{texts.emptyFolder}</p>}
       {conflicts.value.map((conflict) => (
         <p key={conflict.uri}>
           {texts.diskConflict(fileName(conflict.uri))}{" "}

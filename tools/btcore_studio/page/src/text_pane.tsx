@@ -25,6 +25,7 @@ import { useEffect, useRef } from "preact/hooks";
 import { type Change, offsetAt, positionAt } from "./documents";
 import type { BrowserHome } from "./home";
 import { ask } from "./dialog";
+import { openFile } from "./files";
 import { type CodeAction, fixes, fixesOf } from "./problems";
 import type { Place, Position, Range, WorkspaceEdit } from "./protocol";
 import { rendered } from "./markdown";
@@ -468,7 +469,10 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
   }, [home]);
   return (
     <section class="text" aria-label={texts.text}>
-      <h2>{fileName(shownUri.value) || texts.text}</h2>
+      <div class="row">
+        <h2>{fileName(shownUri.value) || texts.text}</h2>
+        {shownUri.value !== uri.value && <button class="small" onClick={() => openFile(shownUri.value)}>{texts.showTrees}</button>}
+      </div>
       <div class="editor" ref={frame} />
     </section>
   );

@@ -97,7 +97,7 @@ export function Toolbar({ home }: { home: Home }) {
       )}
       <div class="group">
         {home.documents && (
-          <button onClick={() => actions.save()} disabled={isFixed || !isUnsaved} title={`${texts.save} (Ctrl+S)`}>{texts.save}</button>
+          <button onClick={() => actions.save()} disabled={isFixed || (home.documents !== null && !files.value.some((file) => file.unsaved))} title={`${texts.save} (Ctrl+S)`}>{texts.save}</button>
         )}
         <button onClick={() => actions.undo()} disabled={!canUndo.value} title={`${texts.undo} (Ctrl+Z)`}>{texts.undo}</button>
         <button onClick={() => actions.redo()} disabled={!canRedo.value} title={`${texts.redo} (Ctrl+Shift+Z)`}>{texts.redo}</button>
