@@ -20,7 +20,7 @@ export const texts = {
   nothingToRedo: "Nothing to redo.",
   tree: "Tree",
   theme: "Colours",
-  themes: { system: "System", light: "Light", dark: "Dark" },
+  themes: { system: "System colours", light: "Light", dark: "Dark" },
   export: "Export",
   exportAs: (format: string) => `Save the picture as a ${format} file`,
   exportRefused: (reason: string) => `The picture was not saved: ${reason}`,
