@@ -392,3 +392,12 @@ def test_the_picture_is_a_tree_for_screen_readers(edit: Callable[[str], Editor])
     editor.press("/")
     editor.page.keyboard.type("wait")
     editor.wait(lambda: editor.selected == ["wait"], "the found node is not shown")
+
+
+def test_fast_keys_keep_their_order(edit: Callable[[str], Editor]) -> None:
+    editor = edit(TREE)
+    editor.select("set")
+    # Each key means the picture after the last.
+    editor.press("Alt+ArrowRight", "Alt+ArrowRight", "ArrowRight", "e", "ArrowLeft", "ArrowLeft", "Delete")
+    editor.shows(["round", "door", "open?", "wait", "set", "Visit", "Inverter", "greet"])
+    assert editor.node("Visit").get_attribute("aria-label").endswith(", disabled")

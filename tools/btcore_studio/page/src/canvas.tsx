@@ -11,7 +11,7 @@ import { Quick } from "./quick";
 import { help, menu } from "./quick_state";
 import { drawing, live, selection, start, uri } from "./state";
 import { step } from "./timeline";
-import { tree as texts } from "./tree_texts";
+import { tree as texts } from "./texts";
 import { draw, found, query, View, view } from "./view";
 
 const ZOOM_STEP = 1.25;

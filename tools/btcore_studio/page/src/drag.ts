@@ -9,7 +9,7 @@ import type { DrawnNode, PaletteItem, Place } from "./protocol";
 import { menu } from "./quick_state";
 import { actions, drawing, message, palette, selection, start } from "./state";
 import { placeOfTree } from "./tree";
-import { tree as texts } from "./tree_texts";
+import { tree as texts } from "./texts";
 import { type View, draw, view } from "./view";
 
 const THRESHOLD = 4;

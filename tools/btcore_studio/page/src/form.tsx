@@ -9,7 +9,7 @@ import { Symbol } from "./palette";
 import type { Diagnostic, DrawnNode, Field, NodeForm, Position } from "./protocol";
 import { actions, diagnostics, drawing, live, selectedNode, selectedNodes, start } from "./state";
 import { moment } from "./timeline";
-import { tree as texts } from "./tree_texts";
+import { tree as texts } from "./texts";
 import { view } from "./view";
 
 const SIGNS = { in: "→", out: "←", inout: "↔", "": "" };

@@ -5,7 +5,7 @@ import { toggleBreakpoint } from "./live";
 import { actions, drawing, live, message, selection, start, tree as shownTree } from "./state";
 import { prompt, quick } from "./quick_state";
 import { placeOfTree, type Structure } from "./tree";
-import { tree as texts } from "./tree_texts";
+import { tree as texts } from "./texts";
 import { view } from "./view";
 
 export type OperationId =

@@ -7,7 +7,7 @@ import { lastUsed, noteUse } from "./last_used";
 import { addAtCursor } from "./operations";
 import type { PaletteItem } from "./protocol";
 import { palette } from "./state";
-import { tree as texts } from "./tree_texts";
+import { tree as texts } from "./texts";
 import { view } from "./view";
 
 const KINDS: readonly PaletteItem["kind"][] = ["control", "decorator", "condition", "action", "subtree", "undefined"];

@@ -10,7 +10,7 @@ import { Highlighted, Symbol } from "./palette";
 import type { NodeForm, PaletteItem } from "./protocol";
 import { prompt, quick } from "./quick_state";
 import { actions, palette, selectedNode } from "./state";
-import { tree as texts } from "./tree_texts";
+import { tree as texts } from "./texts";
 import { view } from "./view";
 
 const MAX_SHOWN = 60;
