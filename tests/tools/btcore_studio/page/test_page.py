@@ -216,6 +216,21 @@ def test_completion_hover_and_definition(
     page.locator(".cm-activeLine", has_text='<BehaviorTree ID="Refill">').wait_for()
 
 
+def test_breakpoints_are_beside_the_text(
+    folder: Path, start_studio: StartStudio, open_page: OpenPage
+) -> None:
+    pytest.importorskip("zmq")
+    page = open_page(start_studio(folder, "tree.xml"))
+    node(page, "Sleep").click()
+    page.keyboard.press("b")
+    stops = page.locator(".cm-stops .stop")
+    stops.wait_for()
+    box, gutter = line(page, "<Sleep").bounding_box(), page.locator(".cm-stops").bounding_box()
+    page.mouse.click(gutter["x"] + 4, box["y"] + 8)
+    stops.wait_for(state="detached")
+    page.locator("main circle.stop").wait_for(state="detached")
+
+
 def test_new_files_and_trees(folder: Path, start_studio: StartStudio, open_page: OpenPage) -> None:
     page = open_page(start_studio(folder, "tree.xml"))
     page.locator("button[aria-label='New file']").click()
