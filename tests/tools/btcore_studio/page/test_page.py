@@ -225,8 +225,7 @@ def test_breakpoints_are_beside_the_text(
     page.keyboard.press("b")
     stops = page.locator(".cm-stops .stop")
     stops.wait_for()
-    box, gutter = line(page, "<Sleep").bounding_box(), page.locator(".cm-stops").bounding_box()
-    page.mouse.click(gutter["x"] + 4, box["y"] + 8)
+    stops.click()
     stops.wait_for(state="detached")
     page.locator("main circle.stop").wait_for(state="detached")
 
@@ -294,7 +293,7 @@ def test_edits_without_a_connection_arrive_later(
     sockets[0].close()
     page.locator(".notices", has_text="process does not answer").wait_for()
     page.keyboard.type("<!-- 2 -->")
-    page.locator(".notices p").wait_for(state="detached")
+    page.locator(".notices", has_text="process does not answer").wait_for(state="detached")
     page.keyboard.type("<!-- 3 -->")
     save(page)
     context.close()
