@@ -216,6 +216,20 @@ def test_completion_hover_and_definition(
     page.locator(".cm-activeLine", has_text='<BehaviorTree ID="Refill">').wait_for()
 
 
+def test_breakpoints_are_beside_the_text(
+    folder: Path, start_studio: StartStudio, open_page: OpenPage
+) -> None:
+    pytest.importorskip("zmq")
+    page = open_page(start_studio(folder, "tree.xml"))
+    node(page, "Sleep").click()
+    page.keyboard.press("b")
+    stops = page.locator(".cm-stops .stop")
+    stops.wait_for()
+    stops.click()
+    stops.wait_for(state="detached")
+    page.locator("main circle.stop").wait_for(state="detached")
+
+
 def test_new_files_and_trees(folder: Path, start_studio: StartStudio, open_page: OpenPage) -> None:
     page = open_page(start_studio(folder, "tree.xml"))
     page.locator("button[aria-label='New file']").click()
@@ -279,7 +293,7 @@ def test_edits_without_a_connection_arrive_later(
     sockets[0].close()
     page.locator(".notices", has_text="process does not answer").wait_for()
     page.keyboard.type("<!-- 2 -->")
-    page.locator(".notices p").wait_for(state="detached")
+    page.locator(".notices", has_text="process does not answer").wait_for(state="detached")
     page.keyboard.type("<!-- 3 -->")
     save(page)
     context.close()

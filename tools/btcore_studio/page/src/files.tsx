@@ -1,4 +1,5 @@
 import { batch, effect, signal } from "@preact/signals";
+import { useEffect, useRef } from "preact/hooks";
 import { ask } from "./dialog";
 import { offsetAt, positionAt } from "./documents";
 import type { Home } from "./home";
@@ -67,8 +68,10 @@ export function Files({ home }: { home: Home }) {
   const trees = drawing.value?.trees ?? [];
   const canChange = !(start.value?.readOnly ?? true);
   const words = filter.value.toLowerCase();
+  const nav = useRef<HTMLElement>(null);
+  useEffect(() => nav.current?.querySelector("[aria-current=page]")?.scrollIntoView({ block: "nearest" }), [uri.value, files.value.length]);
   return (
-    <nav class="files" aria-label={texts.filesAndTrees}>
+    <nav class="files" ref={nav} aria-label={texts.filesAndTrees}>
       {home.documents && (
         <>
           <div class="row">

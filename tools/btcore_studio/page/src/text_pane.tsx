@@ -12,11 +12,11 @@ import {
 import { type Action, type Diagnostic as Mark, lintGutter, lintKeymap, setDiagnostics } from "@codemirror/lint";
 import { highlightSelectionMatches, search, searchKeymap } from "@codemirror/search";
 import {
-  Annotation, type ChangeSet, type ChangeSpec, Compartment, EditorSelection, EditorState, type Extension, Prec, RangeSetBuilder,
+  Annotation, type ChangeSet, type ChangeSpec, Compartment, EditorSelection, EditorState, type Extension, Prec, RangeSet, RangeSetBuilder,
   StateEffect, StateField, type Text, Transaction, type TransactionSpec,
 } from "@codemirror/state";
 import {
-  Decoration, type DecorationSet, drawSelection, EditorView, highlightActiveLine, highlightActiveLineGutter,
+  Decoration, type DecorationSet, drawSelection, EditorView, gutter, GutterMarker, highlightActiveLine, highlightActiveLineGutter,
   highlightSpecialChars, hoverTooltip, keymap, lineNumbers, MatchDecorator, rectangularSelection, ViewPlugin, type ViewUpdate,
 } from "@codemirror/view";
 import { tags } from "@lezer/highlight";
@@ -27,9 +27,11 @@ import type { BrowserHome } from "./home";
 import { ask } from "./dialog";
 import { openFile } from "./files";
 import { type CodeAction, fixes, fixesOf } from "./problems";
-import type { Place, Position, Range, WorkspaceEdit } from "./protocol";
+import type { DrawnNode, Place, Position, Range, WorkspaceEdit } from "./protocol";
 import { rendered } from "./markdown";
-import { actions, diagnostics, drawing, keyAt, message, selectedNode, selection, start, uri } from "./state";
+import {
+  actions, diagnostics, drawing, keyAt, live, message, nodesByKey, selectedNode, selection, start, uri,
+} from "./state";
 import { texts } from "./texts";
 import { fileName } from "./toolbar";
 
@@ -174,6 +176,48 @@ const colourer = ViewPlugin.fromClass(class {
   }
 });
 
+// --- breakpoints before the nodes that begin in a line
+
+const setStops = StateEffect.define<RangeSet<GutterMarker>>();
+const stops = StateField.define<RangeSet<GutterMarker>>({
+  create: () => RangeSet.empty,
+  update: (value, transaction) => {
+    for (const item of transaction.effects) if (item.is(setStops)) return item.value;
+    return value.map(transaction.changes);
+  },
+});
+const stopMarker = new (class extends GutterMarker {
+  override elementClass = "stop";
+})();
+
+/** Return the drawn nodes of a document by the lines in which they begin. */
+function keysByLine(uri: string): Map<number, string[]> {
+  const found = new Map<number, string[]>();
+  for (const { key, place } of drawing.value?.nodes ?? []) {
+    if (place.uri !== uri) continue;
+    found.set(place.position.line, [...(found.get(place.position.line) ?? []), key]);
+  }
+  return found;
+}
+
+function toggleStops(line: number): boolean {
+  const keys = keysByLine(shownUri.value).get(line) ?? [];
+  if (!keys.length || !start.value?.live) return false;
+  const wanted = new Set(live.value?.wanted);
+  const isSet = keys.some((key) => wanted.has(key));
+  for (const key of keys) {
+    if (isSet) wanted.delete(key);
+    else wanted.add(key);
+  }
+  void actions.request("btcore/breakpoints", { keys: [...wanted] }).catch(show);
+  return true;
+}
+
+const stopGutter = [stops, gutter({
+  class: "cm-stops", markers: (view) => view.state.field(stops),
+  domEventHandlers: { mousedown: (view, block) => toggleStops(positionAt(view.state.doc, block.from).line) },
+})];
+
 // --- line breaks: a CR before an LF belongs to the line, and is neither shown nor reached by the cursor
 
 const returns = new MatchDecorator({ regexp: /\r$/g, decoration: Decoration.replace({}) });
@@ -279,6 +323,10 @@ const look = EditorView.theme({
   ".cm-content": { caretColor: "var(--text)" },
   ".cm-gutters": { backgroundColor: "var(--panel)", color: "var(--dim)", borderRight: "1px solid var(--line)" },
   ".cm-activeLine, .cm-activeLineGutter": { backgroundColor: "var(--hover)" },
+  ".cm-stops": { width: "14px", cursor: "pointer" },
+  ".cm-stops .stop::after": {
+    content: "''", display: "block", width: "10px", height: "10px", margin: "4px 2px 0", borderRadius: "50%", backgroundColor: "var(--failure)",
+  },
   ".cm-cursor": { borderLeftColor: "var(--text)" },
   "&.cm-focused > .cm-scroller > .cm-selectionLayer .cm-selectionBackground, .cm-selectionBackground": { backgroundColor: "var(--chosen)" },
   ".cm-selectionMatch, .cm-searchMatch": { backgroundColor: "var(--mark)" },
@@ -314,7 +362,7 @@ const isFixed = new Compartment();
 
 const extensions = (home: BrowserHome): Extension => [
   EditorState.lineSeparator.of("\n"),
-  lineNumbers(), foldGutter(), codeFolding(), lintGutter(), highlightSpecialChars(), drawSelection(),
+  start.peek()?.live ? stopGutter : [], lineNumbers(), foldGutter(), codeFolding(), lintGutter(), highlightSpecialChars(), drawSelection(),
   EditorState.allowMultipleSelections.of(true), rectangularSelection(), indentOnInput(), bracketMatching(), closeBrackets(),
   highlightActiveLine(), highlightActiveLineGutter(), highlightSelectionMatches(), search({ top: true }),
   autocompletion({ override: [complete], activateOnTyping: true, interactionDelay: 40 }),
@@ -396,10 +444,11 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
 
     const selectAtCursor = () => {
       const best = keyAt(shown, positionAt(view.state.doc, view.state.selection.main.head));
-      if (best && !selection.peek().includes(best)) {
-        keyOfCursor = best;
-        selection.value = [best];
-      }
+      const nodes = nodesByKey.peek();
+      const isSelected = selection.peek().some((key) => key === best || isSamePlace(nodes.get(key), nodes.get(best ?? "")));
+      if (!best || isSelected) return;
+      keyOfCursor = best;
+      selection.value = [best];
     };
 
     const showDocument = (address: string) => {
@@ -414,6 +463,7 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
       }));
       view.dispatch({ effects: isFixed.reconfigure(start.value?.readOnly ? [EditorState.readOnly.of(true)] : []) });
       showMarks();
+      showStops();
     };
 
     const go = (position: Position, focus: boolean) => {
@@ -422,6 +472,15 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
         selection: { anchor: offset }, annotations: external.of(true), effects: EditorView.scrollIntoView(offset, { y: "nearest", yMargin: 60 }),
       });
       if (focus) view.focus();
+    };
+
+    const showStops = () => {
+      const wanted = new Set(live.value?.wanted);
+      if (!start.value?.live || (!wanted.size && !view.state.field(stops).size)) return;
+      const lines = [...keysByLine(shown)].filter(([, keys]) => keys.some((key) => wanted.has(key))).map(([line]) => line);
+      const markers = lines.sort((a, b) => a - b).map((line) => stopMarker.range(offsetAt(view.state.doc, { line, character: 0 })));
+      const found = RangeSet.of(markers);
+      if (!RangeSet.eq([found], [view.state.field(stops)])) view.dispatch({ effects: setStops.of(found) });
     };
 
     const showMarks = () => {
@@ -465,6 +524,9 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
         if (drawing.value) untracked(() => { if (isInText()) selectAtCursor(); });
       }),
       effect(() => {
+        if (live.value && drawing.value) untracked(showStops);
+      }),
+      effect(() => {
         if (diagnostics.value && fixes.value) untracked(() => { if (shown) showMarks(); });
       }),
     ];
@@ -483,6 +545,10 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
     </section>
   );
 }
+
+// A tree that is called several times is drawn several times.
+const isSamePlace = (a?: DrawnNode, b?: DrawnNode) => a && b && a.place.uri === b.place.uri
+  && a.place.position.line === b.place.position.line && a.place.position.character === b.place.position.character;
 
 function lastChange(changes: ChangeSet): number {
   let last = 0;
