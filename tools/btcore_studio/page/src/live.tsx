@@ -95,14 +95,15 @@ export function LiveControls() {
     if (field.current && address && document.activeElement !== field.current) field.current.value = address;
   }, [address]);
   if (!start.value?.live || start.value.recording) return null;
+  const proposed = start.value.address ?? DEFAULT_ADDRESS;
   const toggle = (event: Event) => {
     event.preventDefault();
-    void send("btcore/watch", { address: address ? "" : field.current!.value.trim() || DEFAULT_ADDRESS });
+    void send("btcore/watch", { address: address ? "" : field.current!.value.trim() || proposed });
   };
   return (
     <form class="live-controls" onSubmit={toggle}>
       <span class={`light ${state?.connection ?? ""}`} title={state?.detail || texts.notConnected} />
-      <input ref={field} placeholder={DEFAULT_ADDRESS} aria-label={texts.address} />
+      <input ref={field} placeholder={proposed} aria-label={texts.address} />
       <button title={texts.watchTitle}>{address ? texts.disconnect : texts.connect}</button>
       {state?.stopped && (
         <button type="button" class="continue" onClick={() => void send("btcore/release", {})}>{texts.continue}</button>
