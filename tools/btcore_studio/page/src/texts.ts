@@ -197,7 +197,7 @@ export const tree = {
     { group: "page", keys: "?", text: "This list" },
   ] as const,
   mouse: "Mouse: drag a node to another place, or with Ctrl a copy. Ctrl+click and Shift+click select several nodes, Shift+drag all "
-    + "nodes in a rectangle. Touch: hold a node to drag it, or release it for the menu.",
+    + "nodes in a rectangle. A double-click renames a node or shows a called tree; while a tree is watched, it sets a breakpoint. Touch: hold a node to drag it, or release it for the menu.",
 
   // the palette
   palette: "Palette",

@@ -146,7 +146,6 @@ export class View {
   private resize(): void {
     this.svg?.setAttribute("width", String(Math.round(this.picture.width * this.zoom)));
     this.svg?.setAttribute("height", String(Math.round(this.picture.height * this.zoom)));
-    this.frame.classList.toggle("far", this.zoom < FAR);
   }
 
   private refreshSoon(): void {
@@ -279,9 +278,9 @@ export class View {
     const fold = group.querySelector(":scope > .fold.passing");
     const add = group.querySelector(":scope > .adds");
     if (!hasFold) fold?.remove();
-    else if (!fold) group.append(button("fold passing", card.width / 2, card.height, "M-4 0L4 0", texts.hideNodes));
+    else if (!fold) group.append(button("fold passing", card.width / 2, card.height + 4, "M-4 0L4 0", texts.hideNodes));
     if (!hasAdd) add?.remove();
-    else if (!add) group.append(button("adds", card.width - 16, card.height, "M-4 0L4 0M0-4L0 4", texts.addChild));
+    else if (!add) group.append(button("adds", card.width - 16, card.height + 4, "M-4 0L4 0M0-4L0 4", texts.addChild));
   }
 
   // --- geometry
