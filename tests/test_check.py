@@ -42,7 +42,8 @@ def test_folders_of_tests_are_those_of_the_packages(check: ModuleType) -> None:
     found = {
         Path(test).parent.as_posix() for tests in check.PACKAGES.values() for test in check.test_files(tests)
     }
-    assert found - folders == set()
+    # The sources of the page are in TypeScript.
+    assert found - folders == {"tests/tools/btcore_studio/page"}
 
 
 def test_test_files_that_other_files_name_exist() -> None:

@@ -7,6 +7,7 @@ a robot *stamp* counts from the first message.
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any, Final, Literal, get_args
 
 from btcore_scene import MovingScene, StaticScene
@@ -264,6 +265,21 @@ class StaticSceneEvent:
 
 
 @dataclass(frozen=True, slots=True)
+class SavedSceneEvent:
+    """The scene in a recording of the viewer, of the same run.
+
+    Attributes:
+        file: The recording.
+        tick: The number of a tick.
+        stamp: The time of this tick (ns), to which its scene is moved.
+    """
+
+    file: Path
+    tick: int
+    stamp: int
+
+
+@dataclass(frozen=True, slots=True)
 class MovingSceneEvent:
     """The part of the scene that moved or changed.
 
@@ -360,6 +376,7 @@ Event = (
     | BlackboardEvent
     | LeavesEvent
     | StaticSceneEvent
+    | SavedSceneEvent
     | MovingSceneEvent
     | ExceptionEvent
     | LostTransitionsEvent

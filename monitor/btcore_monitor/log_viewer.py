@@ -2,9 +2,13 @@
 
 import uuid
 from collections.abc import Iterable, Iterator, Sequence
-from typing import Final, Protocol
+from itertools import chain
+from pathlib import Path
+from typing import Annotated, Final, Protocol
 
+from btcore.errors import SettingsError
 from btcore.logs import Recording
+from btcore.options import option
 from btcore.status import Status
 from btcore_monitor.console import print_message
 from btcore_monitor.environment_checks import check_installed
@@ -20,6 +24,7 @@ from btcore_monitor.events import (
     MissingDataEvent,
     ObservedNode,
     ObservedTree,
+    SavedSceneEvent,
     TickEvent,
     TransitionEvent,
     TreeEvent,
@@ -67,6 +72,17 @@ class LogViewer(ViewerOptions):
     It satisfies the protocol of the entry point group `btcore.replay`, which `btcore replay` declares.
     """
 
+    scene: (
+        Annotated[
+            Path,
+            option(
+                "Show a recording with the scene of its run, which `btcore run --save` wrote.",
+                metavar="FILE.rrd",
+            ),
+        ]
+        | None
+    ) = None
+
     def show(self, recording: Recording, window: range, moments: Iterable[Moment] = ()) -> None:
         """Show the transitions of *recording* with an index in *window*, where the options say.
 
@@ -78,10 +94,13 @@ class LogViewer(ViewerOptions):
         from btcore_monitor.screen.robot_layouts import SingleRobotLayout
 
         opens_viewer = not self.outputs
+        shown = events(recording, window, moments)
+        if self.scene is not None:
+            shown = _with_scene(shown, self.scene)
         try:
             with self.open_sinks(opens_viewer) as sinks:
                 view = self.create_view(SingleRobotLayout(sinks))
-                for event in events(recording, window, moments):
+                for event in shown:
                     view.process_event(event)
                 view.close()
                 viewer = sinks.viewer
@@ -96,6 +115,22 @@ class LogViewer(ViewerOptions):
             abandon(error)
         except ScreenError as error:
             raise ScreenError(f"{error}, or --text for lines" if opens_viewer else str(error)) from None
+
+
+def _with_scene(events: Iterator[Event], file: Path) -> Iterator[Event]:
+    """Yield *events*, and after the tree the scene in *file*."""
+    tree = next(events)
+    before: list[Event] = []
+    tick: TickEvent | None = None
+    while tick is None:
+        event = next(events, None)
+        if event is None:
+            raise SettingsError("--scene needs a recording with a tick: a log has no ticks")
+        before.append(event)
+        tick = event if isinstance(event, TickEvent) else None
+    yield tree
+    yield SavedSceneEvent(file, tick.tick, tick.stamp)
+    yield from chain(before, events)
 
 
 def observed_tree(recording: Recording) -> ObservedTree:

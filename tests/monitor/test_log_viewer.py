@@ -5,6 +5,7 @@ import logging
 import subprocess
 import sys
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -13,22 +14,32 @@ from rerun.chunk import RrdReader
 
 from btcore import Builder, In, Put, Registry, action
 from btcore.cli.main import main
+from btcore.clock import NS_PER_S
 from btcore.logs import read_log
 from btcore_monitor.events import (
     FAILURE,
     IDLE,
+    RUN_CHANNEL,
     SUCCESS,
     BlackboardEvent,
     ExceptionEvent,
     LeavesEvent,
     MissingDataEvent,
+    MovingSceneEvent,
+    StaticSceneEvent,
     TickEvent,
     TransitionEvent,
     TreeEvent,
 )
 from btcore_monitor.log_viewer import events, observed_tree
 from btcore_monitor.logs import read_fbl
+from btcore_monitor.screen.robot_layouts import SingleRobotLayout
+from btcore_monitor.screen.robot_view import RobotView
+from btcore_monitor.screen.sinks import RecordingSinks
 from btcore_monitor.wire.fulltree import read_fulltree
+from btcore_recorder import record
+from btcore_recorder.replayed_log import ReplayedLog
+from btcore_scene import Box, Frame, MovingScene, StaticScene
 
 CAPTURES = Path(__file__).parents[1] / "btcore" / "logs" / "captures"
 LOGS = [CAPTURES / name for name in ("v4_sample.btlog", "v4_sample.db3", "v3_sample.fbl")]
@@ -71,6 +82,43 @@ def test_the_recording_for_the_viewer_has_every_transition(replay: Replay, tmp_p
         (number, uid, previous, status)
         for number, (_, uid, previous, status) in enumerate(read_log(log).transitions, 1)
     ]
+
+
+def test_a_recording_is_shown_with_the_scene_of_its_run(replay: Replay, tmp_path: Path) -> None:
+    tree = Builder().build(Builder().AlwaysSuccess())
+    with record(tree, tmp_path / "run.btrec.txt"):
+        for _ in range(3):
+            tree.tick_once()
+    run = read_log(tmp_path / "run.btrec.txt")
+    assert isinstance(run, ReplayedLog)
+    shown, *others = events(run, range(len(run.transitions)), run.moments())
+    assert isinstance(shown, TreeEvent)
+    view = RobotView(SingleRobotLayout(RecordingSinks(save=tmp_path / "scene.rrd")))
+    view.process_event(replace(shown, source=RUN_CHANNEL))
+    view.process_event(
+        StaticSceneEvent(StaticScene(parts=[Box(frame="base", size=(1, 1, 1), position=(0, 0, 0))]))
+    )
+    for event in others:  # its times count from a second before the recording
+        event = replace(event, stamp=event.stamp + NS_PER_S)
+        view.process_event(event)
+        if isinstance(event, TickEvent):
+            frame = Frame("base", "map", (float(event.tick), 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+            view.process_event(MovingSceneEvent(event.stamp, event.wall, MovingScene(frames=[frame])))
+    view.close()
+    result = replay("run.btrec.txt", "--scene", "scene.rrd", "--save", "both.rrd")
+    assert result.exit_code == 0, result.output
+    times = {
+        chunk.entity_path: chunk.to_record_batch().column("time of the tree").cast("int64").to_pylist()
+        for chunk in RrdReader(tmp_path / "both.rrd").stream()
+        if not chunk.is_static
+    }
+    assert times["/scene/frames/base"] == [each.time for each in run.moments()]
+    assert "/leaves" in times
+    assert replay("run.btrec.txt", "--save", "run.rrd").exit_code == 0
+    for scene, message in (("no.rrd", "cannot read the scene"), ("run.rrd", "has no scene")):
+        result = replay("run.btrec.txt", "--scene", scene, "--save", "both.rrd")
+        assert (result.exit_code, message in result.stderr) == (2, True)
+    assert "a log has no ticks" in replay(LOGS[0], "--scene", "scene.rrd", "--save", "both.rrd").stderr
 
 
 def test_a_part_of_a_log_starts_with_the_statuses_at_its_beginning() -> None:

@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from pathlib import Path
 
-from btcore_monitor.log_viewer import LogViewer
 from btcore_monitor.live_extension import RobotExtension
+from btcore_monitor.log_viewer import LogViewer
 from btcore_proof.outcome_replay import OutcomesReader
 from btcore_recorder.commands.replay import LogViewer as ReplayExtension
 from btcore_recorder.moments import Moments

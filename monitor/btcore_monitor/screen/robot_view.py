@@ -17,6 +17,7 @@ from btcore_monitor.events import (
     LostTransitionsEvent,
     MissingDataEvent,
     MovingSceneEvent,
+    SavedSceneEvent,
     StaticSceneEvent,
     TickEvent,
     TransitionEvent,
@@ -37,6 +38,7 @@ from btcore_monitor.screen.panels import (
 )
 from btcore_monitor.screen.robot_layouts import SHARED_VIEW_SIZE, RobotLayout
 from btcore_monitor.screen.row_buffer import RowBuffer
+from btcore_monitor.screen.saved_scene import SavedScene
 from btcore_monitor.screen.scene_view import SPEED, SceneView
 from btcore_monitor.screen.style import GROOT, Palette
 from btcore_monitor.screen.tick_states import TickStates
@@ -84,7 +86,7 @@ class RobotView:
         self._log_level = log_level
         self._panels: _TreePanels | None = None
         self._undrawn_tree: TreeEvent | None = None
-        self._scene: StaticSceneEvent | None = None
+        self._scene: StaticSceneEvent | SavedSceneEvent | None = None
         self._sent_at = self._transitions_sent_at = time.monotonic()
         self._buffered_events = 0
 
@@ -99,7 +101,9 @@ class RobotView:
             self._draw_new_tree()
             self._undrawn_tree = event
         # Robots send the static scene right after the tree; it belongs to the tree that is drawn next.
-        elif isinstance(event, StaticSceneEvent) and (self._undrawn_tree is not None or self._panels is None):
+        elif isinstance(event, StaticSceneEvent | SavedSceneEvent) and (
+            self._undrawn_tree is not None or self._panels is None
+        ):
             self._scene = event
             self._draw_new_tree()
         else:
@@ -223,6 +227,7 @@ class _TreePanels:
             BlackboardEvent: self._show_blackboard,
             LeavesEvent: self.leaf_table.show,
             StaticSceneEvent: self._show_static_scene,
+            SavedSceneEvent: self._show_saved_scene,
             MovingSceneEvent: self._show_moving_scene,
             ExceptionEvent: self._show_exception,
             LostTransitionsEvent: self._show_lost_transitions,
@@ -362,6 +367,11 @@ class _TreePanels:
 
     def _show_static_scene(self, event: StaticSceneEvent) -> None:
         self.scene_view.draw_static(self._stamp, self._wall, event.data)
+
+    def _show_saved_scene(self, event: SavedSceneEvent) -> None:
+        scene = SavedScene(event.file, event.tick, event.stamp)
+        scene.copy_to(self.recording)
+        self.scene_view.show_saved(scene.eye, scene.has_speed)
 
     def _show_moving_scene(self, event: MovingSceneEvent) -> None:
         self._move_to(event.stamp, event.wall)

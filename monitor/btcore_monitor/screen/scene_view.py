@@ -100,6 +100,7 @@ class SceneView:
         """Whether there is a scene to show."""
         self.has_speed = False
         """Whether the robot has sent its speed."""
+        self._saved_eye: Eye | None = None
         self._frames: dict[str, Series[Pose]] = {}
         self._poses: dict[str, Pose] = {}
         self._points: Series[Any] = rows.create_series(POINTS, _create_position_columns)
@@ -116,6 +117,10 @@ class SceneView:
         self._directions: NDArray[np.float32] = np.zeros((0, 3), dtype=np.float32)
         self._scan_stamp = -1
         self._last_position: Vector | None = None
+
+    def show_saved(self, eye: Eye, has_speed: bool) -> None:
+        """Show a scene that was copied to the recording."""
+        self._saved_eye, self.has_speed = eye, has_speed
 
     @property
     def has_pictures(self) -> bool:
@@ -294,8 +299,8 @@ class SceneView:
 
     def create_eye(self) -> Eye | None:
         """Return the point of view, chosen by the extent of the world, or None if there is no scene."""
-        if not self.has_scene:
-            return None
+        if self._saved_eye is not None or not self.has_scene:
+            return self._saved_eye
         data = self._static
         fixed = (None, self._root)
         (x0, y0), (x1, y1) = extent(

@@ -5,8 +5,7 @@ may lack children and trees, call itself, and contain unknown nodes. Of a tree w
 the nodes of the running tree, with the same numbers.
 """
 
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Final, cast
 
 from btcore.blackboard.ports import SCRIPT_ROLES
@@ -45,17 +44,21 @@ def draw_document(project: Project, source: SourceDocument, params: DrawingParam
     """
     reading = read_trees(project, source)
     tree = shown_tree(reading, params.tree)
+    id, format = "" if tree is None else tree.id, reading.definitions.dialect.format
     root = None if tree is None else diagram_of_tree(reading, tree)
-    nodes, svg = ([], "") if root is None or tree is None else _draw(reading, tree, root, params)
-    return Drawing(
-        tree.id if tree is not None else "",
-        reading.definitions.dialect.format,
-        svg,
-        nodes,
-        {node.id: node.about for node, _ in diagram_nodes(root) if node.about} if root is not None else {},
-        tree_summaries(reading),
-        reading.broken,
-    )
+    if root is None:
+        return Drawing(id, format, "", [], {}, tree_summaries(reading), reading.broken)
+    nodes = diagram_nodes(root)
+    keys = diagram_keys(nodes)
+    children = {node.uid: [child.uid for child in node.children] for node, _ in nodes}
+    hidden = fold(children, (), MAX_CARDS, {uid for uid, key in keys.items() if key in params.folded})
+    rows = [_row(reading, node, parent, keys[node.uid], hidden.get(node.uid, 0)) for node, parent in nodes]
+    for node, _ in nodes:
+        if node.uid in hidden:
+            node.hidden, node.children = hidden[node.uid], []
+    svg = diagram_to_svg(root, id, format, params.styled)
+    about = {node.id: node.about for node, _ in nodes if node.about}
+    return Drawing(id, format, svg, rows, about, tree_summaries(reading), reading.broken)
 
 
 def shown_tree(reading: TreeReading, id: str | None) -> TreeDefinition | None:
@@ -200,19 +203,6 @@ def _diagram_node(
     return node, definitions.by_id.get(called) if is_call else None
 
 
-def _draw(
-    reading: TreeReading, tree: TreeDefinition, root: DiagramNode, params: DrawingParams
-) -> tuple[list[DrawnNode], str]:
-    """Return the list of the nodes, and the SVG."""
-    nodes = diagram_nodes(root)
-    keys = diagram_keys(nodes)
-    children = {node.uid: [child.uid for child in node.children] for node, _ in nodes}
-    hidden = fold(children, (), MAX_CARDS, {uid for uid, key in keys.items() if key in params.folded})
-    format = reading.definitions.dialect.format
-    rows = [_row(reading, node, parent, keys[node.uid], hidden.get(node.uid, 0)) for node, parent in nodes]
-    return rows, diagram_to_svg(_pruned(root, hidden), tree.id, format, params.styled)
-
-
 def _row(reading: TreeReading, node: DiagramNode, parent: int, key: str, hidden: int) -> DrawnNode:
     assert node.origin is not None
     document, element = node.origin
@@ -232,9 +222,3 @@ def _row(reading: TreeReading, node: DiagramNode, parent: int, key: str, hidden:
         is_disabled(node.conditions.get("_skipIf")),
         child_limits(reading, element.tag, node.id),
     )
-
-
-def _pruned(node: DiagramNode, hidden: Mapping[int, int]) -> DiagramNode:
-    """Return the drawing without the children of nodes in *hidden*."""
-    children = [] if node.uid in hidden else [_pruned(child, hidden) for child in node.children]
-    return replace(node, children=children, hidden=hidden.get(node.uid, 0))

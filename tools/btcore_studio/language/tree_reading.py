@@ -2,7 +2,7 @@
 
 import contextlib
 from bisect import bisect_left
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cached_property
 from itertools import islice
 from pathlib import Path
@@ -38,7 +38,8 @@ _MAX_KNOWN: Final = 4
 """Maximum number of readings of a project that are kept: of the shown text, and of the text after an edit."""
 _NO_TREES: Final = '<root BTCPP_format="4"/>'
 _TYPES_BY_CHILDREN: Final = (NodeType.ACTION, NodeType.DECORATOR, NodeType.CONTROL)
-# A memory of results, which follow from the project and a text alone.
+# Memories of results, which follow from the project and the texts alone.
+_EXTENDED: Final["WeakKeyDictionary[Registry, dict[tuple[object, ...], Registry]]"] = WeakKeyDictionary()
 _KNOWN: Final["WeakKeyDictionary[Project, list[TreeReading]]"] = WeakKeyDictionary()
 
 
@@ -216,19 +217,53 @@ def _nodes_for(registry: Registry, sources: Sources) -> tuple[Registry, frozense
     Nodes of models follow those of *registry*, then nodes of explicit tags such as `<Action ID="…">`. For any
     other unknown tag, the number of child elements determines the node type.
     """
-    nodes = registry.copy()
     documents = sources.documents
     is_project = sources.main_document.file.endswith(PROJECT_SUFFIX)
-    for document in documents:
-        if model_elements(document):
+    with_models = [document for document in documents if model_elements(document)]
+
+    def add_models(nodes: Registry) -> None:
+        for document in with_models:
             with contextlib.suppress(TreeError):
                 add_document_models(nodes, document, override=is_project)
-    seen = _unknown_nodes(nodes, documents)
-    for id, (document, node_type, ports) in seen.items():
-        # No class can have the name of an ID with a NUL character or a lone surrogate.
-        with contextlib.suppress(RegistrationError, ValueError):
-            add_mock(nodes, id, node_type, list(ports.values()), "", document)
-    return nodes, frozenset(seen)
+
+    models = tuple((document.file, _models_text(document)) for document in with_models)
+    modelled = _extended(registry, (is_project, models), add_models)
+    seen = _unknown_nodes(modelled, documents)
+
+    def add_unknown(nodes: Registry) -> None:
+        for id, (document, node_type, ports) in seen.items():
+            # No class can have the name of an ID with a NUL character or a lone surrogate.
+            with contextlib.suppress(RegistrationError, ValueError):
+                add_mock(nodes, id, node_type, list(ports.values()), "", document)
+
+    unknown = tuple(
+        (id, document.file, node_type, tuple((port.name, port.direction) for port in ports.values()))
+        for id, (document, node_type, ports) in seen.items()
+    )
+    return _extended(modelled, unknown, add_unknown), frozenset(seen)
+
+
+def _models_text(document: Document) -> str:
+    """Return the text of the models of a document."""
+    sections = [
+        document.source_map.scanned(section) for section in document.root.iterchildren("TreeNodesModel")
+    ]
+    return "".join(document.text[section.start : section.end] for section in sections)
+
+
+def _extended(registry: Registry, key: tuple[object, ...], extend: Callable[[Registry], None]) -> Registry:
+    """Return a copy of a registry after *extend*, which depends on *key* alone, or an earlier such copy."""
+    if not any(key):
+        return registry
+    known = _EXTENDED.setdefault(registry, {})
+    nodes = known.pop(key, None)
+    if nodes is None:
+        nodes = registry.copy()
+        extend(nodes)
+    known[key] = nodes  # the last is the newest
+    if len(known) > _MAX_KNOWN:
+        del known[next(iter(known))]
+    return nodes
 
 
 def _unknown_nodes(

@@ -326,7 +326,7 @@ def is_like_patrolling(editor: Editor) -> None:
             harness.halt()
     changes = [[change for step in harness.trace for change in step.changes] for harness in (built, bundled)]
     assert len(changes[0]) > 10 * RUNS
-    assert changes[0] == changes[1]
+    assert changes[0] == changes[1], editor.file.read_text()
 
 
 def test_nodes_are_moved_and_copied_with_the_mouse(edit: Callable[[str], Editor]) -> None:
@@ -392,3 +392,12 @@ def test_the_picture_is_a_tree_for_screen_readers(edit: Callable[[str], Editor])
     editor.press("/")
     editor.page.keyboard.type("wait")
     editor.wait(lambda: editor.selected == ["wait"], "the found node is not shown")
+
+
+def test_fast_keys_keep_their_order(edit: Callable[[str], Editor]) -> None:
+    editor = edit(TREE)
+    editor.select("set")
+    # Each key means the picture after the last.
+    editor.press("Alt+ArrowRight", "Alt+ArrowRight", "ArrowRight", "e", "ArrowLeft", "ArrowLeft", "Delete")
+    editor.shows(["round", "door", "open?", "wait", "set", "Visit", "Inverter", "greet"])
+    assert editor.node("Visit").get_attribute("aria-label").endswith(", disabled")

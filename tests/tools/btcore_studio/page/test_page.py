@@ -255,6 +255,38 @@ def test_end_of_the_process_is_explained(
     assert page.locator(".cm-content", has_text="x").is_visible()
 
 
+def test_edits_without_a_connection_arrive_later(
+    folder: Path, start_studio: StartStudio, browser: Any
+) -> None:
+    studio = start_studio(folder, "tree.xml")
+    context = browser.new_context()
+    page = context.new_page()
+    sockets: list[Any] = []
+
+    def connect(socket: Any) -> None:
+        sockets.append(socket)
+        if len(sockets) != 2:  # the second connection fails
+            socket.connect_to_server()
+        else:
+            socket.close()
+
+    page.route_web_socket("**/socket", connect)
+    page.goto(studio.url)
+    line(page, "<Sleep").click()
+    page.keyboard.press("End")
+    page.keyboard.type("<!-- 1 -->")
+    page.locator("header .tag", has_text="unsaved").wait_for()
+    sockets[0].close()
+    page.locator(".notices", has_text="process does not answer").wait_for()
+    page.keyboard.type("<!-- 2 -->")
+    page.locator(".notices p").wait_for(state="detached")
+    page.keyboard.type("<!-- 3 -->")
+    save(page)
+    context.close()
+    assert len(sockets) == 3
+    assert content(folder) == TREE.replace('msec="10"/>', 'msec="10"/><!-- 1 --><!-- 2 --><!-- 3 -->')
+
+
 @pytest.mark.parametrize(
     "context",
     [

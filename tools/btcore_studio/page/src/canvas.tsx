@@ -3,15 +3,15 @@
 import "./tree.css";
 import { useEffect, useRef } from "preact/hooks";
 import { followPointers } from "./drag";
-import { type Action, actionOf, isForPage, neighbour, type PageAction } from "./keyboard";
+import { type Action, actionOf, type Direction, isForPage, neighbour, type PageAction } from "./keyboard";
 import { durationOf, liveIndex, notes, toggleBreakpoint } from "./live";
 import { Help, Menu } from "./menu";
-import { copy, edit, openTree, paste, run } from "./operations";
+import { edit, inTurn, openTree, paste, run } from "./operations";
 import { Quick } from "./quick";
 import { help, menu } from "./quick_state";
 import { drawing, live, selection, start, uri } from "./state";
 import { step } from "./timeline";
-import { tree as texts } from "./tree_texts";
+import { tree as texts } from "./texts";
 import { draw, found, query, View, view } from "./view";
 
 const ZOOM_STEP = 1.25;
@@ -180,7 +180,8 @@ function followKeys(shown: View): () => void {
   const pasted = (event: ClipboardEvent) => {
     if (isField(event)) return;
     event.preventDefault();
-    void paste(event.clipboardData?.getData("text/plain") ?? "");
+    const xml = event.clipboardData?.getData("text/plain") ?? "";
+    inTurn(() => paste(xml));
   };
   addEventListener("keydown", down);
   addEventListener("paste", pasted);
@@ -191,18 +192,11 @@ function followKeys(shown: View): () => void {
 }
 
 function act(shown: View, action: Action): void {
-  const { structure } = shown;
-  const cursor = structure.at(selection.value.at(-1) ?? "");
-  if ("operation" in action) {
-    if (action.operation === "copy") void copy();
-    else run(action.operation);
-  } else if ("select" in action) {
-    const next = neighbour(structure, cursor, action.select);
-    const node = structure.nodes[next];
-    if (!node) return;
-    if (!action.isExtending) shown.select([node.key], true);
-    else shown.select([...selection.value.filter((key) => key !== node.key), node.key], true);
-  } else {
+  if ("operation" in action) run(action.operation);
+  else if ("select" in action) inTurn(() => selectNeighbour(shown, action));
+  else {
+    const { structure } = shown;
+    const cursor = structure.at(selection.value.at(-1) ?? "");
     const box = shown.boxes[cursor];
     const place = box ? shown.screen(box) : shown.frame.getBoundingClientRect();
     const page: Record<PageAction, () => unknown> = {
@@ -217,6 +211,14 @@ function act(shown: View, action: Action): void {
     };
     void page[action.page]();
   }
+}
+
+function selectNeighbour(shown: View, { select, isExtending }: { select: Direction; isExtending: boolean }): void {
+  const { structure } = shown;
+  const node = structure.nodes[neighbour(structure, structure.at(selection.value.at(-1) ?? ""), select)];
+  if (!node) return;
+  const others = isExtending ? selection.value.filter((key) => key !== node.key) : [];
+  shown.select([...others, node.key], true);
 }
 
 // --- durations of running nodes

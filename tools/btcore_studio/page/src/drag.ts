@@ -1,14 +1,15 @@
 // Dragging with a mouse or a finger: nodes and palette items to their new places, and the picture itself.
 
+import { effect } from "@preact/signals";
 import type { Box } from "./picture";
 import { DropTargets, type Load, type Target } from "./drop_targets";
 import { noteUse } from "./last_used";
-import { chosen, edit } from "./operations";
+import { chosen, edit, inTurn } from "./operations";
 import type { DrawnNode, PaletteItem, Place } from "./protocol";
 import { menu } from "./quick_state";
 import { actions, drawing, message, palette, selection, start } from "./state";
 import { placeOfTree } from "./tree";
-import { tree as texts } from "./tree_texts";
+import { tree as texts } from "./texts";
 import { type View, draw, view } from "./view";
 
 const THRESHOLD = 4;
@@ -29,6 +30,7 @@ class Drag {
   private target: Target | null = null;
   private isCopy: boolean;
   private frame = 0;
+  private readonly unfollow: () => void;
 
   constructor(private readonly view: View, private readonly source: Source, private x: number, private y: number, isCopy: boolean) {
     this.isCopy = isCopy;
@@ -40,6 +42,9 @@ class Drag {
     for (const index of this.nodes) view.group(index)?.classList.add("dragged");
     addEventListener("keydown", this.onKey, true);
     addEventListener("keyup", this.onKey, true);
+    // Another page may change the tree meanwhile.
+    const begun = drawing.peek();
+    this.unfollow = effect(() => { if (drawing.value !== begun) end(false); });
     this.frame = requestAnimationFrame(this.scroll);
   }
 
@@ -102,6 +107,7 @@ class Drag {
 
   end(isDropped: boolean): void {
     cancelAnimationFrame(this.frame);
+    this.unfollow();
     removeEventListener("keydown", this.onKey, true);
     removeEventListener("keyup", this.onKey, true);
     document.body.classList.remove("drags-node");
@@ -109,7 +115,11 @@ class Drag {
     this.view.marks.replaceChildren();
     for (const index of this.nodes) this.view.group(index)?.classList.remove("dragged");
     this.view.frame.focus({ preventScroll: true });
-    if (isDropped && this.target) void drop(this.source, this.target, this.isCopy, this.view);
+    const { source, target, isCopy, view } = this;
+    if (!isDropped || !target) return;
+    // The places are those of the present picture; what follows waits.
+    const dropped = drop(source, target, isCopy, view);
+    inTurn(() => dropped);
   }
 
   private makeGhost(): HTMLElement {

@@ -9,33 +9,35 @@ import { Symbol } from "./palette";
 import type { Diagnostic, DrawnNode, Field, NodeForm, Position } from "./protocol";
 import { actions, diagnostics, drawing, live, selectedNode, selectedNodes, start } from "./state";
 import { moment } from "./timeline";
-import { tree as texts } from "./tree_texts";
+import { tree as texts } from "./texts";
 import { view } from "./view";
 
 const SIGNS = { in: "→", out: "←", inout: "↔", "": "" };
 
 export function Form() {
   const node = selectedNode.value;
-  const form = useSignal<{ key: string; form: NodeForm } | null>(null);
+  const form = useSignal<{ id: string; form: NodeForm } | null>(null);
   const place = node?.place;
+  // The key of a node has its name, which the form changes.
+  const id = place ? `${place.uri}#${place.position.line}:${place.position.character}` : "";
   // The attributes may have changed with each drawing.
   useEffect(() => {
     if (!node || !place) { form.value = null; return undefined; }
     let isCurrent = true;
     actions.request<NodeForm>("btcore/node", place).then(
-      (value) => { if (isCurrent) form.value = { key: node.key, form: value }; },
+      (value) => { if (isCurrent) form.value = { id, form: value }; },
       () => { if (isCurrent) form.value = null; });
     return () => { isCurrent = false; };
-  }, [drawing.value, node?.key]);
+  }, [drawing.value, id]);
   if (!node) return <section class="form" aria-label={texts.node}><p class="hint">{texts.selectNode}</p></section>;
   if (selectedNodes.value.length > 1) {
     return <section class="form" aria-label={texts.node}><p class="hint">{texts.selectedNodes(selectedNodes.value.length)}</p></section>;
   }
-  const shown = form.value?.key === node.key ? form.value.form : null;
+  const shown = form.value?.id === id ? form.value.form : null;
   return (
     <section class="form" aria-label={texts.node}>
       <Head node={node} />
-      {shown ? <Fields key={node.key} node={node} form={shown} /> : <Ports node={node} />}
+      {shown ? <Fields key={id} node={node} form={shown} /> : <Ports node={node} />}
       <About text={shown?.about || drawing.value?.about[node.id] || ""} />
     </section>
   );
@@ -140,9 +142,10 @@ function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; pr
   const id = `field-${field.name}`;
   const own = problems.filter((problem) => isAbout(problem, field.name));
   const commit = () => {
-    const value = input.current!.value;
-    if (value === text) return;
-    input.current!.dataset.text = value;
+    const { value, dataset } = input.current!;
+    // Enter and then leaving the field commit once.
+    if (value === text || value === dataset.text) return;
+    dataset.text = value;
     const isRemoved = value === "" && !field.isRequired;
     void edit({ kind: "set", node: node.place, name: field.name, text: isRemoved ? null : value });
   };

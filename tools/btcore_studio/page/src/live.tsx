@@ -4,7 +4,7 @@ import { computed, effect, signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import type { Live } from "./protocol";
 import { actions, drawing, live, message, nodesByKey, start } from "./state";
-import { tree as texts } from "./tree_texts";
+import { tree as texts } from "./texts";
 
 export const statuses = ["IDLE", "RUNNING", "SUCCESS", "FAILURE", "SKIPPED"];
 const MAX_ENTRIES = 500;

@@ -3,7 +3,7 @@
 import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { type Operation, operations } from "./operations";
 import { help, menu } from "./quick_state";
-import { tree as texts } from "./tree_texts";
+import { tree as texts } from "./texts";
 import { view } from "./view";
 
 export function Menu() {

@@ -5,7 +5,7 @@ import { toggleBreakpoint } from "./live";
 import { actions, drawing, live, message, selection, start, tree as shownTree } from "./state";
 import { prompt, quick } from "./quick_state";
 import { placeOfTree, type Structure } from "./tree";
-import { tree as texts } from "./tree_texts";
+import { tree as texts } from "./texts";
 import { view } from "./view";
 
 export type OperationId =
@@ -86,13 +86,21 @@ export function cursor(): number {
   return found?.at(selection.value.at(-1) ?? "") ?? -1;
 }
 
-/** Add a node of a type at the cursor. */
-export function addAtCursor(id: string, where: Where): Promise<EditResult | null> | undefined {
-  const at = target(where);
-  if (!at) return undefined;
-  if (where === "around" && cursor() >= 0) return edit({ kind: "wrap", nodes: places(chosen()), id });
-  return edit({ kind: "add", ...at, id });
+/** Add a node of a type at the cursor; by default in the best place. */
+export function addAtCursor(id: string, kind: DrawnNode["kind"], wanted: Where | null = null): void {
+  inTurn(() => {
+    const where = wanted ?? wheres(kind)[0];
+    const at = where && target(where);
+    if (start.value?.readOnly) message.value = texts.refusal.readOnly;
+    else if (!at) message.value = texts.refusal.noPlace;
+    else if (where === "around" && cursor() >= 0) return wrapChosen(id);
+    else return edit({ kind: "add", ...at, id });
+    return undefined;
+  });
 }
+
+export const wrapChosen = (id: string) => edit({ kind: "wrap", nodes: places(chosen()), id });
+export const changeType = (id: string) => edit({ kind: "change_type", node: node(cursor()).place, id });
 
 const last = (parent: number) => ({ parent: node(parent).place, index: structure()!.children[parent]!.length });
 
@@ -247,10 +255,10 @@ export const operations: readonly Operation[] = [
     id: "rename", keys: "F2", group: "edit", label: () => texts.operation.rename,
     refusal: refusals.single,
     run: () => {
-      const { place, name, id } = node(chosen()[0]!);
+      const { name, id } = node(chosen()[0]!);
       prompt.value = {
         label: texts.nodeName, value: name === id ? "" : name,
-        accept: (text) => edit({ kind: "set", node: place, name: "name", text: text || null }),
+        accept: (text) => edit({ kind: "set", node: node(cursor()).place, name: "name", text: text || null }),
       };
     },
   },
@@ -294,10 +302,9 @@ export const operations: readonly Operation[] = [
     id: "extract", keys: "X", group: "tree", label: () => texts.operation.extract,
     refusal: refusals.single,
     run: () => {
-      const { place } = node(chosen()[0]!);
       prompt.value = {
         label: texts.treeId, value: "",
-        accept: (text) => text ? edit({ kind: "extract", node: place, id: text }) : undefined,
+        accept: (text) => text ? edit({ kind: "extract", node: node(cursor()).place, id: text }) : undefined,
       };
     },
   },
@@ -339,10 +346,30 @@ export function openTree(id: string): void {
   selection.value = [];
 }
 
+// --- order: each step needs the picture after the last, however fast the keys are pressed
+
+let turn: Promise<unknown> = Promise.resolve();
+let waiting = 0;
+
+/** Run a step after those that have begun; at once, if there are none. */
+export function inTurn(step: () => unknown): void {
+  const result = waiting ? turn.then(step) : step();
+  if (!(result instanceof Promise)) return;
+  waiting += 1;
+  turn = result.catch(() => {}).finally(() => { waiting -= 1; });
+}
+
+/** The operations that open a popup, which gets the next keys. What is accepted there waits for its turn. */
+const POPUPS: ReadonlySet<OperationId> = new Set(["insert", "wrap", "type", "rename", "extract"]);
+
 /** Run an operation, or show why it is not possible. */
 export function run(id: OperationId): void {
-  const operation = byId.get(id)!;
-  const reason = operation.refusal();
-  if (reason) message.value = reason;
-  else void operation.run();
+  const step = () => {
+    const operation = byId.get(id)!;
+    const reason = operation.refusal();
+    if (reason) message.value = reason;
+    return reason ? undefined : operation.run();
+  };
+  if (POPUPS.has(id)) step();
+  else inTurn(step);
 }

@@ -4,10 +4,10 @@ import { useSignal } from "@preact/signals";
 import { pressItem } from "./drag";
 import { search } from "./fuzzy";
 import { lastUsed, noteUse } from "./last_used";
-import { addAtCursor, wheres } from "./operations";
+import { addAtCursor } from "./operations";
 import type { PaletteItem } from "./protocol";
-import { message, palette, start } from "./state";
-import { tree as texts } from "./tree_texts";
+import { palette } from "./state";
+import { tree as texts } from "./texts";
 import { view } from "./view";
 
 const KINDS: readonly PaletteItem["kind"][] = ["control", "decorator", "condition", "action", "subtree", "undefined"];
@@ -30,13 +30,8 @@ export function Highlighted({ text, at }: { text: string; at: readonly number[] 
 
 /** Insert a node at the cursor, in the first place that is possible. */
 function insert(item: PaletteItem): void {
-  const where = wheres(item.kind)[0];
-  if (start.value?.readOnly) message.value = texts.refusal.readOnly;
-  else if (!where) message.value = texts.refusal.noPlace;
-  else {
-    noteUse(item.id);
-    void addAtCursor(item.id, where);
-  }
+  noteUse(item.id);
+  addAtCursor(item.id, item.kind);
 }
 
 /** The palette: drag an item into the picture, or insert it at the selected node by a click or Enter. */

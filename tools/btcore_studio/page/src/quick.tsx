@@ -5,12 +5,12 @@ import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { canWrap } from "./drag";
 import { search } from "./fuzzy";
 import { lastUsed, noteUse } from "./last_used";
-import { addAtCursor, chosen, edit, type Where, wheres } from "./operations";
+import { addAtCursor, changeType, inTurn, type Where, wheres, wrapChosen } from "./operations";
 import { Highlighted, Symbol } from "./palette";
 import type { NodeForm, PaletteItem } from "./protocol";
 import { prompt, quick } from "./quick_state";
 import { actions, palette, selectedNode } from "./state";
-import { tree as texts } from "./tree_texts";
+import { tree as texts } from "./texts";
 import { view } from "./view";
 
 const MAX_SHOWN = 60;
@@ -70,13 +70,12 @@ function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
   const places = mode === "insert" ? wheres(chosenItem?.kind) : [];
   const place = where.value && places.includes(where.value) ? where.value : places[0];
   const accept = (item: PaletteItem | undefined) => {
-    if (!item || mode === "insert" && !place) return;
+    if (!item) return;
     noteUse(item.id);
-    const nodes = chosen().map((index) => view.value!.structure.nodes[index]!.place);
+    const wanted = where.value && places.includes(where.value) ? where.value : null;
     close();
-    if (mode === "insert") void addAtCursor(item.id, place!);
-    else if (mode === "wrap") void edit({ kind: "wrap", nodes, id: item.id });
-    else void edit({ kind: "change_type", node: nodes[0]!, id: item.id });
+    if (mode === "insert") addAtCursor(item.id, item.kind, wanted);
+    else inTurn(() => mode === "wrap" ? wrapChosen(item.id) : changeType(item.id));
   };
   const key = (event: KeyboardEvent) => {
     const step = { ArrowDown: 1, ArrowUp: -1, PageDown: 8, PageUp: -8 }[event.key];
@@ -140,7 +139,7 @@ function Prompt() {
     if (event.key === "Enter") {
       const text = (event.target as HTMLInputElement).value.trim();
       close();
-      if (text !== value) void accept(text);
+      if (text !== value) inTurn(() => accept(text));
     } else if (event.key === "Escape") close();
     else return;
     event.preventDefault();

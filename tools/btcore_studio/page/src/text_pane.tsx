@@ -22,7 +22,7 @@ import {
 import { tags } from "@lezer/highlight";
 import { effect, signal, untracked } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { type Change, offsetAt, positionAt } from "./documents";
+import { type Change, offsetAt, positionAt, rangeAt } from "./documents";
 import type { BrowserHome } from "./home";
 import { ask } from "./dialog";
 import { openFile } from "./files";
@@ -50,6 +50,7 @@ export const applyAction = signal<((action: CodeAction) => void) | null>(null);
 const openPlace = (address: string, line: number) => revealText({ uri: address, position: { line, character: 0 } });
 
 const COLOUR_WAIT_MS = 120;
+const MANY_LINES = 2000;
 const HOVER_WAIT_MS = 350;
 const SEVERITIES = ["error", "error", "warning", "info", "hint"] as const;
 const COMPLETION_TYPES: Record<number, string> = {
@@ -128,6 +129,8 @@ const colours = StateField.define<DecorationSet>({
   },
   provide: (field) => EditorView.decorations.from(field),
 });
+/** Whether only the visible lines are coloured. */
+const isLong = (doc: Text) => doc.lines > MANY_LINES;
 const tokenMarks = TOKEN_TYPES.map((type) => Decoration.mark({ class: `token-${type}` }));
 
 const colourer = ViewPlugin.fromClass(class {
@@ -138,7 +141,7 @@ const colourer = ViewPlugin.fromClass(class {
   }
 
   update(update: ViewUpdate) {
-    if (update.docChanged) this.wait(COLOUR_WAIT_MS);
+    if (update.docChanged || (update.viewportChanged && isLong(update.state.doc))) this.wait(COLOUR_WAIT_MS);
   }
 
   destroy() {
@@ -152,7 +155,10 @@ const colourer = ViewPlugin.fromClass(class {
 
   private async request() {
     const { doc } = this.view.state;
-    const found = await actions.request<{ data: number[] } | null>("textDocument/semanticTokens/full", textDocument()).catch(() => null);
+    const { from: first, to: last } = this.view.viewport;
+    const [method, range] = isLong(doc) ? ["range", { range: rangeAt(doc, first, last) }] : ["full", {}];
+    const found = await actions.request<{ data: number[] } | null>(
+      `textDocument/semanticTokens/${method}`, { ...textDocument(), ...range }).catch(() => null);
     if (!found || this.view.state.doc !== doc) return;
     const builder = new RangeSetBuilder<Decoration>();
     let [line, character] = [0, 0];

@@ -5,7 +5,7 @@ import { useMemo } from "preact/hooks";
 import { statuses } from "./live";
 import type { Moment, Recording } from "./protocol";
 import { actions, live, message, start } from "./state";
-import { tree as texts } from "./tree_texts";
+import { tree as texts } from "./texts";
 
 export const moment = signal<Moment | null>(null);
 const position = signal(0);

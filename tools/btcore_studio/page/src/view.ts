@@ -5,7 +5,7 @@ import { liveIndex, statuses } from "./live";
 import { type Box, type Card, type Picture, outline, overlaps, parsePicture } from "./picture";
 import type { Drawing } from "./protocol";
 import { drawing, folded, live, selection, severities } from "./state";
-import { tree as texts } from "./tree_texts";
+import { tree as texts } from "./texts";
 import { Structure } from "./tree";
 
 const SVG = "http://www.w3.org/2000/svg";
