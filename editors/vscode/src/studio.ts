@@ -180,9 +180,12 @@ class Studio {
   }
 
   private async apply(edit: VersionedEdit): Promise<void> {
+    const uris = Object.keys(edit.changes).filter((uri) => edit.changes[uri]?.length);
+    // A command that changes nothing is no step of undo.
+    if (!uris.length) return;
     this.isOwnChange = true;
     await this.studios.apply(edit).finally(() => (this.isOwnChange = false));
-    this.steps.undo.push(Object.keys(edit.changes));
+    this.steps.undo.push(uris);
     this.steps.redo = [];
   }
 
