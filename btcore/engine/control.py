@@ -178,7 +178,7 @@ def _reset_completed(children: list[TreeNode]) -> bool:
 
 def _reset_and_record(children: list[TreeNode], configs: list[NodeConfig], observers: Observers) -> bool:
     """Reset children like `_reset_completed`, with a common record. *configs* are those of all children."""
-    if observers.only_sums:
+    if observers.skips_records:
         return _reset_and_sum(children, observers)
     before: list[Status] = []
     count = 0

@@ -282,10 +282,10 @@ class Journal(WriteRecorder):
         transitions = observers.records
         if len(transitions) != self._transition_count or transitions is not self._transitions:
             self._add_status_changes(transitions)
-        if observers.only_need_checksum:
+        if observers.needs_only_checksum:
             if transitions:
                 observers.flush()
-            observers.only_sums = True
+            observers.skips_records = True
 
     def _wait_for_writers(self) -> None:
         while self._writer != NO_THREAD:
@@ -307,7 +307,7 @@ class Journal(WriteRecorder):
     def leave(self) -> None:
         """Go outside, because external code follows."""
         observers = self._observers
-        observers.only_sums = False
+        observers.skips_records = False
         transitions = observers.records
         self._transitions = transitions
         self._transition_count = len(transitions)

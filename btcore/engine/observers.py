@@ -82,10 +82,10 @@ class Observers:
         observers: The observers.
         records: The transitions since the last notification, in the form of `transition_records.py`.
         tick: The number of the latest tick that has started.
-        has_checksum: Whether `checksum` is computed.
+        has_checksum: Whether `checksum` is computed, for a recording (see `journal.py`).
         checksum: The checksum of all transitions, except those in `records`.
-        only_need_checksum: Whether the checksum is computed, and no observer is notified of transitions.
-        only_sums: Whether transitions are only added to the checksum, and not recorded.
+        needs_only_checksum: Whether the checksum is computed, and no observer is notified of transitions.
+        skips_records: Whether transitions are added to the checksum at once, and not to `records`.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -94,8 +94,8 @@ class Observers:
         self.tick = 0
         self.has_checksum = False
         self.checksum: i64 = 0
-        self.only_need_checksum = False
-        self.only_sums = False
+        self.needs_only_checksum = False
+        self.skips_records = False
         self._now: Callable[[], Any] = FAST_NOW.get(type(clock), clock.now)
         self._first = 1  # the number of the first transition in `records`
         self._count = 0  # of the transitions in `records`
@@ -109,7 +109,7 @@ class Observers:
 
     def record_transition(self, config: NodeConfig, previous: Status, status: Status) -> None:
         """Record a transition of the node with *config*."""
-        if self.only_sums:
+        if self.skips_records:
             self.add_to_checksum(config, cast(i64, status))
             return
         stamp = self._now()
@@ -234,7 +234,7 @@ class Observers:
         self._batch_observers = [
             observer for observer in observers if type(observer).transitions is not Observer.transitions
         ]
-        self.only_need_checksum = (
+        self.needs_only_checksum = (
             self.has_checksum and not self._batch_observers and not self._immediate_observers
         )
 

@@ -66,7 +66,7 @@ Runnable = str | PathLike[str] | Plans | TreelessProgram
 
 
 def _plan(source: object, nodes: Registry | None, tree: str | None) -> Plans | TreelessProgram:
-    """Return the plans of a tree without errors, those of a file among them, or a program."""
+    """Plan the tree of a file, and check plans for errors. A program is returned unchanged."""
     if isinstance(source, (str, PathLike)):
         with paused_garbage_collection():
             source = plan_document(parse_file(source), check_registry(nodes), tree)

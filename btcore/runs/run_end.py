@@ -39,7 +39,7 @@ class RunEnd:
         self._block_end: EndReason | None = None
 
     def note_exit(self, error: BaseException | None, signal: int) -> None:
-        """Note the exception that has left the `with` block; *signal* has raised KeyboardInterrupt."""
+        """Note the exception that has left the `with` block; *signal* is the last signal, if one ended it."""
         self.loop_end = self.loop_end or "done"
         if isinstance(error, (KeyboardInterrupt, SystemExit)):
             self._block_end, self.signal = "interrupted", signal

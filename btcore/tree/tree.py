@@ -491,9 +491,9 @@ def _tick(tree: Tree, repeat: bool) -> Status:
             "can tick it during a tick; to request another tick, call wake()"
         )
     context = tree.context
-    limit = tree.tick_limit
-    if limit is not None:
-        context.limit.start(limit)
+    limit_s = tree.tick_limit
+    if limit_s is not None:
+        context.limit.start(limit_s)
     tree._in_tick = True
     try:
         while True:
@@ -506,14 +506,14 @@ def _tick(tree: Tree, repeat: bool) -> Status:
                 break
             if context.limit.check():
                 break
-        if limit is not None and context.limit.has_timed_out:
+        if limit_s is not None and context.limit.has_timed_out:
             error = tree._timeout_error()
             tree._halt_after(error)
             raise error
     finally:
         tree._in_tick = False
         context.tick_start = -1
-        if limit is not None:
+        if limit_s is not None:
             context.limit.stop()
     tree.status = status
     return status

@@ -157,7 +157,7 @@ class RunSession:
         changes.check(plans)
 
         def prepare(run: Run) -> None:
-            run.tree.start_tick_counts()  # before the first tick: the report contains the counts
+            run.tree.start_tick_counts()  # before the first tick, for the summary and --json
             terminal.print_diagnostics(plans.diagnostics.warnings)
             changes.apply_to(run.tree, plans)
 

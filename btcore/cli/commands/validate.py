@@ -84,8 +84,10 @@ def validate(
                 document = parse_file(file, confined=options.confined, unsaved={real_path(file): text})
         except TreeError as error:
             return list(error.diagnostics)
-        sources, nodes = libraries.read(document)
-        return validate_document(sources, nodes=nodes, tree=options.tree, format=options.format, given=given)
+        documents, nodes = libraries.read(document)
+        return validate_document(
+            documents, nodes=nodes, tree=options.tree, format=options.format, given=given
+        )
 
     fixed = [_fix_file(path, check) for path in paths] if fix or diff else []
     if diff:

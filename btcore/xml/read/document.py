@@ -183,10 +183,10 @@ class DiagnosticCollector:
         Of several warnings with the same code and place, the first is kept: a tree that is called twice is
         checked twice.
         """
-        code, _, file, line, column, *_ = diagnostic
-        key = diagnostic if diagnostic.is_error else (code, file, line, column)
-        if not self.is_full(code) and key not in self._added:
-            self._counts[code] += 1
+        place = (diagnostic.code, diagnostic.file, diagnostic.line, diagnostic.column)
+        key = diagnostic if diagnostic.is_error else place
+        if not self.is_full(diagnostic.code) and key not in self._added:
+            self._counts[diagnostic.code] += 1
             self._added.add(key)
             (self.errors if diagnostic.is_error else self.warnings).append(diagnostic)
 

@@ -13,7 +13,7 @@ from btcore_ros2.robot.stamps import JUMP
 from btcore_ros2.robot.topic_report import CLOCK_REMEDY
 from btcore_ros2.session import RosSession
 
-POLL_INTERVAL_S = 0.001
+_MAX_WAIT_S = 0.001
 
 
 class SimTime(RealTimeSchedule):
@@ -125,4 +125,4 @@ class SimTime(RealTimeSchedule):
         self.check()
         if self._now >= until or self._now > before:
             return False
-        return wake.wait(POLL_INTERVAL_S)
+        return wake.wait(_MAX_WAIT_S)

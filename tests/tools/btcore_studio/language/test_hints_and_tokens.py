@@ -1,5 +1,7 @@
 """Tests of the inlay hints and the semantic tokens."""
 
+from pathlib import Path
+
 import pytest
 from lsprotocol import types
 
@@ -76,8 +78,8 @@ FILES = sorted((ROOT / "trees").rglob("*.xml"))
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: path.name)
-def test_tokens_of_real_files_are_in_order(project: Project, path: str) -> None:
-    document = project.open("untitled:a", ROOT.joinpath(path).read_text(encoding="utf-8"), 1)
+def test_tokens_of_real_files_are_in_order(project: Project, path: Path) -> None:
+    document = project.open("untitled:a", path.read_text(encoding="utf-8"), 1)
     shown = tokens_in(document, semantic_tokens(project, document))
     keys = document.text.count('"{')
     assert sum(token.endswith(("variable", "variable!")) for token in shown) >= keys
