@@ -316,6 +316,7 @@ WITHOUT = {
     "btcore_monitor.events.HooksEvent": EVENT,
     "btcore_monitor.events.LeavesEvent": EVENT,
     "btcore_monitor.events.MovingSceneEvent": EVENT,
+    "btcore_monitor.events.SavedSceneEvent": EVENT,
     "btcore_monitor.events.StaticSceneEvent": EVENT,
     "btcore_monitor.events.TransitionEvent": EVENT,
     "btcore_monitor.events.TickEvent": EVENT,

@@ -13,7 +13,7 @@ from btcore.testing import Harness, Outcomes, with_mock_leaves
 from btcore.xml.read.read import parse_file
 from btcore_studio.convert.convert import convert
 
-WAIT_S = 20.0
+WAIT_S = 60.0
 TREE = (
     '<root BTCPP_format="4" main_tree_to_execute="Rounds">\r\n'
     "  <!-- rounds -->\r\n"
@@ -353,6 +353,7 @@ def test_nodes_are_moved_and_copied_with_the_mouse(edit: Callable[[str], Editor]
     mouse.down()
     mouse.move(*target, steps=4)
     editor.page.keyboard.down("Control")
+    editor.page.locator(".marks .insert").wait_for(state="attached")
     mouse.up()
     editor.page.keyboard.up("Control")
     copied = ["round", "set", "rest", "door", "open?", "wait", "rest", "Visit", "Inverter", "greet"]

@@ -42,9 +42,9 @@ class Drag {
     for (const index of this.nodes) view.group(index)?.classList.add("dragged");
     addEventListener("keydown", this.onKey, true);
     addEventListener("keyup", this.onKey, true);
-    // Another page may change the tree meanwhile.
+    // Another page may change the tree meanwhile. A picture that looks the same does not end the drag.
     const begun = drawing.peek();
-    this.unfollow = effect(() => { if (drawing.value !== begun) end(false); });
+    this.unfollow = effect(() => { if (drawing.value?.svg !== begun?.svg) end(false); });
     this.frame = requestAnimationFrame(this.scroll);
   }
 
