@@ -20,7 +20,7 @@ from measure.benchmark_trees import SUCCESS, Succeed
 from measure.paired_timing import SLICE, Work, measure
 from measure.report import NO_PY_TREES, Report, create_parser, in_short
 
-peers = import_module("measure.py_trees_peers") if find_spec("py_trees") else None
+py_trees_trees = import_module("measure.py_trees_trees") if find_spec("py_trees") else None
 
 WIDTH = 100
 ENTRIES = {"pace": 0.5, "n": 1, "far": 0.5}
@@ -116,7 +116,7 @@ COMPARISONS = [
 """The text of each row, and the names of the two trees whose times are divided."""
 
 
-def grow(child: str) -> Tree:
+def create_tree(child: str) -> Tree:
     """Return a tree that is a Sequence of WIDTH copies of the XML element *child*."""
     nodes = Registry.standard()
     nodes.add(Succeed, HasAttribute, HasInput, SetsAttribute, HasOutput, without, with_input)
@@ -145,13 +145,13 @@ def main() -> None:
     """Run the benchmark."""
     options = create_parser(__doc__ or "").parse_args()
     report = Report("features", "The cost of a node's ports, scripts, conditions and subtrees", options.pairs)
-    works: dict[str, Work] = {name: grow(child).tick_once for name, child in TREES.items()}
+    works: dict[str, Work] = {name: create_tree(child).tick_once for name, child in TREES.items()}
     works["eval"] = evaluation()
-    if peers is None:
+    if py_trees_trees is None:
         report.remarks.append(NO_PY_TREES)
     else:
-        works["py_trees reads"] = peers.row_of(peers.Reads, WIDTH).tick_once
-        works["py_trees writes"] = peers.row_of(peers.Writes, WIDTH).tick_once
+        works["py_trees reads"] = py_trees_trees.row_of(py_trees_trees.Reads, WIDTH).tick_once
+        works["py_trees writes"] = py_trees_trees.row_of(py_trees_trees.Writes, WIDTH).tick_once
     measured = measure(works, report.pairs, slice_ns=1 if options.quick else SLICE)
     for label, dividend, divisor in COMPARISONS:
         if dividend in works and divisor in works:

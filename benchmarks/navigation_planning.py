@@ -22,7 +22,7 @@ from scipy.ndimage import distance_transform_edt
 from skimage.graph import route_through_array
 
 from btcore.clock import NS_PER_MS, NS_PER_S
-from btcore_navigation.costmap import LETHAL, Costmap, GlobalCostmap, LocalCostmap
+from btcore_navigation.costmap import INSCRIBED, LETHAL, Costmap, GlobalCostmap, LocalCostmap
 from btcore_navigation.grid_search import grid_costs
 from btcore_navigation.planner import Planner
 from btcore_robot.occupancy_map import OccupancyMap
@@ -32,6 +32,7 @@ from btcore_sim.worlds import load_world_description
 from measure.paired_timing import Work, measure_rounds
 from measure.report import Report, create_parser
 
+RADIUS, INFLATION_RADIUS, SCALING = 0.30, 0.55, 3.0  # m, m, 1/m: the defaults of the costmaps
 RAYS, HALF_VIEW, NOISE = 666, math.radians(110), 0.06  # Tiago's laser: number of rays, rad, m
 
 Pair = Mapping[str, Work]
@@ -62,8 +63,9 @@ def peer_route(costmap: Costmap, start: Pose2D, goal: Pose2D) -> object:
 def peer_inflation(costs: NDArray[np.uint8], resolution: float) -> object:
     """Return the costs around the lethal cells of a costmap, computed with scipy and numpy alone."""
     distance = distance_transform_edt(costs != LETHAL) * resolution
-    graded = 252 * np.exp(-3.0 * (distance - 0.3))
-    return np.select([distance == 0, distance <= 0.3, distance <= 0.55], [254, 253, graded], 0)
+    graded = (INSCRIBED - 1) * np.exp(-SCALING * (distance - RADIUS))
+    zones = [distance == 0, distance <= RADIUS, distance <= INFLATION_RADIUS]
+    return np.select(zones, [LETHAL, INSCRIBED, graded], 0)
 
 
 def first_plans(costmap: GlobalCostmap, legs: list[tuple[Pose2D, Pose2D]]) -> Iterator[Pair]:
@@ -84,7 +86,7 @@ def plans_again(
     planner = Planner(costmap)
     for start, goal in legs:
         path = planner.plan(start, goal, 0)
-        planner.plan(start, goal, 0)
+        planner.plan(start, goal, 0)  # computes the lower bounds, which later plans to the goal use
         for index in range(20, len(path) - 10, 20):
             at = path[index]
             off = random.normal(0, (0.05, 0.05, 0.02))

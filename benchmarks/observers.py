@@ -36,7 +36,7 @@ class Recorder(Observer):
             self.ticks.clear()
 
 
-def grow(control: str, child: str, function: bool = False) -> Tree:
+def create_tree(control: str, child: str, function: bool = False) -> Tree:
     """Return a tree: the control node *control* with WIDTH copies of the XML element *child*."""
     nodes = Registry.standard()
     nodes.add(Forward, succeed if function else Succeed)
@@ -59,7 +59,7 @@ def main() -> None:
     options = create_parser(__doc__ or "").parse_args()
     report = Report("observers", "The cost of an observer that records every transition", options.pairs)
     for label, control, child, function, changes, target in CASES:
-        plain, observed = (grow(control, child, function) for _ in range(2))
+        plain, observed = (create_tree(control, child, function) for _ in range(2))
         observed.tick_once()
         recorder = Recorder()
         observed.subscribe(recorder)

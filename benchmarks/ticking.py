@@ -25,7 +25,7 @@ from measure.benchmark_trees import RUNNING, SUCCESS, Shape
 from measure.paired_timing import SLICE, Spread, Work, measure
 from measure.report import NO_PY_TREES, Report, Target, at_least, at_most, create_parser, in_short
 
-peers = import_module("measure.py_trees_peers") if find_spec("py_trees") else None
+py_trees_trees = import_module("measure.py_trees_trees") if find_spec("py_trees") else None
 
 CYCLES = {"bump-and-go": 14}
 """The number of ticks after which the behavior of a tree repeats; in other trees all ticks are the same."""
@@ -42,12 +42,12 @@ BehaviorTree.CPP was not measured with *reactive*, so that the compiled build ha
 OVER_THE_LOOP = at_most(compiled=5)
 
 
-def grow(shape: Shape, kind: str) -> Tree:
+def create_tree(shape: Shape, kind: str) -> Tree:
     """Return *shape* as a tree of btcore, with leaves of *kind*."""
     return btcore.loads(benchmark_trees.document(shape, kind), nodes=benchmark_trees.registry(kind))
 
 
-def executed(shape: Shape, kind: str, ticks: int) -> float:
+def count_executed_nodes(shape: Shape, kind: str, ticks: int) -> float:
     """Return the mean number of nodes that a tick executes, and check that both engines tick as many.
 
     Args:
@@ -55,16 +55,16 @@ def executed(shape: Shape, kind: str, ticks: int) -> float:
         kind: The kind of leaves.
         ticks: The number of ticks.
     """
-    tree = grow(shape, kind)
-    tallies = tree.start_tick_counts().values()  # in a tree that is not measured
-    root = peers.grow(shape, kind) if peers else None
+    tree = create_tree(shape, kind)
+    counts = tree.start_tick_counts().values()  # in a tree that is not measured
+    root = py_trees_trees.create_tree(shape, kind) if py_trees_trees else None
     before = 0
     for _ in range(ticks):
         tree.tick_once()
-        after = sum(tally.ticks for tally in tallies)
+        after = sum(count.ticks for count in counts)
         if root is not None:
-            theirs = len(list(root.tick()))
-            assert theirs == after - before, f"py_trees ticks {theirs} nodes, btcore {after - before}"
+            expected = len(list(root.tick()))
+            assert expected == after - before, f"py_trees ticks {expected} nodes, btcore {after - before}"
         before = after
     return before / ticks
 
@@ -96,7 +96,7 @@ def main() -> None:
     parser.add_argument("--leaves", choices=benchmark_trees.KINDS, action="append", help="default: all kinds")
     options = parser.parse_args()
     report = Report("ticking", "The cost of a tick, in ns for each node that it executes", options.pairs)
-    if peers is None:
+    if py_trees_trees is None:
         report.remarks.append(NO_PY_TREES)
     for name in options.tree or benchmark_trees.TREES:
         shape = benchmark_trees.TREES[name]()
@@ -108,11 +108,11 @@ def main() -> None:
 
 def compare(report: Report, name: str, shape: Shape, kind: str, quick: bool) -> None:
     """Measure the tree *name* with leaves of *kind*, and add rows to *report*."""
-    nodes = executed(shape, kind, 2 * CYCLES.get(name, 1))
-    tree = grow(shape, kind)
+    nodes = count_executed_nodes(shape, kind, 2 * CYCLES.get(name, 1))
+    tree = create_tree(shape, kind)
     works: dict[str, Work] = {"btcore": tree.tick_once}
-    if peers is not None:
-        works["py_trees"] = peers.grow(shape, kind).tick_once
+    if py_trees_trees is not None:
+        works["py_trees"] = py_trees_trees.create_tree(shape, kind).tick_once
     if name == "wide":
         works["a loop"] = bare_loop(tree, kind)
     taken = measure(works, report.pairs, slice_ns=1 if quick else SLICE)

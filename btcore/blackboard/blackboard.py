@@ -106,7 +106,10 @@ class WriteRecorder:
     """What records the writes of a blackboard's users: `btcore.engine.journal.Journal`."""
 
     def write(self, board: "Blackboard", key: str, value: object, declared: ValueType | None) -> bool:
-        """Set an entry and record it. Return False, without effect, if the write is not to be recorded."""
+        """Set an entry and record it. Return False, without effect, if the write is not to be recorded.
+
+        The entry is set by `Blackboard.set`, which calls this method again: the inner call returns False.
+        """
         raise NotImplementedError
 
     def remove(self, board: "Blackboard", key: str) -> bool:

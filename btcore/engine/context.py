@@ -132,7 +132,7 @@ class TreeContext:
         self.recorded_pause: Callable[[int, int], bool] | None = None
 
     @property
-    def in_event_loop(self) -> bool:
+    def is_in_event_loop(self) -> bool:
         """Whether an event loop runs the tree, so that leaves may await asyncio's functions."""
         return self.on_wake_up is not None
 

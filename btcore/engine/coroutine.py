@@ -128,7 +128,7 @@ class CoroutineAction(StatefulAction):
             if self._context.on_wake_up is not None and hasattr(self._body, "cr_await"):
                 self._context.on_wake_up()
         elif yielded is not RUNNING:
-            if not self._context.in_event_loop or not hasattr(yielded, "_asyncio_future_blocking"):
+            if not self._context.is_in_event_loop or not hasattr(yielded, "_asyncio_future_blocking"):
                 body, self._body = self._body, None
                 body.close()
                 raise self._await_error(repr(yielded))

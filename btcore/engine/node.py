@@ -464,6 +464,9 @@ def input_or(node: TreeNode, name: str, default: object) -> object:
         return default
 
 
+# `execute_tick` contains a copy of `set_status`, and the loops in `control.py` copies of `reset_status`.
+
+
 def set_status(node: TreeNode, status: Status) -> None:
     """Store *status*, and notify the observers if it differs from the previous status."""
     previous = node._status

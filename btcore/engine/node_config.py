@@ -22,6 +22,11 @@ class NodeConfig:
     """The configuration of one node: its position in the tree and in the XML, and its ports.
 
     Attributes:
+        id: The registration ID.
+        name: The instance name.
+        path: The full path, in BehaviorTree.CPP 4's notation.
+        uid: The number of the node within the tree, from 1, in depth-first pre-order.
+        format: The XML format of the tree, 3 or 4.
         inputs: The bindings of the input ports, by name.
         outputs: The bindings of the output ports, by name.
         conditions: The texts of the pre- and post-conditions, by attribute name, such as `_skipIf`.

@@ -102,7 +102,7 @@ class Observers:
         # The observers that override `Observer.transition`, and those that override `Observer.transitions`.
         self._immediate_observers: list[Observer] = []
         self._batch_observers: list[Observer] = []
-        self._flushing = False
+        self._is_flushing = False
         self._tick_start = 0  # ns of real time
 
     # --- transitions
@@ -158,9 +158,9 @@ class Observers:
 
     def flush(self) -> None:
         """Notify the observers of all recorded transitions."""
-        if self._flushing or not self.records:
+        if self._is_flushing or not self.records:
             return
-        self._flushing = True
+        self._is_flushing = True
         try:
             # An observer may cause further transitions: all observers get them afterwards, in order.
             while self.records:
@@ -176,7 +176,7 @@ class Observers:
                     except Exception as error:
                         self._unsubscribe_after_error(observer, error)
         finally:
-            self._flushing = False
+            self._is_flushing = False
 
     # --- ticks and errors
 

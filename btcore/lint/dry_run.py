@@ -30,7 +30,7 @@ from btcore.xml.read.document import DiagnosticCollector, Document, Mark
 class EntryUse:
     """One place where *key* is used in *scope*: an attribute, or a name in its script.
 
-    *within* is the column (from 1) of the name in the script, or 0 outside of a script. *port* is the port
+    *column* is the column (from 1) of the name in the script, or 0 outside of a script. *port* is the port
     that uses the key; it is None in a script and in an attribute of a SubTree element.
     """
 
@@ -40,7 +40,7 @@ class EntryUse:
     document: Document
     node: NodePlan
     attribute: str
-    within: int = 0
+    column: int = 0
     port: Port | None = None
 
     @property
@@ -52,7 +52,7 @@ class EntryUse:
         self, code: DiagnosticCode, message: str, hint: str, fixes: Sequence[Fix] = ()
     ) -> Diagnostic:
         """Return a diagnostic about this place."""
-        mark: Mark = {"attribute": self.attribute, "within": self.within, "width": len(self.key)}
+        mark: Mark = {"attribute": self.attribute, "column": self.column, "width": len(self.key)}
         return self.document.diagnostic(code, message, self.node.element, hint=hint, fixes=fixes, **mark)
 
 

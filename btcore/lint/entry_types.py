@@ -56,11 +56,11 @@ def check_value_types(dry_run: DryRun, is_main: bool, given: Collection[str]) ->
                 _check_port(dry_run, entry, use, use.port)
             elif use.access is AccessKind.READS and use.port is not None:
                 _check_base_class(dry_run, entry, use, use.port)
-            elif use.access in WRITING and use.within:
+            elif use.access in WRITING and use.column:
                 text = use.node.element.get(use.attribute) or ""
                 if text not in scripts:
                     scripts[text] = _assignments_of(text, dry_run.enums)
-                _check_script(dry_run, entry, use, scripts[text].get(use.within))
+                _check_script(dry_run, entry, use, scripts[text].get(use.column))
         _check_constant(dry_run, uses, entry)
 
 
@@ -118,10 +118,10 @@ def _check_written_literal(dry_run: DryRun, entry: Entry, use: EntryUse) -> None
 
 
 def _assigns_integer(use: EntryUse, enums: dict[str, int]) -> bool:
-    if not use.within:
+    if not use.column:
         return False
     text = use.node.element.get(use.attribute) or ""
-    assignment = _assignments_of(text, enums).get(use.within)
+    assignment = _assignments_of(text, enums).get(use.column)
     return (
         assignment is not None
         and assignment.operator in (":=", "=")
@@ -179,15 +179,15 @@ def _check_untyped_entries(dry_run: DryRun, untyped: list[Entry]) -> None:
             continue
         creators = [use for use in uses if _creates_untyped(use)]
         # Ports and constants create their entries when the tree is loaded, scripts when they run.
-        creator = next((use for use in creators if not use.within), creators[0] if creators else None)
+        creator = next((use for use in creators if not use.column), creators[0] if creators else None)
         if creator is None:
             continue
         plan = dry_run.plan_of(creator.scope)
-        if creator.within and plan not in places:
+        if creator.column and plan not in places:
             children = ((node, *at) for node in plan.nodes() for at in enumerate(node.children))
             places[plan] = {child: (node, index) for node, index, child in children}
         for use in texts:
-            if not creator.within or (
+            if not creator.column or (
                 use.scope is creator.scope and _runs_before(creator, use, places[plan])
             ):
                 _warn_untyped(use, creator, dry_run.collector)
@@ -210,7 +210,7 @@ def _creates_untyped(use: EntryUse) -> bool:
     """Return whether *use* creates the entry without a type: a script, a constant, or a port in braces."""
     if use.port is not None:
         return is_declaration(use)
-    return use.access is AccessKind.WRITES and (use.within > 0 or use.node.subtree_call is not None)
+    return use.access is AccessKind.WRITES and (use.column > 0 or use.node.subtree_call is not None)
 
 
 def _runs_before(script: EntryUse, use: EntryUse, places: Mapping[NodePlan, ChildPlace]) -> bool:
@@ -287,7 +287,7 @@ def _check_constant(dry_run: DryRun, uses: list[EntryUse], entry: Entry) -> None
     the value, or the code of the leaf reads the port in its own way.
     """
     writers = [use for use in uses if use.access in WRITING]
-    constants = [use for use in writers if use.node.subtree_call is not None and not use.within]
+    constants = [use for use in writers if use.node.subtree_call is not None and not use.column]
     if len(constants) != 1 or len(writers) != 1 or not isinstance(entry.value, str):
         return
     use, text = constants[0], entry.value

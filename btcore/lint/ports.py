@@ -173,7 +173,7 @@ def check_literals_of_class(node: NodePlan, reporter: NodeReporter) -> None:
     for problem in node.manifest.cls.check_literals(valid_literals(node)):
         code = UNCHECKED_LITERAL if problem.is_unchecked else INCONVERTIBLE_TEXT
         message = f"the port '{problem.port}' of {node.label}: {problem.message}"
-        mark: Mark = {"attribute": problem.port, "within": problem.start, "width": problem.width}
+        mark: Mark = {"attribute": problem.port, "column": problem.start, "width": problem.width}
         reporter.report(node, code, message, hint=problem.hint, **mark)
 
 

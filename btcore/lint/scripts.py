@@ -50,7 +50,7 @@ def check_script_results(node: NodePlan, enums: Mapping[str, int], reporter: Nod
         error = find_certain_error(statements, enums)
         if error is not None:
             message = f"the script in '{attribute}' of {node.label} always raises: {error.message}"
-            mark: Mark = {"attribute": attribute, "within": error.column, "width": error.width}
+            mark: Mark = {"attribute": attribute, "column": error.column, "width": error.width}
             reporter.report(node, SCRIPT_RAISES, message, **mark)
         elif is_condition:
             _check_condition(node, attribute, statements[-1], enums, reporter)
@@ -63,7 +63,7 @@ def _check_condition(
     if isinstance(last, Assignment) and last.operator == "=" and isinstance(last.target, Name):
         message = f"'{attribute}' of {node.label} assigns to '{last.target.name}' instead of comparing"
         hint, fixes = f"to compare, write {last.target.name} == …", [ReplaceText("==")]
-        mark: Mark = {"attribute": attribute, "within": last.column, "width": last.width}
+        mark: Mark = {"attribute": attribute, "column": last.column, "width": last.width}
         reporter.report(node, CONDITION_ASSIGNS, message, hint=hint, fixes=fixes, **mark)
         return
     value = last.value if isinstance(last, Assignment) else last
@@ -83,5 +83,5 @@ def _check_condition(
         else:
             message = f"{failure}: its result is {result}, neither true nor false"
             hint = "valid results are 0, 1 and reals from 0 up; or write a comparison"
-        mark = {"attribute": attribute, "within": value.column, "width": value.width}
+        mark = {"attribute": attribute, "column": value.column, "width": value.width}
         reporter.report(node, SCRIPT_RAISES, message, hint=hint, fixes=fixes, **mark)

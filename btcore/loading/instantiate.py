@@ -196,11 +196,18 @@ class NodeCreator:
     def _create_with_children(self, node_plan: NodePlan, draft: SubtreeDraft) -> TreeNode:
         document, call = draft.document, node_plan.subtree_call
         self._uid = uid = self._uid + 1
-        id, line = node_plan.id, document.line(node_plan.element)
+        id = node_plan.id
         name = id if node_plan.name is None else node_plan.name
-        conditions, attributes = node_plan.conditions, node_plan.attributes
         config = NodeConfig(
-            id, name, uid, self.format, document.file, line, conditions, attributes, self.enums
+            id,
+            name,
+            uid,
+            self.format,
+            file=document.file,
+            line=document.line(node_plan.element),
+            conditions=node_plan.conditions,
+            attributes=node_plan.attributes,
+            enums=self.enums,
         )
         if call is not None:
             self._configure_call(node_plan, call, config, draft)

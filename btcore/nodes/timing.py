@@ -117,7 +117,7 @@ class Delay(DecoratorNode):
         status = execute_tick(self.child)
         if status is SUCCESS or status is FAILURE or (status is SKIPPED and self.config.format == 3):
             self._deadline = -1
-            self.reset_child()
+            self.reset_child()  # not `reset_status`: a child that returns SKIPPED may still be RUNNING
         return status
 
     def halt(self) -> None:

@@ -16,7 +16,7 @@ from btcore.errors import BtcoreError, ProviderError
 from btcore.registry.resources import Resources, TypeRef, fits, full_name
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice, choose_providers, title_with_article
-from btcore.runs.providers import TYPES_OF_RUN, Need, Provider, is_settings
+from btcore.runs.providers import Need, Provider, is_settings
 from btcore.runs.report import Report
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
 from btcore.suggestions import join_names
@@ -295,8 +295,12 @@ class RunProviders:
     def _find_argument(self, provider: Provider, need: Need) -> object:
         if need.type is Clock:
             return self.clock
-        if need.type in TYPES_OF_RUN:
-            return self.tree if need.type is Tree else self.report if need.type is Report else self.resources
+        if need.type is Tree:
+            return self.tree
+        if need.type is Report:
+            return self.report
+        if need.type is Resources:
+            return self.resources
         if is_settings(need.type):
             return self._settings.find(need.type)
         assigned = self._find_assigned(need.type_name)

@@ -72,6 +72,7 @@ class TickLoop:
         self._due_ns = 0  # when all trees are ticked next
         self._end_ns: int | None = None
         self._unfinished: list[Tree] = []
+        self._error: NodeExecutionError | None = None  # of a leaf; it ends all trees, until a reload
         self._wake_event = threading.Event()
         self._is_stopping = False
         self.trees: list[Tree] = []
@@ -108,34 +109,49 @@ class TickLoop:
             NodeExecutionError: A leaf raised an exception, and no other tree has replaced its tree.
         """
         end_statuses = _STATUSES_THAT_END[until]
-        error: NodeExecutionError | None = None
-        is_done = False  # all trees have ended; the loop waits for a reload
-        while (end := self._find_end()) is None:
-            if self.is_paused and not is_done:
+        end = self._tick_to_end(end_statuses, on_tick, reloader)
+        while end == "done" and reloader is not None:
+            reloader.on_end(self._error)
+            end = self._wait_for_reload(reloader) or self._tick_to_end(end_statuses, on_tick, reloader)
+        if self._error is not None:
+            raise self._error
+        return end
+
+    def _tick_to_end(
+        self, end_statuses: Sequence[Status], on_tick: OnTick | None, reloader: Reloader | None
+    ) -> LoopEnd:
+        """Tick until all trees are done, a leaf raises an exception, which is kept, or the loop ends."""
+        self._error = None
+        end = self._find_end()
+        while end is None:
+            if self.is_paused:
                 self.trees[0].context.wait_real_time(POLL_INTERVAL_S)
                 self._due_ns = max(self._due_ns, self._clock.now())  # ticks of the pause are not missed
-            elif not is_done and (trees := self._take_due_trees()):
+            elif trees := self._take_due_trees():
                 try:
                     self._tick(trees, end_statuses, on_tick)
-                except NodeExecutionError as raised:
-                    if reloader is None:
-                        raise
-                    error = raised
-                is_done = not self._is_stopping and (error is not None or not self._unfinished)
-                if is_done:
-                    if reloader is None:
-                        return "done"
-                    reloader.on_end(error)
-            elif reloader is not None and reloader.reload():
-                error, is_done = None, False
-            else:
-                try:
-                    self._wait(is_done, has_reloader=reloader is not None)
-                except EndOfTimeError:
-                    end = "end_of_time"
-                    break
-        if error is not None:
-            raise error
+                except NodeExecutionError as error:
+                    self._error = error
+                if not self._is_stopping and (self._error is not None or not self._unfinished):
+                    return "done"
+            elif reloader is None or not reloader.reload():
+                times = [tree.context.first_deadline(self._due_ns) for tree in self._unfinished]
+                if reloader is not None:
+                    times.append(self._clock.now() + _POLL_INTERVAL_NS)
+                end = self._wait(times)
+            end = end or self._find_end()
+        return end
+
+    def _wait_for_reload(self, reloader: Reloader) -> LoopEnd | None:
+        """Wait until a tree was replaced, and return None, or the reason if the loop ends before.
+
+        Real time passes, and with it a simulator that owns the clock. In simulated time nothing can happen
+        any more: it advances to the end of the duration at once.
+        """
+        end = self._find_end()
+        while end is None and not reloader.reload():
+            times = [] if self._settings.fast else [self._clock.now() + _POLL_INTERVAL_NS]
+            end = self._wait(times) or self._find_end()
         return end
 
     def _find_end(self) -> LoopEnd | None:
@@ -163,27 +179,26 @@ class TickLoop:
             self.missed_ticks += missed
             self._due_ns += (missed + 1) * self._period_ns
 
-    def _wait(self, is_done: bool, has_reloader: bool) -> None:
-        """Wait until a tree is due or woken, the end of the loop, or the next poll for a reload.
+    def _wait(self, times: list[int]) -> LoopEnd | None:
+        """Wait until the first of *times* (ns), a wake-up or the end of the duration.
 
-        While the loop waits for a reload alone, real time passes, and with it a simulator that owns the
-        clock. In simulated time nothing can happen any more: it advances to the end of the duration at once.
-
-        Raises:
-            EndOfTimeError: The time of the clock ends before.
+        Returns:
+            "end_of_time" if the time of the clock ends before, otherwise None.
         """
-        times = [] if is_done else [tree.context.first_deadline(self._due_ns) for tree in self._unfinished]
         if self._end_ns is not None:
             times.append(self._end_ns)
-        if has_reloader and not (is_done and self._settings.fast):
-            times.append(self._clock.now() + _POLL_INTERVAL_NS)
         if not times:
             self._wake_event.wait(POLL_INTERVAL_S)
-        elif self._clock.wait_until(min(times), self._wake_event):
-            if self._wake_event.is_set():
-                self._wake_event.clear()  # before the trees are asked: a later wake-up sets it again
-            else:  # the clock has ended the wait, as that of a simulation in lockstep may
-                self._due_ns = self._clock.now()
+            return None
+        try:
+            is_early = self._clock.wait_until(min(times), self._wake_event)
+        except EndOfTimeError:
+            return "end_of_time"
+        if is_early and self._wake_event.is_set():
+            self._wake_event.clear()  # before the trees are asked: a later wake-up sets it again
+        elif is_early:  # the clock has ended the wait, as that of a simulation in lockstep may
+            self._due_ns = self._clock.now()
+        return None
 
     def step(self) -> None:
         """Tick the trees that are RUNNING once, or all trees if none is."""

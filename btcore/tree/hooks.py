@@ -250,7 +250,7 @@ class Hooks:
         """Stop at a breakpoint until it is unlocked. Return the status that *hook* injects, or SKIPPED."""
         if hook is None:
             return SKIPPED
-        tick_thread = self._tick_thread if self._context.in_event_loop else None
+        tick_thread = self._tick_thread if self._context.is_in_event_loop else None
         stops = False
         with self._condition:
             if not hook.enabled:
@@ -258,7 +258,7 @@ class Hooks:
             if hook.mode is HookMode.BREAKPOINT:
                 # A tick on the event loop's own thread must not stop: the loop could never unlock it.
                 if self._ignores_breakpoints or (
-                    self._context.in_event_loop and (tick_thread is None or not tick_thread.is_current)
+                    self._context.is_in_event_loop and (tick_thread is None or not tick_thread.is_current)
                 ):
                     return SKIPPED
                 stops = True

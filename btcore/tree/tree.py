@@ -135,8 +135,8 @@ class Tree:
         self.ticks = 0
         self.status: Status = IDLE
         self._hooks: Hooks | None = None
-        self._in_tick = False
-        self._in_loop = False  # within tick_while_running() or run(), also between two ticks
+        self._is_in_tick = False
+        self._is_in_loop = False  # within tick_while_running() or run(), also between two ticks
 
     @property
     def blackboard(self) -> Blackboard:
@@ -196,7 +196,7 @@ class Tree:
                 if waits:
                     self.context.wait_until(self.context.next_tick_time(schedule))
         finally:
-            self._in_loop = False
+            self._is_in_loop = False
 
     async def run(self, period: float = 0.01) -> Status:
         """Tick until the root is no longer RUNNING, and let the event loop run between the ticks.
@@ -238,7 +238,7 @@ class Tree:
             self.halt()
             raise
         finally:
-            self._in_loop = False
+            self._is_in_loop = False
             wait.close()
             if self._hooks is not None:
                 self._hooks.close_tick_thread()
@@ -267,12 +267,12 @@ class Tree:
         return self.nodes[uid - 1] if uid > 0 else self.root
 
     def _begin_loop(self) -> None:
-        if self._in_loop:
+        if self._is_in_loop:
             raise BtcoreError(
                 f"tree '{self.id}' is being ticked already by run() or tick_while_running(): wait until this "
                 "call returns, or load a second tree"
             )
-        self._in_loop = True
+        self._is_in_loop = True
 
     # --- halting, waiting
 
@@ -485,7 +485,7 @@ class Tree:
 
 def _tick(tree: Tree, repeat: bool) -> Status:
     """Tick the root of *tree*, and if *repeat*, again while it is RUNNING and a wake-up is pending."""
-    if tree._in_tick:
+    if tree._is_in_tick:
         raise BtcoreError(
             f"tree '{tree.id}' is being ticked already: neither a second thread nor a leaf of the tree "
             "can tick it during a tick; to request another tick, call wake()"
@@ -494,7 +494,7 @@ def _tick(tree: Tree, repeat: bool) -> Status:
     limit_s = tree.tick_limit
     if limit_s is not None:
         context.limit.start(limit_s)
-    tree._in_tick = True
+    tree._is_in_tick = True
     try:
         while True:
             tree.ticks += 1
@@ -511,7 +511,7 @@ def _tick(tree: Tree, repeat: bool) -> Status:
             tree._halt_after(error)
             raise error
     finally:
-        tree._in_tick = False
+        tree._is_in_tick = False
         context.tick_start = -1
         if limit_s is not None:
             context.limit.stop()

@@ -135,16 +135,16 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
         main = _find_main(main_document, tree_id, definitions, by_id, are_complete, collector)
     models = _read_subtree_models(sources.documents, dialect, collector)
     return Definitions(
-        sources,
-        dialect,
-        is_format_assumed,
-        tree_id,
-        tuple(definitions),
-        by_id,
-        main,
-        models,
-        are_complete,
-        collector.diagnostics,
+        sources=sources,
+        dialect=dialect,
+        is_format_assumed=is_format_assumed,
+        requested_tree=tree_id,
+        all=tuple(definitions),
+        by_id=by_id,
+        main_tree=main,
+        subtree_models=models,
+        are_complete=are_complete,
+        diagnostics=collector.diagnostics,
     )
 
 

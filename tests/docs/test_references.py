@@ -1,14 +1,19 @@
-"""Every page and every test file that the code or the documentation names exists in the repository."""
+"""Every page and every test file that the code or the documentation names exists in the repository.
+
+So does every name in the code that a package's README mentions.
+"""
 
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Set
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
 URL = re.compile(r"https?://\S+")
 GENERATED = re.compile(r"\.\./(api|commands|nodes)/")
 REFERENCE = re.compile(r"(?<!\})(?:[\w./-]*[\w-]\.md|(?<=`)tests/[\w./-]*\w\.py)\b")
+NAME = re.compile(r"`(?!X[A-Z])([A-Za-z_][\w.]*)(?<!\.py)(?:\([^`]*\))?`")
+"""A name in the code, as READMEs write it. In `XItem`, X is any datum."""
 FILE_TYPES = {".cfg", ".in", ".json", ".md", ".py", ".toml", ".ts", ".xml", ".yaml", ".yml", ""}
 # Folders of generated or installed files. Hidden folders are excluded, too, except those of the CI.
 EXCLUDED = {"__pycache__", "build", "dist", "node_modules", "out"}
@@ -66,3 +71,27 @@ def test_references_may_be_relative_to_the_file() -> None:
     page = "vff" + ".md"
     assert missing_references(f"{page}\n../book/{page}\n", ROOT / "docs" / "book") == []
     assert missing_references(f"{page}\n", ROOT / "docs") == [f"1: {page}"]
+
+
+def unknown_names(text: str, words: Set[str]) -> list[str]:
+    """Return the names in *text* that contain a word which is not one of *words*, the words of the code."""
+    return [name for name in NAME.findall(text) if not words.issuperset(name.split("."))]
+
+
+def test_names_in_readmes_of_packages_exist() -> None:
+    files = [path for path in text_files() if "tests" not in path.relative_to(ROOT).parts]
+    code = (path.read_text(encoding="utf-8") for path in files if path.suffix == ".py")
+    words = {word for text in code for word in re.findall(r"\w+", text)}
+    readmes = [path for path in files if path.name == "README.md" and ROOT / "packaging" not in path.parents]
+    assert len(readmes) > 10
+    unknown = [
+        f"{path.relative_to(ROOT)}: {name}"
+        for path in readmes
+        for name in unknown_names(path.read_text(encoding="utf-8"), words)
+    ]
+    assert unknown == []
+
+
+def test_unknown_names_are_found() -> None:
+    text = "`halt`, `tree.halt(node)`, `tree.stop()`, `XEvent`, `halt.py`, `btcore run`, `Tree`"
+    assert unknown_names(text, {"halt", "tree"}) == ["tree.stop", "Tree"]

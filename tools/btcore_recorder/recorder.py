@@ -158,7 +158,7 @@ class Recorder(Observer):
         exclude: Sequence[str] = (),
         options: RecorderOptions = NO_OPTIONS,
     ) -> None:
-        if tree._in_tick:
+        if tree._is_in_tick:
             raise BtcoreError(f"tree '{tree.id}' is in a tick: begin to record it between two ticks")
         self.gives_way = False
         observers = tree.context.observers

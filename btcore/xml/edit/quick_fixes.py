@@ -12,7 +12,7 @@ from btcore.suggestions import nearest_name
 from btcore.xml.edit.editor import DocumentEditor, Edit, apply_edits, escape_value
 from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.positions import LineIndex
-from btcore.xml.read.scan import Place, ScannedAttribute, ScannedElement, scan
+from btcore.xml.read.scan import Place, ScannedElement, scan
 from btcore.xml.read.tinyxml2_compat import BARE_MARKUP_CHARACTER
 
 MAX_FIXES: Final = 20
@@ -118,12 +118,55 @@ _TitledEdits = Iterator[tuple[str, Sequence[Edit]]]
 
 def _titled_edits(fix: fixes.Fix, problem: _Problem) -> _TitledEdits:
     """Yield the edits of a fix, each list with its title; nothing if the text does not permit the fix."""
-    element, attribute = problem.place.element, problem.place.attribute
-    if element is not None:
-        yield from _edits_of_element(fix, problem.editor, element)
-        if attribute is not None:
-            yield from _edits_of_attribute(fix, problem.editor, element, attribute)
-    yield from _other_edits(fix, problem)
+    editor, element, attribute = problem.editor, problem.place.element, problem.place.attribute
+    match fix:
+        # Fixes of the marked characters, or of another place.
+        case fixes.Rename():
+            yield from _renamed(fix.text, problem)
+        case fixes.ReplaceText():
+            yield f"Write {_shown(fix.text)}", [Edit(problem.start, problem.end, fix.text)]
+        case fixes.InsertText():
+            yield f"Insert '{_shown(fix.text)}'", [Edit(problem.start, problem.start, fix.text)]
+        case fixes.CreateEntry():
+            assignment = _ASSIGNMENT.match(editor.text, problem.end)
+            if assignment is not None:
+                yield "Create the entry with :=", [Edit(*assignment.span(1), ":=")]
+        case fixes.SetFormat() if editor.scan.roots:
+            edit = editor.set_attribute(editor.scan.roots[0], "BTCPP_format", str(fix.format))
+            yield f'Write BTCPP_format="{fix.format}"', [edit]
+        case fixes.Connect():
+            elements = editor.scan.elements
+            if fix.index < len(elements) and elements[fix.index].get("ID") == fix.tree:
+                edit = editor.set_attribute(elements[fix.index], fix.key, fix.value)
+                yield f"Connect {_shown(fix.key)} in the SubTree of '{_shown(fix.tree)}'", [edit]
+        case fixes.EndTag():
+            yield from _with_end_tag(fix.text, problem)
+        case fixes.CloseTag() if problem.marked.startswith("</"):
+            yield "Close the tag", [Edit(problem.end, problem.end, ">")]
+        case fixes.CloseTag() if element is not None and not element.is_complete:
+            end = element.attributes[-1].end if element.attributes else element.tag_end
+            for ending in ("/>", ">"):
+                yield f"Close the tag with {ending}", [Edit(end, end, ending)]
+        # Fixes of the marked attribute.
+        case fixes.Remove() if element is not None and attribute is not None:
+            yield f"Remove {attribute.name}", [editor.remove_attribute(element, attribute.name)]
+        case fixes.RenameAttribute() if (
+            element is not None and attribute is not None and element.attribute(fix.text) is None
+        ):
+            edit = Edit(attribute.start, attribute.name_end, fix.text)
+            yield f"Write {fix.text} instead of {attribute.name}", [edit]
+        case fixes.Escape() if attribute is not None:
+            matches = BARE_MARKUP_CHARACTER.finditer(editor.text, attribute.value_start, attribute.value_end)
+            edits = [Edit(*match.span(), escape_value(match[0])) for match in matches]
+            names = " and ".join(dict.fromkeys(edit.text for edit in edits))
+            yield f"Write {names}", edits
+        case fixes.SetValue() if attribute is not None and attribute.is_closed:
+            nearest = nearest_name(attribute.value or "", fix.values) if len(fix.values) > 1 else None
+            for value in sorted(fix.values, key=lambda value: value != nearest):
+                yield f"Write {_shown(value)}", [editor.set_value(attribute, value)]
+        # Fixes of the marked element.
+        case _ if element is not None:
+            yield from _edits_of_element(fix, editor, element)
 
 
 def _shown(text: str) -> str:
@@ -133,6 +176,8 @@ def _shown(text: str) -> str:
 def _edits_of_element(fix: fixes.Fix, editor: DocumentEditor, element: ScannedElement) -> _TitledEdits:
     """Yield the edits of a fix that changes the marked element or adds something for it."""
     match fix:
+        case fixes.Remove():
+            yield f"Remove <{_shown(element.tag)}>", [editor.remove(element)]
         case fixes.RenameElement():
             yield f"Change to <{_shown(fix.text)}>", editor.rename_element(element, fix.text)
         case fixes.SetAttributes():
@@ -167,62 +212,6 @@ def _edits_of_element(fix: fixes.Fix, editor: DocumentEditor, element: ScannedEl
             wrapped = element.children[fix.first :]
             which = "the children" if fix.first == 0 else f"the last {len(wrapped)} children"
             yield f"Put {which} into a <{fix.tag}>", editor.wrap(wrapped, fix.tag)
-
-
-def _edits_of_attribute(
-    fix: fixes.Fix, editor: DocumentEditor, element: ScannedElement, attribute: ScannedAttribute
-) -> _TitledEdits:
-    """Yield the edits of a fix that changes the marked attribute of *element*."""
-    match fix:
-        case fixes.RenameAttribute() if element.attribute(fix.text) is None:
-            edit = Edit(attribute.start, attribute.name_end, fix.text)
-            yield f"Write {fix.text} instead of {attribute.name}", [edit]
-        case fixes.Escape():
-            matches = BARE_MARKUP_CHARACTER.finditer(editor.text, attribute.value_start, attribute.value_end)
-            edits = [Edit(*match.span(), escape_value(match[0])) for match in matches]
-            names = " and ".join(dict.fromkeys(edit.text for edit in edits))
-            yield f"Write {names}", edits
-        case fixes.SetValue() if attribute.is_closed:
-            nearest = nearest_name(attribute.value or "", fix.values) if len(fix.values) > 1 else None
-            for value in sorted(fix.values, key=lambda value: value != nearest):
-                yield f"Write {_shown(value)}", [editor.set_value(attribute, value)]
-
-
-def _other_edits(fix: fixes.Fix, problem: _Problem) -> _TitledEdits:
-    """Yield the edits of a fix that changes the marked characters, a tag that is cut off or another place."""
-    editor, element, attribute = problem.editor, problem.place.element, problem.place.attribute
-    match fix:
-        case fixes.Rename():
-            yield from _renamed(fix.text, problem)
-        case fixes.ReplaceText():
-            yield f"Write {_shown(fix.text)}", [Edit(problem.start, problem.end, fix.text)]
-        case fixes.InsertText():
-            yield f"Insert '{_shown(fix.text)}'", [Edit(problem.start, problem.start, fix.text)]
-        case fixes.CreateEntry():
-            assignment = _ASSIGNMENT.match(editor.text, problem.end)
-            if assignment is not None:
-                yield "Create the entry with :=", [Edit(*assignment.span(1), ":=")]
-        case fixes.SetFormat() if editor.scan.roots:
-            edit = editor.set_attribute(editor.scan.roots[0], "BTCPP_format", str(fix.format))
-            yield f'Write BTCPP_format="{fix.format}"', [edit]
-        case fixes.Connect():
-            elements = editor.scan.elements
-            if fix.index < len(elements) and elements[fix.index].get("ID") == fix.tree:
-                edit = editor.set_attribute(elements[fix.index], fix.key, fix.value)
-                yield f"Connect {_shown(fix.key)} in the SubTree of '{_shown(fix.tree)}'", [edit]
-        case fixes.Remove() if element is not None:
-            if attribute is not None:
-                yield f"Remove {attribute.name}", [editor.remove_attribute(element, attribute.name)]
-            else:
-                yield f"Remove <{_shown(element.tag)}>", [editor.remove(element)]
-        case fixes.EndTag():
-            yield from _with_end_tag(fix.text, problem)
-        case fixes.CloseTag() if problem.marked.startswith("</"):
-            yield "Close the tag", [Edit(problem.end, problem.end, ">")]
-        case fixes.CloseTag() if element is not None and not element.is_complete:
-            end = element.attributes[-1].end if element.attributes else element.tag_end
-            for ending in ("/>", ">"):
-                yield f"Close the tag with {ending}", [Edit(end, end, ending)]
 
 
 def _renamed(name: str, problem: _Problem) -> _TitledEdits:

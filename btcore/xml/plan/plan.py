@@ -264,6 +264,6 @@ def report_invalid_scripts(
             has_errors = True
             message = f"invalid script in '{attribute}' of <{node.id}>: {error.message}"
             collector.report(
-                document, SCRIPT_SYNTAX, message, node.element, attribute=attribute, within=error.column
+                document, SCRIPT_SYNTAX, message, node.element, attribute=attribute, column=error.column
             )
     return has_errors

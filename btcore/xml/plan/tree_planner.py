@@ -246,9 +246,9 @@ class TreePlanner:
         elif manifest.type in _LEAF_PHRASES:
             self._context.leaf_tags.add(tag)
             if dialect.checks_leaf_children:
-                self._check_child_count(tag, manifest.type, element, children)
+                self._check_child_count(manifest, manifest.type, element, children)
         elif needing is None or tag in needing or manifest.type is NodeType.DECORATOR:
-            self._check_child_count(tag, manifest.type, element, children)
+            self._check_child_count(manifest, manifest.type, element, children)
         limit = self._definition.document.max_depth
         if children and child_depth > limit:
             hint = "split the tree into subtrees"
@@ -269,31 +269,28 @@ class TreePlanner:
             self._report(UNKNOWN_NODE, message, element, attribute="ID", hint=hint, fixes=fixes)
             return
         node_type = manifest.type if self._dialect.type_from_id else EXPLICIT_TAGS[tag]
-        self._check_child_count(id, node_type, element, children)
+        self._check_child_count(manifest, node_type, element, children)
 
     def _check_child_count(
-        self, id: str, node_type: NodeType, element: Element, children: list[Element]
+        self, manifest: Manifest, node_type: NodeType, element: Element, children: list[Element]
     ) -> None:
-        label, count = f"<{id}>", len(children)
+        label, count = f"<{manifest.id}>", len(children)
         if node_type is NodeType.DECORATOR:
             if count != 1:
                 rule = "a decorator has exactly 1"
                 self._report_child_count(label, count, rule, element, _one_child_hint(count))
         elif node_type is NodeType.CONTROL:
-            manifest = self._context.manifest(id)
-            least = 1 if manifest is None else max(manifest.spec.child_count_at_load[0], 1)
+            least = max(manifest.spec.child_count_at_load[0], 1)
             if count < least:
-                rule = f"{'it' if least > 1 else 'a control node'} needs at least {least}"
-                roles, needed = "", least
-                if manifest is not None:
-                    from btcore.registry.nodes_without_code import is_mock  # only errors need it
+                from btcore.registry.nodes_without_code import is_mock  # only errors need it
 
-                    roles = manifest.spec.child_roles if least > 1 else ""
-                    # More children may be needed at the first tick than to load the tree.
-                    needed = least if is_mock(manifest.cls) else max(least, manifest.spec.child_count[0])
+                rule = f"{'it' if least > 1 else 'a control node'} needs at least {least}"
+                roles = manifest.spec.child_roles if least > 1 else ""
+                # More children may be needed at the first tick than to load the tree.
+                needed = least if is_mock(manifest.cls) else max(least, manifest.spec.child_count[0])
                 advice = _more_children_hint(needed - count, roles)
                 self._report_child_count(label, count, rule, element, advice)
-            elif id == "ReactiveSequence":  # as BehaviorTree.CPP's parser, which knows this name only
+            elif manifest.id == "ReactiveSequence":  # BehaviorTree.CPP's parser knows this name only
                 self._check_asynchronous(children)
         elif count and node_type in _LEAF_PHRASES:
             advice = HintAndFixes("remove it" if count == 1 else "remove them", [RemoveChildren()])

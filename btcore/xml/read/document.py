@@ -35,13 +35,13 @@ class Mark(TypedDict, total=False):
     Attributes:
         attribute: Name of the attribute; "" means the element itself.
         part: Whether to mark the attribute's name or its value (default).
-        within: Number of a character in the value, from 1; 0 means the whole value.
-        width: The number of characters to mark from *within* on; default 1.
+        column: Number of a character in the value, from 1; 0 means the whole value.
+        width: The number of characters to mark from *column* on; default 1.
     """
 
     attribute: str
     part: ElementPart
-    within: int
+    column: int
     width: int
 
 

@@ -121,7 +121,7 @@ class SourceMap:
         element: Element,
         attribute: str = "",
         part: ElementPart = "value",
-        within: int = 0,
+        column: int = 0,
         width: int = 1,
     ) -> SourceSpan:
         """Return the position of an element or of one of its attributes: see `Mark` in document.py."""
@@ -134,8 +134,8 @@ class SourceMap:
             start, end = attribute_place.start, attribute_place.name_end
         elif attribute_place is not None:
             start, end = attribute_place.value_start, attribute_place.value_end
-            if within:
-                start = self._character(attribute_place, within)
+            if column:
+                start = self._character(attribute_place, column)
                 end = start + width
             elif start == end:  # an empty value: show its quotes
                 start, end = start - 1, end + 1

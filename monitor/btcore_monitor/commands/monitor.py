@@ -174,12 +174,14 @@ def _watch(
     with EndingSignals(stop.set):
         for thread in threads:
             thread.start()
-        _wait_for_end(threads, stop, sinks, duration, errors)
+        exit_code = _wait_for_end(threads, stop, sinks, duration)
         stop.set()
         for thread in threads:
             thread.join()
     if shared is not None:
         shared.close()
+    if exit_code is not None:
+        raise click.exceptions.Exit(exit_code)
     if errors:
         raise errors[0]
     return views[0].files if shared is None else shared.files
@@ -190,9 +192,9 @@ def _wait_for_end(
     stop: threading.Event,
     sinks: "RecordingSinks",
     duration: float | None,
-    errors: list[BaseException],
-) -> None:
-    """Wait as long as `_watch`, and add an exit to *errors* if the viewer fails."""
+) -> ExitCode | None:
+    """Wait as long as `_watch`, and return the exit code if the viewer has failed, otherwise None."""
+    exit_code = None
     start = time.monotonic()
     next_file_check, next_viewer_check = start, start + _CHECK_VIEWER_INTERVAL_S
     viewer = sinks.viewer
@@ -202,7 +204,7 @@ def _wait_for_end(
             next_file_check = now + _CHECK_FILE_INTERVAL_S
             sinks.check_files()
         if duration is not None and now >= start + duration:
-            return
+            break
         if viewer is None or now < next_viewer_check:
             continue
         next_viewer_check = now + _CHECK_VIEWER_INTERVAL_S
@@ -211,9 +213,10 @@ def _wait_for_end(
             # Printed at once, because closing the recording takes some seconds without a viewer.
             print_message(f"the viewer (rerun) failed: {failure}" if failure else "the viewer was closed")
             if failure:
-                errors.append(click.exceptions.Exit(ExitCode.USER_ERROR))
+                exit_code = ExitCode.USER_ERROR
             if sinks.save is None:
-                return
+                break
+    return exit_code
 
 
 def _create_label(feed: "Feed") -> str:

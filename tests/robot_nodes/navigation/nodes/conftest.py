@@ -64,19 +64,19 @@ class NodeRig:
         self.compute_path = PlannerServer(Planner(self.costmap), self.localiser.pose)
         self.smooth_path = SmootherServer(self.compute_path.planner)
         self.servers = Servers(
-            navigation.robot,
-            navigation.transforms,
-            self.localiser,
-            self.costmap,
-            navigation.costmap,
-            self.compute_path,
-            navigation.follow_path,
-            navigation.spin,
-            navigation.back_up,
-            navigation.drive_on_heading,
-            navigation.wait,
-            navigation.assisted_teleop,
-            self.smooth_path,
+            robot=navigation.robot,
+            transforms=navigation.transforms,
+            localiser=self.localiser,
+            global_costmap=self.costmap,
+            local_costmap=navigation.costmap,
+            compute_path=self.compute_path,
+            follow_path=navigation.follow_path,
+            spin=navigation.spin,
+            back_up=navigation.back_up,
+            drive_on_heading=navigation.drive_on_heading,
+            wait=navigation.wait,
+            assisted_teleop=navigation.assisted_teleop,
+            smooth_path=self.smooth_path,
         )
         self.robot.schedule.add_task(20.0, Phase.PLANNER, self.compute_path.step)
         self.robot.schedule.add_task(20.0, Phase.PLANNER, self.smooth_path.step)

@@ -87,12 +87,12 @@ CONTROLS: dict[str, tuple[type[composites.Composite], bool]] = {
 """The class in py_trees and its argument ``memory``, by the tag of the control node."""
 
 
-def grow(shape: Shape, kind: str) -> Behaviour:
+def create_tree(shape: Shape, kind: str) -> Behaviour:
     """Return *shape* as a tree of py_trees, with leaves of *kind*."""
     if isinstance(shape, str):
         leaf: Behaviour = LEAVES[kind][shape](name=shape)
         return leaf
-    children = [grow(child, kind) for child in shape.children]
+    children = [create_tree(child, kind) for child in shape.children]
     if shape.tag == "Inverter":
         return Inverter("Inverter", *children)
     cls, memory = CONTROLS[shape.tag]
