@@ -18,6 +18,7 @@ NEEDS = {
     "publishing": ("zmq", "msgpack", "flatbuffers"),
     "robot": ("scipy", "cv2", "pybullet"),
     "ros2": ("rclpy",),
+    "studio": ("playwright", "pygls", "websockets"),
 }
 FILES = sorted(BENCHMARKS.glob("*.py"))
 
@@ -32,6 +33,8 @@ def test_a_benchmark_runs(file: Path) -> None:
     assert done.returncode == 0, done.stderr
     reported: dict[str, Any] = json.loads(done.stdout)
     assert reported["benchmark"] == file.stem
+    if file.stem == "studio" and not reported["rows"]:
+        pytest.skip(reported["remarks"][0])
     assert reported["rows"]
     assert all(0 < row["low"] <= row["median"] <= row["high"] for row in reported["rows"])
     if file.stem == "ticking" and importlib.util.find_spec("py_trees") is not None:

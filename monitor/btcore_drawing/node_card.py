@@ -1,5 +1,6 @@
 """Draw one node of a tree as a card with a badge, names, ports and scripts."""
 
+from functools import lru_cache
 from typing import Final, NamedTuple
 
 from btcore.escaping import escape_text
@@ -36,6 +37,7 @@ class Card(NamedTuple):
     drawing: list[str]
 
 
+@lru_cache(maxsize=1 << 15)
 def text_width(text: str, size: float, bold: bool = False) -> float:
     """Return an upper estimate of the width of a text in a common sans-serif font, in px.
 

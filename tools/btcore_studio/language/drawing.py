@@ -56,8 +56,11 @@ def draw_document(project: Project, source: SourceDocument, params: DrawingParam
     for node, _ in nodes:
         if node.uid in hidden:
             node.hidden, node.children = hidden[node.uid], []
-    svg = diagram_to_svg(root, id, format, params.styled)
     about = {node.id: node.about for node, _ in nodes if node.about}
+    if not params.styled:
+        for node, _ in nodes:
+            node.about = ""  # half of a drawing would be descriptions
+    svg = diagram_to_svg(root, id, format, params.styled)
     return Drawing(id, format, svg, rows, about, tree_summaries(reading), reading.broken)
 
 

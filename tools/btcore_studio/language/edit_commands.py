@@ -5,7 +5,7 @@ errors that the operation would add are reasons, and a node may lack children wh
 """
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Final, NamedTuple
 
 from btcore.diagnostic_codes import (
@@ -25,6 +25,7 @@ from btcore.diagnostic_codes import (
     WRONG_CHILD_COUNT,
     DiagnosticCode,
 )
+from btcore.diagnostics import Diagnostic
 from btcore.names import FORBIDDEN, is_port_name, port_name_error
 from btcore.registry.manifest import Manifest
 from btcore.suggestions import child_count_text, did_you_mean, with_article
@@ -669,18 +670,20 @@ class _Operation:
         after = read_trees(self._project, draft.source)
         if after.broken:
             raise EditError(f"the result would not be XML ({after.broken})")
-        known = {(error.code, error.message) for error in before.plans.diagnostics.errors}
-        for error in after.plans.diagnostics.errors:
-            if (error.code, error.message) in known:
-                continue
+        for error in _new(after.plans.diagnostics.errors, lambda: before.plans.diagnostics.errors):
             if error.code not in self._tolerated:
                 raise EditError(f"{error.message}: {error.hint}" if error.hint else error.message)
             if error.code in _OF_TEXTS:
                 self._notes.append(error.message)
         if self._always_warns or after.size <= MAX_CHECKED:
-            warned = {(warning.code, warning.message) for warning in before.warnings}
-            new = [item.message for item in after.warnings if (item.code, item.message) not in warned]
-            self._notes += new[:_MAX_WARNINGS]
+            new = _new(after.warnings, lambda: before.warnings)
+            self._notes += [item.message for item in new[:_MAX_WARNINGS]]
+
+
+def _new(found: Sequence[Diagnostic], before: Callable[[], Iterable[Diagnostic]]) -> list[Diagnostic]:
+    """Return the diagnostics that were not found *before*, which is called only if there are any."""
+    known = {(item.code, item.message) for item in before()} if found else set()
+    return [item for item in found if (item.code, item.message) not in known]
 
 
 def _position(source: SourceDocument, offset: int) -> Position:

@@ -4,6 +4,7 @@ Each feature is a module with functions of `(project, document, …)`. Their res
 """
 
 import asyncio
+import inspect
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future
 from pathlib import Path
@@ -91,13 +92,29 @@ class TreeServerProtocol(LanguageServerProtocol):
         # The protocol permits to ignore notifications with this prefix, and pygls logs them in one line.
         return JsonRPCNotification(method=f"$/invalid/{method}", jsonrpc=self.VERSION, params={})
 
-    def _serialize_message(self, data: Any) -> dict[str, Any]:
-        """Return a message as JSON data. The results of requests `btcore/…` are JSON data already."""
+    def _send_data(self, data: Any) -> None:
+        """Send a message. The results of requests `btcore/…` can be large: they are encoded quickly."""
+        if self.writer is None or not isinstance(getattr(data, "result", None), Data):
+            super()._send_data(data)
+            return
+        try:
+            body = msgspec.json.encode({"jsonrpc": self.VERSION, "id": data.id, "result": data.result})
+        except UnicodeEncodeError:  # a lone surrogate
+            super()._send_data(data)
+            return
+        head = f"Content-Length: {len(body)}\r\n\r\n".encode() if self._include_headers else b""
+        sent = self.writer.write(head + body)
+        if inspect.isawaitable(sent):
+            asyncio.ensure_future(sent)  # noqa: RUF006 - an executor has it, as in pygls
+
+    def _serialize_message(self, data: Any) -> Any:
+        """Return a part of a message as JSON data."""
+        if isinstance(data, Data):
+            return msgspec.to_builtins(data)
         if isinstance(data, (JsonRPCResponseMessage, JsonRPCNotification)):
-            # The converter would copy thousands of nodes of a drawing.
+            # The converter would copy the JSON data of the requests `btcore/…`.
             return {name: getattr(data, name) for name in type(data).__slots__ if name[0] != "_"}
-        message: dict[str, Any] = super()._serialize_message(data)
-        return message
+        return super()._serialize_message(data)
 
     @lsp_method(types.INITIALIZE)
     def lsp_initialize(self, params: types.InitializeParams) -> Generator[Any, Any, types.InitializeResult]:
@@ -189,7 +206,7 @@ class TreeServer(LanguageServer):
         def handle(params: Params) -> Any:
             # A collection would take as long as the drawing of a large tree.
             with paused_garbage_collection():
-                return msgspec.to_builtins(handler(params))
+                return handler(params)
 
         self.feature(method)(handle)
 

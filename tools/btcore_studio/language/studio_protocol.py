@@ -71,7 +71,8 @@ class DrawingParams(DocumentParams, frozen=True):
     Attributes:
         tree: The ID of the tree; None for the main tree, or the first.
         folded: The keys of the nodes whose children are hidden.
-        styled: Whether the drawing contains its style sheet, so that it can be saved.
+        styled: Whether the drawing contains its style sheet and the descriptions of the nodes, so that it can
+            be saved.
     """
 
     tree: str | None = None

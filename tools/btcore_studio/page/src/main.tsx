@@ -25,6 +25,8 @@ import { texts } from "./texts";
 import { Timeline } from "./timeline";
 import { fileName, hiddenPanes, Toolbar } from "./toolbar";
 
+/** A drawing that takes longer waits for a pause in typing. */
+const QUICK_MS = 30;
 const TYPING_WAIT_MS = 60;
 const PALETTE_WAIT_MS = 1000;
 
@@ -41,6 +43,8 @@ const reason = (error: unknown) => (error instanceof Error ? error.message : Str
 let sinceDrawing = new Mark();
 let requested = 0;
 let running: Promise<void> | null = null;
+/** How long the last drawing took. */
+let drawingMs = 0;
 /** The places to select when they are drawn. */
 let toSelect: Place[] = [];
 
@@ -59,6 +63,7 @@ async function drawAll(): Promise<void> {
 
 async function draw(): Promise<void> {
   const [address, mark, wanted] = [uri.value, home.mark(), tree.value];
+  const begun = performance.now();
   try {
     await home.documents?.load(address);
     const data = await actions.request<Drawing>("btcore/drawing", {
@@ -69,6 +74,7 @@ async function draw(): Promise<void> {
     drawing.value = data;
     notice.value = data.broken && texts.broken(data.broken);
     if (!mark.changes.size) selectPlaces(data);
+    drawingMs = performance.now() - begun;
   } catch (error) {
     if (isConnected.value) notice.value = texts.stale(reason(error));
   }
@@ -242,7 +248,7 @@ function waitForPalette(ms: number): void {
 home.onChange((address, origin) => {
   if (origin !== "remote") changed.add(address);
   clearTimeout(typingTimer);
-  if (origin === "typing") typingTimer = window.setTimeout(redraw, TYPING_WAIT_MS);
+  if (origin === "typing" && drawingMs > QUICK_MS) typingTimer = window.setTimeout(redraw, TYPING_WAIT_MS);
   else void redraw();
   waitForPalette(PALETTE_WAIT_MS);
 });

@@ -29,7 +29,7 @@ export interface DrawingParams extends Document {
   tree: string | null;
   /** The keys of the nodes whose children are hidden. */
   folded: string[];
-  /** Whether the drawing contains its style sheet, so that it can be saved. */
+  /** Whether the drawing contains its style sheet and the descriptions of the nodes, so that it can be saved. */
   styled?: boolean;
 }
 

@@ -177,6 +177,8 @@ export class View {
         const index = missing[position]!.number - 1;
         if (isFar) group.dataset.far = "1";
         this.groups.set(index, group);
+        const about = this.drawing!.about[this.structure.nodes[index]!.id];
+        if (about) group.querySelector(":scope > title")?.append(`\n${about}`);
         this.describe(index, group);
         this.dress(index, group);
       });
