@@ -156,6 +156,8 @@ class PaletteItem(Data, frozen=True):
         group: The library, model file or document from which the node is known; "BehaviorTree.CPP" for
             built-in nodes.
         symbol: The SVG path of the symbol in the node's badge, around (0, 0) within a radius of 9 units.
+        is_editable: Whether the document has the model, or could have it: the node has no code, and no other
+            model. The *ports* are then as the model writes them.
     """
 
     id: str
@@ -164,6 +166,7 @@ class PaletteItem(Data, frozen=True):
     about: str
     symbol: str
     ports: list[PalettePort]
+    is_editable: bool = False
 
 
 class Palette(Data, frozen=True):
