@@ -380,6 +380,24 @@ class EditResult(Data, frozen=True):
     notes: list[str]
 
 
+# --- btcore/leaf
+
+
+class LeafParams(DocumentParams, frozen=True):
+    """The ID of a node without code."""
+
+    id: str
+
+
+class Leaf(Data, frozen=True):
+    """The Python code of a node, and its test, with the names of their files in the same folder."""
+
+    name: str
+    text: str
+    test_name: str
+    test: str
+
+
 # --- btcore/copy
 
 

@@ -446,6 +446,18 @@ def test_a_node_type_is_made_and_changed_in_its_form(edit: Callable[[str], Edito
     assert form.get_by_label("Description of port 1").input_value() == "where < to"
     form.get_by_label("Description of port 1").press("Enter")
     editor.saves(TREE.encode().replace(b"</root>", model.replace(b"Action", b"Condition") + b"</root>"))
+    # Python code goes into new files only.
+    pencil.click()
+    form.get_by_role("button", name="Write, with Python code").click()
+    editor.wait(lambda: form.count() == 0)
+    assert editor.message.startswith("Wrote go_node.py and test_go_node.py.")
+    code = editor.file.with_name("go_node.py").read_text()
+    assert "Annotated[In[str], 'where < to']" in code
+    pencil.click()
+    form.get_by_role("button", name="Write, with Python code").click()
+    editor.wait(lambda: "it exists" in (form.get_by_role("alert").text_content() or ""))
+    editor.press("Escape")
+    editor.wait(lambda: form.count() == 0)
     # Escape writes nothing.
     pencil.click()
     form.get_by_label("Name of port 1").fill("other")

@@ -3,9 +3,9 @@
 import { useSignal } from "@preact/signals";
 import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { edit } from "./operations";
-import type { PaletteItem, PalettePort } from "./protocol";
+import type { Leaf, PaletteItem, PalettePort } from "./protocol";
 import { modelForm } from "./quick_state";
-import { message, uri } from "./state";
+import { actions, files, message, uri } from "./state";
 import { tree as texts } from "./texts";
 
 type ModelType = keyof typeof texts.modelTypes;
@@ -22,6 +22,15 @@ export function ModelForm() {
   return modelForm.value && <OpenForm item={modelForm.value.item} />;
 }
 
+/** Write the Python code of a node and its test into new files in a folder. Return their names. */
+async function writeLeaf(address: string, folder: string, id: string): Promise<[name: string, test: string]> {
+  const leaf = await actions.request<Leaf>("btcore/leaf", { textDocument: { uri: address }, id });
+  const names: [string, string] = [folder + leaf.name, folder + leaf.testName];
+  await actions.request("btcore/create", { name: names[0], text: leaf.text });
+  await actions.request("btcore/create", { name: names[1], text: leaf.test });
+  return names;
+}
+
 function OpenForm({ item }: { item: PaletteItem | null }) {
   const dialog = useRef<HTMLDialogElement>(null);
   const id = useSignal(item?.id ?? "");
@@ -33,6 +42,8 @@ function OpenForm({ item }: { item: PaletteItem | null }) {
   const isWriting = useSignal(false);
   // The form is for the file that was shown when it was opened.
   const address = useRef(uri.value).current;
+  // VS Code has no list of files, and writes none.
+  const file = files.value.find((other) => other.uri === address)?.name;
   useEffect(() => dialog.current!.showModal(), []);
   useLayoutEffect(() => {
     if (toFocus.current === null) return;
@@ -55,13 +66,20 @@ function OpenForm({ item }: { item: PaletteItem | null }) {
     event.preventDefault();
     if (isWriting.value) return;
     isWriting.value = true;
+    const withLeaf = (event.submitter as HTMLButtonElement | null)?.name === "leaf";
     const ports = rows.value.map(({ row: _, name, ...port }) => ({ ...port, name: name.trim() }));
-    const result = await edit({ kind: "set_model", uri: address, id: id.value.trim(), type: type.value, ports });
+    const name = id.value.trim();
+    const result = await edit({ kind: "set_model", uri: address, id: name, type: type.value, ports });
+    refusal.value = result ? "" : message.value;
+    try {
+      if (result && withLeaf) message.value = texts.leafWritten(...await writeLeaf(address, file!.slice(0, file!.lastIndexOf("/") + 1), name));
+    } catch (error) {
+      refusal.value = (error as Error).message;
+    }
     isWriting.value = false;
-    if (result) {
-      message.value ||= texts.modelWritten(id.value.trim());
-      dialog.current?.close();
-    } else refusal.value = message.value;
+    if (refusal.value) return;
+    message.value ||= texts.modelWritten(name);
+    dialog.current?.close();
   };
   return (
     <dialog class="model" ref={dialog} aria-labelledby="model-title" onClose={() => { modelForm.value = null; }}>
@@ -105,9 +123,10 @@ function OpenForm({ item }: { item: PaletteItem | null }) {
           <button type="button" name="add" onClick={add}>{texts.addPort}</button>
           <datalist id="model-port-types">{PORT_TYPES.map((name) => <option key={name} value={name} />)}</datalist>
         </fieldset>
-        <p>{texts.modelHint}</p>
+        <p>{texts.modelHint}{file && ` ${texts.leafHint}`}</p>
         <p class="error" role="alert" id="model-refusal">{refusal.value}</p>
         <button type="submit" class="primary">{texts.write}</button>
+        {file && <button type="submit" name="leaf">{texts.writeLeaf}</button>}
         <button type="button" onClick={() => dialog.current?.close()}>{texts.cancel}</button>
       </form>
     </dialog>

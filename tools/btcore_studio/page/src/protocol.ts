@@ -151,6 +151,10 @@ export interface EditResult {
   notes: string[];
 }
 
+// --- btcore/leaf: Document & { id } → Leaf: the Python code of a node without code, and its test.
+
+export interface Leaf { name: string; text: string; testName: string; test: string }
+
 // --- btcore/copy: { nodes: Place[] } → { xml }: the elements, with the models that they need.
 
 // --- btcore/watch { address } ("" ends it), btcore/breakpoints { keys }, btcore/release: → null.

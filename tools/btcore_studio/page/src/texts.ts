@@ -221,6 +221,9 @@ export const tree = {
   addPort: "Add a port",
   removePort: (name: string, number: number) => `Remove the port ${name || number}`,
   write: "Write",
+  writeLeaf: "Write, with Python code",
+  leafHint: "Python code is written into two new files: the node, and its test.",
+  leafWritten: (name: string, test: string) => `Wrote ${name} and ${test}. Start the studio with --plugin ${name} to load the node.`,
   cancel: "Cancel",
 
   // the form
