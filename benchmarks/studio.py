@@ -288,7 +288,7 @@ def find_and_compare(report: Report, is_quick: bool, sizes: Sequence[int], keys:
     """Add the rows, or a remark about what is missing."""
     from playwright.sync_api import sync_playwright
 
-    from btcore_studio.pages.server import built_page
+    from btcore_studio.page_server.server import built_page
 
     if built_page() is None:
         report.remarks.append("the page of the studio is not built: make page")

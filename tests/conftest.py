@@ -21,7 +21,7 @@ NEEDS = {
     "sim": "pybullet",
     "tools/btcore_studio/language": "pygls",
     "tools/btcore_studio/page": "websockets",
-    "tools/btcore_studio/pages": "websockets",
+    "tools/btcore_studio/page_server": "websockets",
 }
 collect_ignore = [folder for folder, module in NEEDS.items() if importlib.util.find_spec(module) is None]
 

@@ -10,7 +10,7 @@ from btcore_recorder.commands.replay import LogViewer as ReplayExtension
 from btcore_recorder.moments import Moments
 from btcore_recorder.outcomes import read_outcomes
 from btcore_studio.language.live import LiveExtension
-from btcore_studio.pages.timeline import Timeline
+from btcore_studio.page_server.timeline import Timeline
 
 live: LiveExtension = RobotExtension()
 replay: ReplayExtension = LogViewer()

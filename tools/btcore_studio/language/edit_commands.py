@@ -26,8 +26,9 @@ from btcore.diagnostic_codes import (
     DiagnosticCode,
 )
 from btcore.diagnostics import Diagnostic
-from btcore.names import FORBIDDEN, is_port_name, port_name_error
+from btcore.names import FORBIDDEN, RESERVED_IDS, is_port_name, port_name_error
 from btcore.registry.manifest import Manifest
+from btcore.registry.nodes_without_code import is_mock
 from btcore.suggestions import child_count_text, did_you_mean, with_article
 from btcore.xml.edit.editor import Edit, EditError, apply_edits, escape_value
 from btcore.xml.models.tree_nodes_model import TAG_OF
@@ -597,11 +598,17 @@ class _Operation:
     # --- models
 
     def _set_model(self, draft: _Draft, command: SetModel) -> None:
-        for port in command.ports:
+        names = [port.name for port in command.ports]
+        for number, port in enumerate(command.ports):
+            if port.name in names[:number]:
+                raise EditError(f"two ports have the name '{port.name}': rename one of them")
             if error := port_name_error(port.name, draft.format):
                 raise EditError(f"'{port.name}' cannot be the name of a port: {error}")
-        if not command.id or not FORBIDDEN.isdisjoint(command.id):
+        if not command.id or not FORBIDDEN.isdisjoint(command.id) or command.id in RESERVED_IDS:
             raise EditError(f"'{command.id}' cannot be the ID of a node: use letters, digits, '_' and '-'")
+        known = draft.reading.nodes.get(command.id, draft.format)
+        if command.type != "SubTree" and known is not None and not is_mock(known.cls):
+            raise EditError(f"the node '{command.id}' has code, which declares its ports: choose another ID")
         before = next(_models_in(draft, command.id), None)
         if before is None:
             self._insert_models(draft, [f'<{command.type} ID="{escape_value(command.id)}"/>'])

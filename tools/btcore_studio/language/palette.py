@@ -2,6 +2,11 @@
 
 from btcore.blackboard.ports import Port
 from btcore.registry.manifest import Manifest
+from btcore.registry.nodes_without_code import is_mock
+from btcore.values import ANY
+from btcore.xml.models.model_file import model_elements
+from btcore.xml.read.dialect import PORT_TAGS
+from btcore.xml.read.element import Element
 from btcore_drawing.symbols import symbol_path
 from btcore_studio.language.descriptions import type_name
 from btcore_studio.language.drawing import node_kind
@@ -23,30 +28,48 @@ def palette_of(project: Project, source: SourceDocument) -> Palette:
     """
     reading = read_trees(project, source)
     dialect = reading.definitions.dialect
+    models = {model.get("ID"): model for model in reversed(model_elements(reading.document))}
     nodes = [
-        _node_item(manifest)
+        _node_item(reading, manifest, models.get(id))
         for id, manifest in reading.nodes.manifests_of(dialect.format).items()
         if id not in dialect.subtree_tags
     ]
     return Palette([*nodes, *_tree_items(reading)])
 
 
-def _node_item(manifest: Manifest) -> PaletteItem:
+def _node_item(reading: TreeReading, manifest: Manifest, model: Element | None) -> PaletteItem:
     kind = node_kind(manifest.type)
+    is_modelled = model is not None and is_mock(manifest.cls)
+    ports = [_port(port) for port in manifest.ports.values()]
     return PaletteItem(
         manifest.id,
         kind,
         BUILT_IN if manifest.library == "btcore" else manifest.library,
         manifest.description,
         symbol_path(manifest.id, kind, manifest.spec.symbol),
-        [_port(port) for port in manifest.ports.values()],
+        _written_ports(reading, model) if model is not None and is_modelled else ports,
+        is_modelled or not reading.knows(manifest.id),
     )
 
 
 def _port(port: Port) -> PalettePort:
-    return PalettePort(
-        port.name, DIRECTIONS[port.direction], type_name(port.type), port.default or "", port.description
-    )
+    its_type = "" if port.type is ANY else type_name(port.type)
+    return PalettePort(port.name, DIRECTIONS[port.direction], its_type, port.default or "", port.description)
+
+
+def _written_ports(reading: TreeReading, model: Element) -> list[PalettePort]:
+    """Return the ports in a model of the document."""
+    text_in = reading.document.source_map.text_in
+    return [
+        PalettePort(
+            port.get("name") or "",
+            DIRECTIONS[PORT_TAGS[port.tag]],
+            port.get("type") or "",
+            port.get("default") or "",
+            " ".join((port.get("description") or text_in(port)).split()),
+        )
+        for port in model.iterchildren(*PORT_TAGS)
+    ]
 
 
 def _tree_items(reading: TreeReading) -> list[PaletteItem]:

@@ -157,6 +157,8 @@ class PaletteItem(Data, frozen=True):
         group: The library, model file or document from which the node is known; "BehaviorTree.CPP" for
             built-in nodes.
         symbol: The SVG path of the symbol in the node's badge, around (0, 0) within a radius of 9 units.
+        is_editable: Whether the document has the model, or could have it: the node has no code, and no other
+            model. The *ports* are then as the model writes them.
     """
 
     id: str
@@ -165,6 +167,7 @@ class PaletteItem(Data, frozen=True):
     about: str
     symbol: str
     ports: list[PalettePort]
+    is_editable: bool = False
 
 
 class Palette(Data, frozen=True):
@@ -376,6 +379,24 @@ class EditResult(Data, frozen=True):
     edit: WorkspaceEdit
     select: list[Place]
     notes: list[str]
+
+
+# --- btcore/leaf
+
+
+class LeafParams(DocumentParams, frozen=True):
+    """The ID of a node without code."""
+
+    id: str
+
+
+class Leaf(Data, frozen=True):
+    """The Python code of a node, and its test, with the names of their files in the same folder."""
+
+    name: str
+    text: str
+    test_name: str
+    test: str
 
 
 # --- btcore/copy

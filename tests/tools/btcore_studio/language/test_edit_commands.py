@@ -213,6 +213,12 @@ def test_too_many_children_are_refused(
         (protocol.Paste(Place(URI, Position(2, 4)), 0, "<Sleep>"), "not a sequence of complete elements"),
         (protocol.SetModel(URI, "a b", "Action", []), "cannot be the ID of a node"),
         (protocol.SetModel(URI, "a", "Action", [PalettePort("1", "in", "", "", "")]), "cannot be the name"),
+        (protocol.SetModel(URI, "root", "Action", []), "cannot be the ID of a node"),
+        (protocol.SetModel(URI, "Sleep", "Action", []), "the node 'Sleep' has code"),
+        (
+            protocol.SetModel(URI, "a", "Action", [PalettePort("b", "in", "", "", "")] * 2),
+            "two ports have the name 'b'",
+        ),
     ],
     ids=lambda value: type(value).__name__ if not isinstance(value, str) else None,
 )

@@ -35,6 +35,8 @@ def test_nodes_models_and_trees(project: Project, tmp_path: Path) -> None:
         "A": ("subtree", "haus.xml"),
         "Kochen": ("subtree", "küche.xml"),
     }
+    assert [id for id in items if items[id].is_editable] == ["Open", "Unknown"]
+    assert items["Unknown"].ports == [PalettePort("x", "in", "", "", "")]
     assert "SubTree" not in items
     assert items["Open"].ports == [PalettePort("door", "inout", "Door", "{front}", "the door")]
     assert items["Kochen"].ports == [PalettePort("rezept", "inout", "", "", "")]

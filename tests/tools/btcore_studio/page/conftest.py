@@ -13,7 +13,7 @@ from typing import Any
 
 import pytest
 
-from btcore_studio.pages import server
+from btcore_studio.page_server import server
 
 FIRST_CHECK_MS = 30_000  # the first check of a page starts a process
 STRANGE = re.compile(r"Failed to load resource|WebSocket connection")

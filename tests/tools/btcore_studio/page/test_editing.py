@@ -423,3 +423,67 @@ def test_fast_keys_keep_their_order(edit: Callable[[str], Editor]) -> None:
     editor.press("Alt+ArrowRight", "Alt+ArrowRight", "ArrowRight", "e", "ArrowLeft", "ArrowLeft", "Delete")
     editor.shows(["round", "door", "open?", "wait", "set", "Visit", "Inverter", "greet"])
     assert editor.node("Visit").get_attribute("aria-label").endswith(", disabled")
+
+
+def test_a_node_type_is_made_and_changed_in_its_form(edit: Callable[[str], Editor]) -> None:
+    editor = edit(TREE)
+    keyboard = editor.page.keyboard
+    editor.canvas.focus()
+    editor.press("n")
+    form = editor.page.get_by_role("dialog", name="New node type")
+    form.wait_for()
+    editor.wait(lambda: editor.focused == "id", editor.focused)
+    keyboard.type("Sleep")
+    editor.press("Enter")
+    refusal = form.get_by_role("alert")
+    editor.wait(lambda: "the node 'Sleep' has code" in (refusal.text_content() or ""))
+    editor.press("Control+a")
+    keyboard.type("Go")
+    editor.press("Tab", "Tab", "Enter")
+    editor.wait(lambda: editor.focused == "name", editor.focused)
+    for text in ("goal", "", "std::string", "", "where < to"):
+        keyboard.type(text)
+        editor.press("Tab")
+    editor.press("Tab", "Enter")
+    editor.wait(lambda: form.locator(".model-port").count() == 2)
+    editor.wait(lambda: editor.focused == "name", editor.focused)
+    editor.press("Tab", "Tab", "Tab", "Tab", "Tab", "Enter")
+    editor.wait(lambda: editor.focused == "add", editor.focused)
+    form.get_by_label("Name of port 1").press("Enter")
+    editor.wait(lambda: form.count() == 0)
+    editor.wait(lambda: editor.canvas.evaluate("canvas => canvas === document.activeElement"))
+    model = (
+        b"  <TreeNodesModel>\r\n"
+        b'    <Action ID="Go">\r\n'
+        b'      <input_port name="goal" type="std::string">where &lt; to</input_port>\r\n'
+        b"    </Action>\r\n"
+        b"  </TreeNodesModel>\r\n"
+    )
+    editor.saves(TREE.encode().replace(b"</root>", model + b"</root>"))
+    # The form of the type has what was written. A port that stays keeps its text.
+    pencil = editor.page.get_by_role("button", name="Edit type Go").first
+    pencil.click()
+    form = editor.page.get_by_role("dialog", name="Node type Go")
+    form.locator("select[name=type]").select_option("Condition")
+    assert form.get_by_label("Description of port 1").input_value() == "where < to"
+    form.get_by_label("Description of port 1").press("Enter")
+    editor.saves(TREE.encode().replace(b"</root>", model.replace(b"Action", b"Condition") + b"</root>"))
+    # Python code goes into new files only.
+    pencil.click()
+    form.get_by_role("button", name="Write, with Python code").click()
+    editor.wait(lambda: form.count() == 0)
+    assert editor.message.startswith("Wrote go_node.py and test_go_node.py.")
+    code = editor.file.with_name("go_node.py").read_text()
+    assert "Annotated[In[str], 'where < to']" in code
+    pencil.click()
+    form.get_by_role("button", name="Write, with Python code").click()
+    editor.wait(lambda: "it exists" in (form.get_by_role("alert").text_content() or ""))
+    editor.press("Escape")
+    editor.wait(lambda: form.count() == 0)
+    # Escape writes nothing.
+    pencil.click()
+    form.get_by_label("Name of port 1").fill("other")
+    editor.press("Escape")
+    editor.wait(lambda: form.count() == 0)
+    editor.press("Control+z", "Control+z")
+    editor.saves(TREE.encode())

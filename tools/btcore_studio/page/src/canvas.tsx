@@ -6,6 +6,7 @@ import { followPointers } from "./drag";
 import { type Action, actionOf, type Direction, isForPage, neighbour, type PageAction } from "./keyboard";
 import { durationOf, liveIndex, notes, toggleBreakpoint } from "./live";
 import { Help, Menu } from "./menu";
+import { ModelForm } from "./model_form";
 import { edit, inTurn, openTree, paste, run } from "./operations";
 import { Quick } from "./quick";
 import { help, menu } from "./quick_state";
@@ -69,6 +70,7 @@ export function Canvas() {
       <Quick />
       <Menu />
       <Help />
+      <ModelForm />
     </section>
   );
 }

@@ -6,8 +6,9 @@ import { useEffect, useRef } from "preact/hooks";
 import { statuses, statusOf } from "./live";
 import { edit, openTree, run } from "./operations";
 import { Symbol } from "./palette";
+import { modelForm } from "./quick_state";
 import type { Diagnostic, DrawnNode, Field, NodeForm, Position } from "./protocol";
-import { actions, diagnostics, drawing, live, selectedNode, selectedNodes, start } from "./state";
+import { actions, diagnostics, drawing, live, palette, selectedNode, selectedNodes, start } from "./state";
 import { moment } from "./timeline";
 import { tree as texts } from "./texts";
 import { view } from "./view";
@@ -46,6 +47,7 @@ export function Form() {
 function Head({ node }: { node: DrawnNode }) {
   const status = statusOf(node.key, live.value);
   const shown = view.value;
+  const item = palette.value.items.find(({ id, isEditable }) => id === node.id && isEditable);
   const glyph = /<path class="glyph" d="([^"]*)"/.exec(shown?.cardText(shown.structure.at(node.key)) ?? "");
   return (
     <header>
@@ -59,6 +61,9 @@ function Head({ node }: { node: DrawnNode }) {
       </div>
       <div class="form-buttons">
         {node.calls && <button onClick={() => openTree(node.calls)} title={texts.operation.open}>{texts.openTree}</button>}
+        {!start.value?.readOnly && item && !node.calls && (
+          <button onClick={() => { modelForm.value = { item }; }} title={texts.modelOf(item.id)}>{texts.editModel}</button>
+        )}
         {!start.value?.readOnly && <button onClick={() => run("type")} title={texts.operation.type}>{texts.changeType}</button>}
       </div>
     </header>

@@ -135,6 +135,7 @@ function edit(command: Command): Promise<EditResult | null> {
       toSelect = result.select;
       await home.apply(result.edit, mark);
       message.value = result.notes.join(" ");
+      if (moved.kind === "set_model") waitForPalette(0);
       await (running ?? redraw()); // a changed text is being drawn already
       return result;
     } catch (error) {

@@ -3,14 +3,14 @@
 import type { Command, DrawnNode, EditResult, Place } from "./protocol";
 import { toggleBreakpoint } from "./live";
 import { actions, drawing, live, message, selection, start, tree as shownTree } from "./state";
-import { prompt, quick } from "./quick_state";
+import { modelForm, prompt, quick } from "./quick_state";
 import { placeOfTree, type Structure } from "./tree";
 import { tree as texts } from "./texts";
 import { view } from "./view";
 
 export type OperationId =
   | "insert" | "wrap" | "unwrap" | "type" | "rename" | "toggle" | "duplicate" | "copy" | "cut" | "paste" | "remove"
-  | "earlier" | "later" | "out" | "in" | "extract" | "inline" | "open" | "text" | "fold" | "breakpoint";
+  | "earlier" | "later" | "out" | "in" | "extract" | "inline" | "model" | "open" | "text" | "fold" | "breakpoint";
 
 export interface Operation {
   id: OperationId;
@@ -314,6 +314,11 @@ export const operations: readonly Operation[] = [
     run: () => edit({ kind: "inline", node: node(chosen()[0]!).place }),
   },
   {
+    id: "model", keys: "N", group: "tree", label: () => texts.operation.model,
+    refusal: refusals.readOnly,
+    run: () => { modelForm.value = { item: null }; },
+  },
+  {
     id: "open", keys: "O", group: "tree", label: () => texts.operation.open,
     refusal: () => cursor() >= 0 && node(cursor()).calls ? "" : texts.refusal.noCall,
     run: () => openTree(node(cursor()).calls),
@@ -360,7 +365,7 @@ export function inTurn(step: () => unknown): void {
 }
 
 /** The operations that open a popup, which gets the next keys. What is accepted there waits for its turn. */
-const POPUPS: ReadonlySet<OperationId> = new Set(["insert", "wrap", "type", "rename", "extract"]);
+const POPUPS: ReadonlySet<OperationId> = new Set(["insert", "wrap", "type", "rename", "extract", "model"]);
 
 /** Run an operation, or show why it is not possible. */
 export function run(id: OperationId): void {

@@ -4,9 +4,10 @@ import { useSignal } from "@preact/signals";
 import { pressItem } from "./drag";
 import { search } from "./fuzzy";
 import { lastUsed, noteUse } from "./last_used";
-import { addAtCursor } from "./operations";
+import { addAtCursor, run } from "./operations";
 import type { PaletteItem } from "./protocol";
-import { palette } from "./state";
+import { modelForm } from "./quick_state";
+import { palette, start } from "./state";
 import { tree as texts } from "./texts";
 import { view } from "./view";
 
@@ -68,7 +69,17 @@ export function Palette() {
   // Tab reaches one of the items, and arrows the others.
   const shownIds = [...recent, ...groups.flatMap(([, found]) => found.map(({ item }) => item))].map(({ id }) => id);
   const stop = shownIds.includes(current.value) ? current.value : shownIds[0];
-  const button = (item: PaletteItem, at: readonly number[]) => (
+  const isReadOnly = start.value?.readOnly ?? false;
+  const button = (item: PaletteItem, at: readonly number[]) => item.isEditable && !isReadOnly ? (
+    <div class="palette-row" key={item.id}>
+      {insertButton(item, at)}
+      <button
+        class="small" tabIndex={item.id === stop ? 0 : -1} aria-label={`${texts.editModel} ${item.id}`} title={texts.editModel}
+        onClick={() => { modelForm.value = { item }; }}
+      >✎</button>
+    </div>
+  ) : insertButton(item, at);
+  const insertButton = (item: PaletteItem, at: readonly number[]) => (
     <button
       key={item.id} class="palette-item" data-id={item.id} title={item.about} aria-describedby="palette-about"
       tabIndex={item.id === stop ? 0 : -1} onFocus={() => { about.value = item.about; current.value = item.id; }} onPointerEnter={() => { about.value = item.about; }}
@@ -78,11 +89,14 @@ export function Palette() {
   );
   return (
     <section class="palette" aria-label={texts.palette} onKeyDown={arrows}>
-      <input
-        type="search" placeholder={texts.searchPalette} aria-label={texts.searchPalette} value={words.value} spellcheck={false}
-        onInput={(event) => { words.value = event.currentTarget.value; }}
-        onKeyDown={(event) => { if (event.key === "Enter" && matches[0]) insert(matches[0].item); }}
-      />
+      <div class="palette-search">
+        <input
+          type="search" placeholder={texts.searchPalette} aria-label={texts.searchPalette} value={words.value} spellcheck={false}
+          onInput={(event) => { words.value = event.currentTarget.value; }}
+          onKeyDown={(event) => { if (event.key === "Enter" && matches[0]) insert(matches[0].item); }}
+        />
+        {!isReadOnly && <button aria-label={texts.newModel} title={`${texts.newModel} (N)`} onClick={() => run("model")}>+</button>}
+      </div>
       <div class="palette-items" onPointerDown={press} onClick={click} onDragStart={(event) => event.preventDefault()}>
         {recent.length > 0 && (
           <details open><summary>{texts.lastUsed}</summary>{recent.map((item) => button(item, []))}</details>

@@ -84,8 +84,12 @@ export interface PaletteItem {
   about: string;
   /** The SVG path of the symbol in the node's badge, around (0, 0) within a radius of 9 units. */
   symbol?: string;
-  ports: { name: string; direction: "in" | "out" | "inout"; type: string; default: string; about: string }[];
+  ports: PalettePort[];
+  /** Whether the document has the model, or could have it: the node has no code, and no other model. */
+  isEditable: boolean;
 }
+
+export interface PalettePort { name: string; direction: "in" | "out" | "inout"; type: string; default: string; about: string }
 
 // --- btcore/node: Place → NodeForm
 
@@ -137,8 +141,7 @@ export type Command =
   | { kind: "add_tree"; uri: string; id: string }
   | { kind: "remove_tree"; uri: string; id: string }
   | { kind: "set_main_tree"; uri: string; id: string }
-  | { kind: "set_model"; uri: string; id: string; type: "Action" | "Condition" | "Control" | "Decorator" | "SubTree";
-      ports: { name: string; direction: "in" | "out" | "inout"; type: string; default: string; about: string }[] };
+  | { kind: "set_model"; uri: string; id: string; type: "Action" | "Condition" | "Control" | "Decorator" | "SubTree"; ports: PalettePort[] };
 
 export interface EditResult {
   edit: WorkspaceEdit;
@@ -147,6 +150,10 @@ export interface EditResult {
   /** New warnings, and what a pasted text misses. */
   notes: string[];
 }
+
+// --- btcore/leaf: Document & { id } → Leaf: the Python code of a node without code, and its test.
+
+export interface Leaf { name: string; text: string; testName: string; test: string }
 
 // --- btcore/copy: { nodes: Place[] } → { xml }: the elements, with the models that they need.
 

@@ -1,6 +1,7 @@
 // What the popups at the selected node show.
 
 import { signal } from "@preact/signals";
+import type { PaletteItem } from "./protocol";
 
 /** The list of node types: to insert a node, to wrap the selected nodes, or to change the type of a node. */
 export const quick = signal<{ mode: "insert" | "wrap" | "type" } | null>(null);
@@ -10,3 +11,6 @@ export const prompt = signal<{ label: string; value: string; accept: (text: stri
 
 export const menu = signal<{ x: number; y: number } | null>(null);
 export const help = signal(false);
+
+/** The form of a node type, or of a new one. */
+export const modelForm = signal<{ item: PaletteItem | null } | null>(null);

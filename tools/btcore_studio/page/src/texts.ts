@@ -124,6 +124,7 @@ export const tree = {
     in: "Move into the sibling beside",
     extract: "Extract into a new tree",
     inline: "Replace the call by the tree's nodes",
+    model: "New node type",
     open: "Show the called tree alone",
     text: "Show in the text",
     fold: "Fold or unfold",
@@ -205,6 +206,25 @@ export const tree = {
   lastUsed: "Last used",
   results: (number: number) => count(number, "result"),
   paletteHint: "Drag a node into the picture, or click to insert it at the selected node.",
+
+  // the form of a node type
+  newModel: "New node type",
+  editModel: "Edit type",
+  modelOf: (id: string) => `Node type ${id}`,
+  modelHint: "The type is written into the <TreeNodesModel> of this file. It has no code until a library registers a node with this ID.",
+  modelWritten: (id: string) => `Wrote the node type ${id}.`,
+  id: "ID",
+  type: "Type",
+  modelTypes: { Action: "action", Condition: "condition", Control: "control", Decorator: "decorator" },
+  portColumns: { name: "Name", direction: "Direction", type: "Type", default: "Default", about: "Description" },
+  portField: (column: string, number: number) => `${column} of port ${number}`,
+  addPort: "Add a port",
+  removePort: (name: string, number: number) => `Remove the port ${name || number}`,
+  write: "Write",
+  writeLeaf: "Write, with Python code",
+  leafHint: "Python code is written into two new files: the node, and its test.",
+  leafWritten: (name: string, test: string) => `Wrote ${name} and ${test}. Start the studio with --plugin ${name} to load the node.`,
+  cancel: "Cancel",
 
   // the form
   node: "Node",

@@ -22,7 +22,7 @@ from websockets.datastructures import Headers
 from websockets.http11 import Request, Response
 
 from btcore_drawing.svg import drawing_style
-from btcore_studio.pages.session import StudioSession
+from btcore_studio.page_server.session import StudioSession
 
 _HOST: Final = "127.0.0.1"
 _SOCKET: Final = "socket"

@@ -26,6 +26,8 @@ from btcore_studio.served_folder import RefusedError, ServedFolder
 
 MAX_TEXT: Final = 8 << 20
 """Maximum size of a text (bytes), so that a message of 16 MiB can contain it."""
+NODE_SUFFIX: Final = "_node.py"
+"""The end of the names of Python files, which a page may create but not change."""
 MAX_TEXTS: Final = 256
 """Maximum number of texts that are open at the same time."""
 MAX_EDITS: Final = 10_000
@@ -283,7 +285,7 @@ class SharedFiles:
         self._show_files()
 
     def create(self, name: str, content: str) -> str:
-        """Create a file, and return its URI.
+        """Create a file of trees, or the Python file of a node, and return its URI.
 
         Args:
             name: The path, relative to the folder.
@@ -293,7 +295,7 @@ class SharedFiles:
             RefusedError: The file exists, is not permitted, or cannot be written.
         """
         self._check_writable()
-        path = self._served.find_new(name, SUFFIXES)
+        path = self._served.find_new(name, (*SUFFIXES, NODE_SUFFIX))
         try:
             data = content.encode()
         except UnicodeEncodeError:
@@ -305,7 +307,8 @@ class SharedFiles:
                 file.write(data)
         except OSError as error:
             raise RefusedError(f"'{name}' can't be created: {read_error(error)}") from None
-        self.set_files(sorted({*self._names, path}))
+        if path.suffix.lower() in SUFFIXES:
+            self.set_files(sorted({*self._names, path}))
         return _uri(path)
 
     # --- changes on disk

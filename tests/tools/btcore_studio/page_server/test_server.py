@@ -12,9 +12,9 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from btcore_studio.language.server import TreeServer, create_server
-from btcore_studio.pages import server as server_module
-from btcore_studio.pages import session as session_module
-from tests.tools.btcore_studio.pages.conftest import TREE, PageClient, Studio
+from btcore_studio.page_server import server as server_module
+from btcore_studio.page_server import session as session_module
+from tests.tools.btcore_studio.page_server.conftest import TREE, PageClient, Studio
 
 METHOD_NOT_FOUND, INVALID_PARAMS, REFUSED = -32601, -32602, -32803
 

@@ -20,8 +20,8 @@ from btcore.json_text import load_json
 from btcore_studio.language.live import LiveExtension
 from btcore_studio.language.project import MAX_FILES, PROJECT_SUFFIX, SUFFIXES, find_files
 from btcore_studio.language.server import create_server
-from btcore_studio.pages.shared_files import PushedEdit, SharedFiles, StaleTextError
-from btcore_studio.pages.timeline import RecordedRun
+from btcore_studio.page_server.shared_files import PushedEdit, SharedFiles, StaleTextError
+from btcore_studio.page_server.timeline import RecordedRun
 
 CHECK_INTERVAL_S: Final = 0.1
 """Time between two checks of the open files on disk (s)."""

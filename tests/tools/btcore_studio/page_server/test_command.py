@@ -15,14 +15,14 @@ from click.testing import Result
 from websockets.sync.client import connect
 
 from btcore import bundled_trees
-from btcore_studio.pages import server
-from tests.tools.btcore_studio.pages.conftest import TREE, PageClient
+from btcore_studio.page_server import server
+from tests.tools.btcore_studio.page_server.conftest import TREE, PageClient
 
 # The command needs no content of the page.
 WITH_PAGE = """
 import sys, pathlib
 from btcore.__main__ import main
-from btcore_studio.pages import server
+from btcore_studio.page_server import server
 page = pathlib.Path(sys.argv.pop(1))
 server.built_page = lambda: page
 sys.exit(main())

@@ -13,10 +13,10 @@ from btcore_recorder import record
 from btcore_recorder.files import read_recording
 from btcore_recorder.moments import Moments
 from btcore_recorder.replay import STATE_INTERVAL
-from btcore_studio.pages.command import StudioOptions, find_shown
-from btcore_studio.pages.timeline import RecordedRun
-from tests.tools.btcore_studio.pages.conftest import TREE, running_studio
-from tests.tools.btcore_studio.pages.test_server import initialize, open_document
+from btcore_studio.page_server.command import StudioOptions, find_shown
+from btcore_studio.page_server.timeline import RecordedRun
+from tests.tools.btcore_studio.page_server.conftest import TREE, running_studio
+from tests.tools.btcore_studio.page_server.test_server import initialize, open_document
 
 TICKS = 2 * STATE_INTERVAL + 10
 

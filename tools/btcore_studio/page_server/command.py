@@ -30,7 +30,7 @@ from btcore_studio.language.command import GC_THRESHOLD
 
 if TYPE_CHECKING:
     from btcore_studio.language.live import LiveExtension
-    from btcore_studio.pages.session import Shown, StudioSession
+    from btcore_studio.page_server.session import Shown, StudioSession
 
 
 class StudioOptions(LibraryOptions):
@@ -88,8 +88,8 @@ def studio(
     connects with running trees. Python code is imported only from installed libraries and from --plugin.
     """
     # The extra is imported only here, so that --help works without it.
-    from btcore_studio.pages.server import built_page
-    from btcore_studio.pages.session import StudioSession
+    from btcore_studio.page_server.server import built_page
+    from btcore_studio.page_server.session import StudioSession
 
     page = built_page()
     if page is None:
@@ -129,7 +129,7 @@ async def _serve(
     show: Callable[[str], None],
 ) -> None:
     """Serve pages until the first signal."""
-    from btcore_studio.pages.server import StudioServer
+    from btcore_studio.page_server.server import StudioServer
 
     stop, loop = asyncio.Event(), asyncio.get_running_loop()
     signals.stop = lambda: loop.call_soon_threadsafe(stop.set)
@@ -151,8 +151,8 @@ def find_shown(source: str, options: StudioOptions, live: "LiveExtension | None"
         recording: A folder to create for the documents of a recording.
     """
     from btcore_studio.language.project import SUFFIXES
-    from btcore_studio.pages.session import Shown
-    from btcore_studio.pages.timeline import RecordedRun, open_timeline
+    from btcore_studio.page_server.session import Shown
+    from btcore_studio.page_server.timeline import RecordedRun, open_timeline
 
     plugins = tuple(str(Path(name).absolute()) if name.endswith(".py") else name for name in options.plugins)
     models = tuple(str(path.absolute()) for path in options.models)

@@ -11,9 +11,9 @@ from lsprotocol.types import Position
 
 from btcore.xml.edit.editor import Edit, apply_edits
 from btcore_studio.language.text_positions import TextPositions
-from btcore_studio.pages.session import Shown
-from btcore_studio.pages.shared_files import line_edits, merge_edits
-from tests.tools.btcore_studio.pages.conftest import TREE, PageClient, Studio, running_studio
+from btcore_studio.page_server.session import Shown
+from btcore_studio.page_server.shared_files import line_edits, merge_edits
+from tests.tools.btcore_studio.page_server.conftest import TREE, PageClient, Studio, running_studio
 
 REFUSED, STALE = -32803, -32801
 
@@ -272,6 +272,9 @@ def test_encoding_of_the_declaration(studio: Studio) -> None:
         "missing/new.xml",
         "new.txt",
         "new.py",
+        "conftest.py",
+        "a_node.py/new_node.py",
+        "../a_node.py",
         "new",
         ".hidden.xml",
         ".git/new.xml",

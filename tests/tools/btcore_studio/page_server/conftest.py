@@ -11,8 +11,8 @@ from typing import Any
 import pytest
 from websockets.sync.client import ClientConnection, connect
 
-from btcore_studio.pages.server import StudioServer
-from btcore_studio.pages.session import Shown, StudioSession
+from btcore_studio.page_server.server import StudioServer
+from btcore_studio.page_server.session import Shown, StudioSession
 
 TREE = """<root BTCPP_format="4" main_tree_to_execute="Rounds">
   <BehaviorTree ID="Rounds">
