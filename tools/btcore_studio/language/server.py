@@ -97,7 +97,8 @@ class TreeServerProtocol(LanguageServerProtocol):
 
     def _send_data(self, data: Any) -> None:
         """Send a message. The results of requests `btcore/…` can be large: they are encoded quickly."""
-        if self.writer is None or not isinstance(getattr(data, "result", None), Data):
+        writer: Any = self.writer
+        if writer is None or not isinstance(getattr(data, "result", None), Data):
             super()._send_data(data)
             return
         try:
@@ -106,7 +107,7 @@ class TreeServerProtocol(LanguageServerProtocol):
             super()._send_data(data)
             return
         head = f"Content-Length: {len(body)}\r\n\r\n".encode() if self._include_headers else b""
-        sent = self.writer.write(head + body)
+        sent = writer.write(head + body)
         if inspect.isawaitable(sent):
             asyncio.ensure_future(sent)  # noqa: RUF006 - an executor has it, as in pygls
 

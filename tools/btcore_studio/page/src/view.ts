@@ -75,7 +75,8 @@ export class View {
     const oldBox = this.boxes[Math.max(0, anchor)];
     const oldPlace = oldBox && this.screen(oldBox);
     const isOther = !before || before.tree !== next?.tree;
-    const places = isOther ? null : this.placesByKey();
+    const isMoving = !isOther && !matchMedia("(prefers-reduced-motion: reduce)").matches;
+    const places = isMoving ? this.placesByKey() : null;
     this.drawing = next;
     if (!next) {
       this.frame.querySelector("svg.picture")?.remove();
@@ -101,8 +102,9 @@ export class View {
       const now = this.screen(newBox);
       this.frame.scrollBy(now.left - oldPlace.left, now.top - oldPlace.top);
     }
-    this.refresh();
+    // Before the cards exist, because a question about places lays out all elements.
     if (kept && anchor >= 0 && !isOther) this.reveal(structure.at(kept));
+    this.refresh();
     if (places) this.animate(places);
     this.search(query.peek(), false);
     performance.mark("drawn");
@@ -378,7 +380,7 @@ export class View {
   }
 
   private animate(before: Map<string, Box>): void {
-    if (matchMedia("(prefers-reduced-motion: reduce)").matches || this.groups.size > MANY / 2) return;
+    if (this.groups.size > MANY / 2) return;
     for (const [index, group] of this.groups) {
       const box = this.boxes[index]!;
       const old = before.get(this.structure.nodes[index]!.key);
