@@ -322,7 +322,7 @@ vscode: page
 	@cp $(PAGE)/built/studio.{js,css} editors/vscode/out/page
 	@cd editors/vscode && npm install $(NPM_OPTIONS) && npm run --silent package
 
-# Each is skipped if npm cannot bring its tool.
+# The first three are skipped if npm cannot bring their tools; the page is needed by tests anyway.
 npm-checks: .venv/ready
 	@.ci/pyright
 	@.ci/workflows

@@ -26,7 +26,7 @@ from multiprocessing.synchronize import Event
 import btcore
 from btcore.tree.tree import Tree
 from btcore_monitor.serve import Publisher, serve
-from measure.paired_timing import Spread
+from measure.paired_timing import Spread, percentile
 from measure.report import Report, at_most, create_parser
 
 NODES = 1_000
@@ -142,11 +142,6 @@ def publish_and_wait(tree: Tree, port: int, count: int) -> Publisher:
         connected = f"{publisher.client_count} of {count} clients"
         raise SystemExit(f"only {connected} connected within {CLIENTS_TIMEOUT:g} s")
     return publisher
-
-
-def percentile(values: list[float], share: float) -> float:
-    """Return the value that the fraction *share* of *values* does not exceed."""
-    return sorted(values)[min(len(values) - 1, int(share * len(values)))]
 
 
 def add_cost_row(report: Report, port: int, seconds: float) -> None:

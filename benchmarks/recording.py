@@ -20,7 +20,7 @@ import btcore
 from btcore import Put, Registry, SimClock, Status, Tree
 from btcore.clock import NS_PER_S, NS_PER_US
 from btcore_recorder import Replay, record
-from measure.paired_timing import SLICE, Measured, Spread, Work, measure
+from measure.paired_timing import SLICE, Measured, Spread, Work, measure, percentile
 from measure.report import Report, at_least, at_most, create_parser
 
 LEAF_US = 2.0
@@ -65,11 +65,6 @@ def tick_at_rate(tree: Tree, seconds: float) -> list[float]:
         due += NS_PER_S // RATE
         time.sleep(max(0, due - time.perf_counter_ns()) / NS_PER_S)
     return taken
-
-
-def percentile(values: list[float], part: float) -> float:
-    """Return the value below which *part* of *values* lies."""
-    return sorted(values)[min(len(values) - 1, int(len(values) * part))]
 
 
 def add_cost(report: Report, folder: Path, seconds: float, slice_ns: int) -> None:

@@ -28,7 +28,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from btcore.extras import describe_missing
-from measure.paired_timing import Spread
+from measure.paired_timing import Spread, percentile
 from measure.report import Report, at_most, create_parser
 
 NODES = (100, 1_000, 5_000)
@@ -208,11 +208,6 @@ def measure_round(page: Page, tree: RandomTree, keys: int, random: Random) -> Ro
     return taken
 
 
-def percentile(values: Sequence[float]) -> float:
-    """Return the value that the fraction PERCENTILE of *values* does not exceed."""
-    return sorted(values)[min(len(values) - 1, int(PERCENTILE * len(values)))]
-
-
 def add_rows(report: Report, nodes: int, rounds: Sequence[Round]) -> None:
     """Add the rows of a tree of *nodes* nodes."""
     alone = statistics.median(time for taken in rounds for time in taken.alone)
@@ -225,12 +220,12 @@ def add_rows(report: Report, nodes: int, rounds: Sequence[Round]) -> None:
         every = [time for of_round in times for time in of_round]
         figures = {
             "median": f"{statistics.median(every):.0f} ms",
-            "95 %": f"{percentile(every):.0f} ms",
+            "95 %": f"{percentile(every, PERCENTILE):.0f} ms",
             "SVG alone": f"{alone:.0f} ms",
         }
         where = f"{label}, {nodes:,} nodes"
         if limit is not None:
-            spread = Spread.of([percentile(of_round) / limit for of_round in times])
+            spread = Spread.of([percentile(of_round, PERCENTILE) / limit for of_round in times])
             report.add(f"{where} / {limit} ms", spread, WITHIN, figures)
         if name != "problems":
             ratios = [
@@ -263,7 +258,10 @@ def compare(report: Report, browser: Any, sizes: Sequence[int], keys: int) -> No
 
 def find_chromium(playwright: Any) -> str | None:
     """Return the path of an installed Chromium."""
-    places = [*map(shutil.which, ("chromium", "google-chrome")), playwright.chromium.executable_path]
+    places = [
+        *map(shutil.which, ("chromium", "chromium-browser", "google-chrome")),
+        playwright.chromium.executable_path,
+    ]
     return next((place for place in places if place and Path(place).exists()), None)
 
 

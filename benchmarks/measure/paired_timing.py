@@ -24,6 +24,11 @@ SLICE = 1_000_000
 Work = Callable[[], object]
 
 
+def percentile(values: Sequence[float], share: float) -> float:
+    """Return the value that the fraction *share* of *values* does not exceed."""
+    return sorted(values)[min(len(values) - 1, int(share * len(values)))]
+
+
 @dataclass(frozen=True, slots=True)
 class Spread:
     """A median with its quartiles."""

@@ -161,8 +161,8 @@ class ControlNode(TreeNode):
 
 
 # Loops that do the same as `reset_status` for each child, but faster: with calls of `reset_status`, a
-# tick of the benchmark's tree `deep` takes 14 % longer, and 20 % longer with an observer (pure). The
-# third loop runs while only a recording observes the tree.
+# tick of the benchmark's tree `deep` takes 14 % longer, and 20 % longer with an observer (pure).
+# `_reset_and_sum` runs while only a recording observes the tree.
 
 
 def _reset_completed(children: list[TreeNode]) -> bool:

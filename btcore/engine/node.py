@@ -5,8 +5,9 @@ BehaviorTree.CPP (src/tree_node.cpp): pre-conditions, tick, post-conditions, sto
 conditions or callbacks has a `TickWrapper`; its subclasses count (`watched_tick.py`) and record
 (`recorded_tick.py`) the ticks of a node.
 
-`execute_tick`, `halt_node` and `reset_status` are functions, and methods that call them. Parents call the
-functions: mypyc looks up by name every method that an interpreted class may override, which takes longer.
+`execute_tick`, `halt_node`, `set_status` and `reset_status` are functions, and methods that call them.
+Built-in nodes call the functions: mypyc looks up by name every method that an interpreted class may override,
+which takes longer.
 """
 
 from collections.abc import Callable, Iterable, Mapping

@@ -145,7 +145,7 @@ class Observers:
         self._count += count
 
     def add_to_checksum(self, config: NodeConfig, status: i64) -> None:
-        """Add a transition to the checksum; *status* is the number of the new status."""
+        """Count a transition, and add it to the checksum; *status* is the number of the new status."""
         self.checksum = next_checksum(self.checksum, config, status)
         self._first += 1
 

@@ -39,7 +39,10 @@ class RunEnd:
         self._block_end: EndReason | None = None
 
     def note_exit(self, error: BaseException | None, signal: int) -> None:
-        """Note the exception that has left the `with` block; *signal* is the last signal, if one ended it."""
+        """Note the exception that has left the `with` block, and the number of the last *signal*, or 0.
+
+        The signal counts only if the exception is KeyboardInterrupt or SystemExit.
+        """
         self.loop_end = self.loop_end or "done"
         if isinstance(error, (KeyboardInterrupt, SystemExit)):
             self._block_end, self.signal = "interrupted", signal

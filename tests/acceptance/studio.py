@@ -261,7 +261,10 @@ def main() -> int:
         return 0
     wrong: list[str] = []
     with sync_playwright() as playwright, TemporaryDirectory() as name:
-        places = [*map(shutil.which, ("chromium", "google-chrome")), playwright.chromium.executable_path]
+        places = [
+            *map(shutil.which, ("chromium", "chromium-browser", "google-chrome")),
+            playwright.chromium.executable_path,
+        ]
         place = next((place for place in places if place and Path(place).exists()), None)
         if place is None:
             print("note: there is no Chromium; the studio is not checked in it")

@@ -104,7 +104,8 @@ class CauseFinder:
         """Return what happens in the step with this index.
 
         Raises:
-            BtcoreError: In the steps of this question, too much happens.
+            BtcoreError: The replay differs from the recording, or too much happens in the steps of this
+                question.
         """
         if index not in self._traces:
             self.seek(index)
@@ -115,8 +116,8 @@ class CauseFinder:
             if trace.is_truncated:
                 raise BtcoreError(
                     f"tick {self.tick(index)} cannot be explained: with the ticks that it depends on, it has "
-                    f"more than {MAX_OBSERVATIONS:,} ticks of nodes; ask about another tick, or about a node "
-                    "that depends on fewer"
+                    f"more than {MAX_OBSERVATIONS:,} ticks of nodes, reads and writes; ask about another "
+                    "tick, or about a node that depends on fewer"
                 )
             self.seek(index + 1)
             self._traces[index] = trace

@@ -16,7 +16,7 @@ from btcore.output_files import write_file
 from btcore.tree.tree import Tree
 from btcore_recorder.files import RecordingFiles, form_for
 from btcore_recorder.inputs import Head, TreeState
-from btcore_recorder.lines import Line, Results, head_lines, segment_lines
+from btcore_recorder.lines import WrittenLine, head_lines, segment_lines
 from btcore_recorder.recorder import NO_OPTIONS, RawStep, Recorder, RecorderOptions
 
 WRITE_INTERVAL_S: Final = 0.5
@@ -196,7 +196,7 @@ class FileRecorder:
                 break
             if isinstance(item, RawStep):
                 values += len(item.records)
-                types: list[Line | Results] = [["type", *found] for found in self._types.items()]
+                types: list[WrittenLine] = [["type", *found] for found in self._types.items()]
                 self._form.add(types + self._recorder.lines(item), self._head.wall_time_at(item.time))
                 self._types.clear()
             elif isinstance(item, _TypeFound):
@@ -266,7 +266,7 @@ class KeptSteps(NamedTuple):
     head: Head
     paths: Sequence[str]
     segments: Sequence[_Segment]
-    lines: Callable[[RawStep], list[Line | Results]]
+    lines: Callable[[RawStep], list[WrittenLine]]
 
     def write(self, path: Path) -> None:
         """Write a recording.

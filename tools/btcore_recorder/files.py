@@ -15,7 +15,7 @@ from btcore.logs.files import LogError, read_bytes
 from btcore.output_files import numbered_file, write_file
 from btcore.suggestions import suggestion
 from btcore_recorder.inputs import Head, RunRecording
-from btcore_recorder.lines import Line, Results, read_lines, recording_lines
+from btcore_recorder.lines import WrittenLine, read_lines, recording_lines
 from btcore_recorder.text_form import MAGIC, TextForm, TextLines
 
 TEXT: Final = ".btrec.txt"
@@ -38,7 +38,7 @@ _MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
 class Form(Protocol):
     """Converts lines to the bytes of a file."""
 
-    def add(self, lines: Iterable[Line | Results], time: int = 0) -> None:
+    def add(self, lines: Iterable[WrittenLine], time: int = 0) -> None:
         """Add the lines of the head, a segment or a step, at *time* (ns since 1970)."""
 
     def take(self) -> bytes:

@@ -51,6 +51,8 @@ Line = list[Any]
 """A word, and its values as data of JSON."""
 Results = tuple[tuple[str, int, str], ...]
 """The lines of results. Many ticks have the same as the tick before: forms of files keep their text."""
+WrittenLine = Line | Results
+"""What a form of files writes."""
 
 _INPUTS: Final[dict[str, Any]] = {
     "result": Result,

@@ -18,7 +18,7 @@ from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC, Writer
 from zstandard import decompress, frame_content_size
 
-from btcore_recorder.lines import DamageError, Line, Results, ResultTexts, encode_text, load_data
+from btcore_recorder.lines import DamageError, ResultTexts, WrittenLine, encode_text, load_data
 
 TOPIC: Final = "/btcore/recording"
 _LIBRARY: Final = "btcore_recorder"
@@ -48,7 +48,7 @@ class McapForm:
         self._count = 0
         self._results = ResultTexts(_json, ",")
 
-    def add(self, lines: Iterable[Line | Results], time: int = 0) -> None:
+    def add(self, lines: Iterable[WrittenLine], time: int = 0) -> None:
         """Add a message with *lines*; *time* is in ns since 1970."""
         rows: list[str] = []
         rest = ""

@@ -41,7 +41,7 @@ from btcore_recorder.inputs import (
     scopes_of,
     with_parents,
 )
-from btcore_recorder.lines import Line, Results, input_line, result_lines, transitions_line
+from btcore_recorder.lines import Results, WrittenLine, input_line, result_lines, transitions_line
 from btcore_recorder.tree_state import capture, recorded_entry
 from btcore_recorder.values import EXCLUDED, MAX_TEXT, Encoder
 
@@ -319,9 +319,9 @@ class Recorder(Observer):
         transitions = None if self._transitions is None else self._transitions.take()
         return RawStep(records, self._observers.checksum, self._time, transitions)
 
-    def lines(self, raw: RawStep) -> list[Line | Results]:
+    def lines(self, raw: RawStep) -> list[WrittenLine]:
         """Return the lines of a step, which do not depend on the tree. Thread-safe."""
-        lines: list[Line | Results] = []
+        lines: list[WrittenLine] = []
         results: list[tuple[str, int, str]] = []
         values: Iterator[Any] = iter(raw.records)
         for config, event in zip(values, values, strict=True):

@@ -11,7 +11,7 @@ import zlib
 from collections.abc import Iterable, Sequence
 from typing import Any, Final
 
-from btcore_recorder.lines import END_WORDS, DamageError, Line, Results, ResultTexts, encode_text, load_data
+from btcore_recorder.lines import END_WORDS, DamageError, ResultTexts, WrittenLine, encode_text, load_data
 
 MAGIC: Final = b"btrec "
 _json: Final = json.JSONEncoder(ensure_ascii=False, separators=(", ", ":"), allow_nan=False).encode
@@ -25,7 +25,7 @@ class TextForm:
         self._unchecked: list[str] = []  # the lines since the last CRC
         self._results = ResultTexts(_text, "")
 
-    def add(self, lines: Iterable[Line | Results], time: int = 0) -> None:
+    def add(self, lines: Iterable[WrittenLine], time: int = 0) -> None:
         """Add lines; *time* (ns since 1970) is not a part of the text."""
         for line in lines:
             if isinstance(line, tuple):

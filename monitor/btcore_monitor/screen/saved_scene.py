@@ -53,11 +53,19 @@ class SavedScene:
                 f"{tick:,}"
             )
         self._shift = time - sorted(ticks)[tick - 1]
-        self.has_speed, *has_data = (
-            any(entity.startswith(f"/{each}/") for entity in entities)
-            for each in (SPEED, f"{CAMERA}/pictures", BATTERY, COLOURS)
+
+        def has(path: str) -> bool:
+            return any(entity.startswith(f"/{path}/") for entity in entities)
+
+        self.has_speed = has(SPEED)
+        self.eye = Eye(
+            position,
+            target,
+            robot,
+            has_pictures=has(f"{CAMERA}/pictures"),
+            has_battery=has(BATTERY),
+            has_navigation=has(COLOURS),
         )
-        self.eye = Eye(position, target, robot, *has_data)
 
     def _read_eye(self) -> tuple[_Point | None, _Point | None, str]:
         """Return the position and the target of the eye, and the entity of the robot, of the last layout."""
