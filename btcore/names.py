@@ -11,9 +11,10 @@ FORBIDDEN: Final = frozenset(" \t\r\n<>&\"'/\\:*?|.") | {chr(code) for code in (
 _RESERVED_IN_3: Final = frozenset({"ID", "name", "_description"})
 PRECONDITION_ATTRIBUTES: Final = ("_failureIf", "_successIf", "_skipIf", "_while")
 POSTCONDITION_ATTRIBUTES: Final = ("_onHalted", "_onFailure", "_onSuccess", "_post")
-SCRIPT_ATTRIBUTES: Final = frozenset(PRECONDITION_ATTRIBUTES + POSTCONDITION_ATTRIBUTES)
+SCRIPT_ATTRIBUTES: Final = (*PRECONDITION_ATTRIBUTES, *POSTCONDITION_ATTRIBUTES)
+"""The attributes with scripts, in the order of their execution."""
 # Without "_autoremap": the models that BehaviorTree.CPP writes list it as a port of SubTree.
-_RESERVED_ATTRIBUTES: Final = SCRIPT_ATTRIBUTES | {"ID", "name"}
+_RESERVED_ATTRIBUTES: Final = frozenset({*SCRIPT_ATTRIBUTES, "ID", "name"})
 RESERVED_IDS: Final = frozenset({"Root", "root"})
 """The names that no node or tree may have."""
 

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 from btcore.engine.node import TreeNode
-from btcore.names import POSTCONDITION_ATTRIBUTES, PRECONDITION_ATTRIBUTES, is_port_name
+from btcore.names import SCRIPT_ATTRIBUTES, is_port_name
 from btcore.status import NodeType
 from btcore.tree.tree import Subtree, Tree
 from btcore.xml.models.tree_nodes_model import model_lines, quoted
@@ -90,6 +90,6 @@ def _call(node: TreeNode, instance: Subtree, metadata: bool) -> Iterator[tuple[s
 
 
 def _scripts(node: TreeNode) -> Iterator[tuple[str, str]]:
-    for key in (*PRECONDITION_ATTRIBUTES, *POSTCONDITION_ATTRIBUTES):
+    for key in SCRIPT_ATTRIBUTES:
         if key in node.config.conditions:
             yield key, node.config.conditions[key]

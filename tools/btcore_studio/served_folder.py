@@ -57,9 +57,7 @@ class ServedFolder:
             RefusedError: The path is absolute, leads out of the folder, or does not name a regular file with
                 one of the suffixes and a permitted size.
         """
-        path = self._inside(name)
-        if not path.name.lower().endswith(tuple(suffixes)):
-            raise RefusedError(f"'{name}' is refused: the name must end with {' or '.join(suffixes)}")
+        path = self._inside(name, suffixes)
         try:
             state = path.stat()
         except OSError as error:
@@ -85,9 +83,7 @@ class ServedFolder:
             RefusedError: The path is absolute, leads out of the folder, is hidden, or has another suffix; or
                 the file exists; or its folder does not.
         """
-        path = self._inside(name)
-        if not path.name.lower().endswith(tuple(suffixes)):
-            raise RefusedError(f"'{name}' is refused: the name must end with {' or '.join(suffixes)}")
+        path = self._inside(name, suffixes)
         if any(part.startswith(".") for part in path.relative_to(self.root).parts):
             raise RefusedError(f"'{name}' is refused: it is hidden")
         if not path.parent.is_dir():
@@ -145,8 +141,8 @@ class ServedFolder:
                 if not name.startswith(".") and not path.is_symlink():
                     yield path
 
-    def _inside(self, name: str) -> Path:
-        """Return the real path of *name*."""
+    def _inside(self, name: str, suffixes: Sequence[str]) -> Path:
+        """Return the real path of *name*, which must end with one of *suffixes*."""
         if not name or len(name) > _MAX_LENGTH:
             raise RefusedError(f"a path is refused: its length must be 1 to {_MAX_LENGTH} characters")
         if _CONTROL.search(name):
@@ -159,4 +155,6 @@ class ServedFolder:
         path = real_path(self.root / name)
         if not path.is_relative_to(self.root):
             raise RefusedError(f"'{name}' is refused: it leads out of the served folder")
+        if not path.name.lower().endswith(tuple(suffixes)):
+            raise RefusedError(f"'{name}' is refused: the name must end with {' or '.join(suffixes)}")
         return path

@@ -41,8 +41,6 @@ from btcore.fixes import (
 )
 from btcore.names import (
     FORBIDDEN,
-    POSTCONDITION_ATTRIBUTES,
-    PRECONDITION_ATTRIBUTES,
     RESERVED_IDS,
     SCRIPT_ATTRIBUTES,
     forbidden_in,
@@ -66,8 +64,6 @@ if TYPE_CHECKING:
 MAX_SUGGESTED_TREES: Final = 20
 """Maximum number of trees that are suggested for a SubTree element without an ID."""
 _LEAF_PHRASES: Final = {NodeType.ACTION: "an action", NodeType.CONDITION: "a condition"}
-_CONDITIONS: Final = (*PRECONDITION_ATTRIBUTES, *POSTCONDITION_ATTRIBUTES)
-"""The attributes with scripts, in the order of their execution."""
 _CONTROL_CHARACTERS = frozenset(chr(code) for code in (*range(32), 127))
 
 
@@ -397,7 +393,7 @@ class TreePlanner:
                 others[key] = text
         if others:
             if self._dialect.has_conditions:
-                node.conditions = {key: others.pop(key) for key in _CONDITIONS if key in others}
+                node.conditions = {key: others.pop(key) for key in SCRIPT_ATTRIBUTES if key in others}
             node.attributes = {key: text for key, text in others.items() if self._keeps(key, node)}
         if cache.defaults and len(bindings) < len(cache.ports):
             set_ports = {binding.port for binding in bindings}

@@ -102,10 +102,6 @@ class SourceMap:
         """Return the line in which the start tag of *element* begins, from 1."""
         return self._line_index.line(self.scanned(element).start)
 
-    def last_line(self, element: Element) -> int:
-        """Return the line in which the start tag of *element* ends, from 1."""
-        return self._line_index.line(self.scanned(element).start_tag_end - 1)
-
     def text_in(self, element: Element) -> str:
         """Return the text between the start tag of *element* and the next tag."""
         scanned = self.scanned(element)

@@ -98,6 +98,10 @@ class ScannedElement:
             self._attributes = self._scanner.attributes_from(self.tag_end)[0]
         return self._attributes
 
+    def node_children(self) -> list["ScannedElement"]:
+        """Return the children without the obsolete `<Root>` of Groot 1."""
+        return [child for child in self.children if child.tag != "Root"]
+
     def attribute(self, name: str) -> ScannedAttribute | None:
         """Return the first attribute with this name, or None."""
         if self._by_name is None:

@@ -49,7 +49,7 @@ class Clipping(NamedTuple):
         while pending:
             element = pending.pop()
             pending += reversed(element.children)
-            key = ("SubTree", element.get("ID") or "") if is_call(element) else ("", node_id(element))
+            key = _needed_key(element)
             tag, id = key
             if key in seen or not id:
                 continue
@@ -103,6 +103,11 @@ def _model_key(model: ScannedElement) -> tuple[str, str]:
     return ("" if model.tag in EXPLICIT_TAGS else model.tag, model.get("ID") or "")
 
 
+def _needed_key(element: ScannedElement) -> tuple[str, str]:
+    """Return the key of the model that a node or a call needs, and of the called tree."""
+    return ("SubTree", element.get("ID") or "") if is_call(element) else ("", node_id(element))
+
+
 def copy_elements(reading: TreeReading, elements: Sequence[ScannedElement]) -> str:
     """Return elements of a document as XML, with the trees and the models that they need.
 
@@ -124,7 +129,7 @@ def copy_elements(reading: TreeReading, elements: Sequence[ScannedElement]) -> s
     while pending:
         element = pending.pop()
         pending += reversed(element.children)
-        key = ("SubTree", element.get("ID") or "") if is_call(element) else ("", node_id(element))
+        key = _needed_key(element)
         if key in used:
             continue
         used[key] = None

@@ -30,7 +30,13 @@ from btcore_studio.language.descriptions import (
 )
 from btcore_studio.language.entries import entry_facts, keys_of
 from btcore_studio.language.key_links import KeyLinks, TreeKey, links_of
-from btcore_studio.language.node_attributes import file_symbols, node_element, script_tokens, tree_of
+from btcore_studio.language.node_attributes import (
+    file_symbols,
+    is_in_tree,
+    node_element,
+    script_tokens,
+    tree_of,
+)
 from btcore_studio.language.project import PROJECT_SUFFIX, Project, SourceDocument
 from btcore_studio.language.project_symbols import ProjectSymbols, symbols_of
 from btcore_studio.language.symbols import FileSymbols, KeyForm, TreeSymbol, is_call
@@ -247,7 +253,7 @@ class _Completion:
         elif parent.parent is not None and parent.parent.tag == "TreeNodesModel":
             for tag in PORT_TAGS:
                 yield _Item(tag, Kind.Field, snippet=f'{tag} name="$1" type="$2"/>')
-        elif parent.tag == "BehaviorTree" or tree_of(parent) is not None:
+        elif is_in_tree(parent):
             if self._takes_child(parent, edited):
                 yield from self._nodes()
         elif parent.parent is None:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from typing import Final, cast
 
 from btcore.blackboard.ports import SCRIPT_ROLES
-from btcore.names import POSTCONDITION_ATTRIBUTES, PRECONDITION_ATTRIBUTES
+from btcore.names import SCRIPT_ATTRIBUTES
 from btcore.status import NodeType
 from btcore.xml.define import TreeDefinition
 from btcore.xml.plan.plan import MAX_DEPTH, TreeSize
@@ -30,8 +30,6 @@ MAX_CARDS: Final = 5_000
 """Maximum number of nodes in a drawing. In a larger tree the deepest levels are folded."""
 MAX_ROWS: Final = 20_000
 """Maximum number of nodes that are listed. The trees of further calls are left out."""
-CONDITIONS: Final = (*PRECONDITION_ATTRIBUTES, *POSTCONDITION_ATTRIBUTES)
-"""The attributes with conditions, in the order of their execution."""
 
 
 def draw_document(project: Project, source: SourceDocument, params: DrawingParams) -> Drawing:
@@ -197,7 +195,7 @@ def _diagram_node(
         name or called or id,
         NodeType.SUBTREE if is_call else node_type,
         ports,
-        {key: attributes[key] for key in CONDITIONS if key in attributes} if has_conditions else {},
+        {key: attributes[key] for key in SCRIPT_ATTRIBUTES if key in attributes} if has_conditions else {},
         manifest.description if manifest is not None else "",
         called,
         manifest.spec.symbol if manifest is not None else "",

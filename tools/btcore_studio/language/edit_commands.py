@@ -56,7 +56,6 @@ from btcore_studio.language.studio_protocol import (
     Move,
     Paste,
     Place,
-    Position,
     Range,
     Remove,
     RemoveTree,
@@ -69,7 +68,7 @@ from btcore_studio.language.studio_protocol import (
     Wrap,
 )
 from btcore_studio.language.symbols import is_call, node_id
-from btcore_studio.language.tree_reading import TreeReading, read_trees
+from btcore_studio.language.tree_reading import TreeReading, known_document, read_trees
 
 MAX_NODES: Final = 5_000
 """Maximum number of nodes of an operation."""
@@ -125,16 +124,14 @@ class _Draft:
 
     Attributes:
         reading: The document before the operation.
-        text: The present text.
+        text: The present text without the byte order mark.
         edits: All edits so far, as edits of the document.
         selected: The offsets of the elements to select, in the present text.
-        has_mark: Whether the document begins with a byte order mark, which *text* does not contain.
     """
 
     def __init__(self, reading: TreeReading) -> None:
         self.reading = reading
-        self.has_mark = reading.source.text.startswith("\ufeff")
-        self.text = reading.source.text[self.has_mark :]
+        self.text = reading.source.text[reading.source.mark_length :]
         self.edits: list[Edit] = []
         self.selected: list[int] = []
         self._editor: TreeEditor | None = None
@@ -151,7 +148,9 @@ class _Draft:
     def source(self) -> SourceDocument:
         """The document after the operation."""
         before = self.reading.source
-        return SourceDocument(before.uri, before.text[: self.has_mark] + self.text) if self.edits else before
+        if not self.edits:
+            return before
+        return SourceDocument(before.uri, before.text[: before.mark_length] + self.text)
 
     def element_at(self, start: int) -> ScannedElement:
         """Return the element that begins at an offset of the present text."""
@@ -161,7 +160,7 @@ class _Draft:
         """Return the first of some elements, of which there is one unless the text is broken."""
         element = next(iter(elements), None)
         if element is None:
-            raise EditError(f"the text is not XML ({self.reading.broken}): correct it first")
+            raise self.reading.not_xml_error()
         return element
 
     @property
@@ -209,7 +208,7 @@ class _Target(NamedTuple):
     @property
     def children(self) -> list[ScannedElement]:
         """The elements of the nodes in it."""
-        return [child for child in self.element.children if child.tag != "Root"]
+        return self.element.node_children()
 
     @property
     def parent(self) -> "_Target":
@@ -306,9 +305,7 @@ class _Operation:
     def _draft(self, uri: str) -> _Draft:
         draft = self._drafts.get(uri)
         if draft is None:
-            source = self._project.document(uri)
-            if source is None:
-                raise EditError(f"{uri} is not open, and cannot be read as a UTF-8 file")
+            source = known_document(self._project, uri)
             draft = self._drafts[uri] = _Draft(read_trees(self._project, source))
         return draft
 
@@ -317,7 +314,7 @@ class _Operation:
         draft = self._draft(uri)
         if not draft.editor.scan.roots:
             if draft.reading.broken:
-                raise EditError(f"the text is not XML ({draft.reading.broken}): correct it first")
+                raise draft.reading.not_xml_error()
             line_break = "" if draft.text == "" or draft.text.endswith("\n") else "\n"
             at = len(draft.text)
             draft.apply([Edit(at, at, line_break + _EMPTY_DOCUMENT)])
@@ -326,11 +323,7 @@ class _Operation:
     def _element(self, place: Place) -> _Target:
         """Return a node or a tree."""
         draft = self._draft(place.uri)
-        element = draft.reading.element_at(place.position)
-        if element is None or not _is_in_tree(element):
-            line = place.position.line + 1
-            raise EditError(f"no node begins at this place in line {line}: the text has changed meanwhile")
-        return _Target(draft, element)
+        return _Target(draft, draft.reading.node_at(place.position))
 
     def _node(self, place: Place) -> _Target:
         target = self._element(place)
@@ -619,7 +612,8 @@ class _Operation:
     def _set_ports(self, draft: _Draft, command: SetModel) -> None:
         """Write the ports of a model. Ports that do not change keep their text."""
         model = draft.found(_models_in(draft, command.id))
-        ports = {child.get("name") or "": child for child in model.children if child.tag in PORT_TAGS}
+        declared = [child for child in model.children if child.tag in PORT_TAGS]
+        ports = {child.get("name") or "": child for child in declared}
         wanted = {port.name: port for port in command.ports}
         if [name for name in ports if name in wanted] != [name for name in wanted if name in ports]:
             kept = set()  # their order changes
@@ -627,7 +621,7 @@ class _Operation:
             kept = ports.keys() & wanted.keys()
         editor = draft.editor
         edits: list[Edit] = []
-        for child in [child for child in model.children if child.tag in PORT_TAGS]:
+        for child in declared:
             name = child.get("name") or ""
             if name not in kept or child is not ports[name]:
                 edits.append(editor.remove(child))
@@ -662,17 +656,18 @@ class _Operation:
             if source.text != before.text:
                 self._check(draft)
                 changes[uri] = [
-                    TextEdit(_range(before, edit, draft.has_mark), edit.text) for edit in draft.edits
+                    TextEdit(Range(before.position(start), before.position(end)), text)
+                    for start, end, text in draft.edits
                 ]
             for offset in dict.fromkeys(draft.selected):
-                selected.append(Place(uri, _position(source, offset + draft.has_mark)))
+                selected.append(Place(uri, source.position(offset)))
         return EditResult(WorkspaceEdit(changes), selected, list(dict.fromkeys(self._notes)))
 
     def _check(self, draft: _Draft) -> None:
         before = draft.reading
         if before.broken:
             if any(edit.end > before.fault for edit in draft.edits):
-                raise EditError(f"the text is not XML ({before.broken}): correct it first")
+                raise before.not_xml_error()
             return
         after = read_trees(self._project, draft.source)
         if after.broken:
@@ -693,26 +688,11 @@ def _new(found: Sequence[Diagnostic], before: Callable[[], Iterable[Diagnostic]]
     return [item for item in found if (item.code, item.message) not in known]
 
 
-def _position(source: SourceDocument, offset: int) -> Position:
-    return Position(*source.positions.place(offset))
-
-
-def _range(source: SourceDocument, edit: Edit, shift: int) -> Range:
-    return Range(_position(source, edit.start + shift), _position(source, edit.end + shift))
-
-
 def _models_in(draft: _Draft, id: str) -> Iterator[ScannedElement]:
     """Yield the elements of the models of a node or a tree."""
     sections = [child for child in draft.root.children if child.tag == "TreeNodesModel"]
     models = (model for section in sections for model in section.children)
     return (model for model in models if model.get("ID") == id)
-
-
-def _is_in_tree(element: ScannedElement) -> bool:
-    """Return whether an element is a tree, or a node of a tree."""
-    return element.tag == "BehaviorTree" or any(
-        around.tag == "BehaviorTree" for around in element.ancestors()
-    )
 
 
 def _index_in(parent: _Target, index: int) -> int:

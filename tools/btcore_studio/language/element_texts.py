@@ -4,11 +4,11 @@ from typing import NamedTuple
 
 from btcore.blackboard.ports import KEY_ROLES, SCRIPT_ROLES, Direction, Port
 from btcore.escaping import escape_text
-from btcore.registry.manifest import Manifest
+from btcore.registry.manifest import Manifest, takes_children
 from btcore.suggestions import did_you_mean
 from btcore.xml.edit.editor import DocumentEditor, Edit, EditError, apply_edits, escape_value
 from btcore.xml.models.tree_nodes_model import TAG_OF
-from btcore.xml.read.dialect import EXPLICIT_TAGS
+from btcore.xml.read.dialect import EXPLICIT_TAGS, PORT_TAGS
 from btcore.xml.read.scan import ScannedElement
 from btcore.xml.read.tinyxml2_compat import decode
 from btcore_studio.language.descriptions import is_mandatory
@@ -21,7 +21,7 @@ DIRECTIONS: dict[Direction, PortDirection] = {
     Direction.INOUT: "inout",
 }
 """The names of the directions in the protocol."""
-_PORT_TAGS = {"in": "input_port", "out": "output_port", "inout": "inout_port"}
+_PORT_TAGS = {DIRECTIONS[direction]: tag for tag, direction in PORT_TAGS.items()}
 _OF_ENGINE = "btcore"
 
 
@@ -91,7 +91,7 @@ def uses_explicit_tag(reading: TreeReading, manifest: Manifest) -> bool:
 
 
 def _style(manifest: Manifest) -> tuple[bool, bool]:
-    return manifest.library == _OF_ENGINE, manifest.type.name in ("ACTION", "CONDITION")
+    return manifest.library == _OF_ENGINE, takes_children(manifest)
 
 
 def is_port(element: ScannedElement, port: PalettePort, text: str) -> bool:

@@ -15,7 +15,7 @@ from btcore.engine.control import ControlNode, DecoratorNode
 from btcore.engine.leaf import Condition, SyncAction
 from btcore.errors import BtcoreError
 from btcore.names import port_name_error
-from btcore.registry.manifest import Manifest
+from btcore.registry.manifest import Manifest, takes_children
 from btcore.registry.nodes_without_code import is_mock
 from btcore.status import NodeType
 from btcore.values.types import BoolType, IntegerType, RealType
@@ -131,7 +131,7 @@ def _is_attribute(name: str) -> bool:
 
 def _type(port: Port) -> tuple[str, str]:
     """Return the annotation of a port, and a value for the test."""
-    # The type of a port whose name or default is unknown has any values.
+    # The Python type of a port is `object` if its default is no text of the type that the model names.
     return _ANY if port.type.python_type is object else _TYPES.get(port.type.name, _ANY)
 
 
@@ -142,8 +142,9 @@ def _key(port: Port) -> str | None:
 
 def _code(manifest: Manifest) -> str:
     ports = sorted(manifest.ports.values(), key=lambda port: port.default is not None)
-    is_leaf = manifest.type in (NodeType.ACTION, NodeType.CONDITION)
-    if is_leaf and all(_is_name(port.name) and port.direction is not Direction.INOUT for port in ports):
+    if not takes_children(manifest) and all(
+        _is_name(port.name) and port.direction is not Direction.INOUT for port in ports
+    ):
         lines = _function(manifest, ports)
     else:
         lines = _class(manifest, ports)

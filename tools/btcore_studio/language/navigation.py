@@ -7,14 +7,13 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from lsprotocol.types import Location, Position, Range
-from pygls import uris
 
 from btcore.input_files import read_file
 from btcore.registry.nodes_without_code import is_mock
 from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.scan import Place, ScannedElement
 from btcore_studio.language.key_links import KeyLinks, TreeKey, links_of
-from btcore_studio.language.project import Project, SourceDocument
+from btcore_studio.language.project import Project, SourceDocument, file_uri
 from btcore_studio.language.project_symbols import ProjectSymbols, included_path
 from btcore_studio.language.symbols import KeyForm, KeyUse, NodeModel, is_call, node_id
 
@@ -189,7 +188,7 @@ def _node_definitions(
     known = project.models.get(named.id)
     if known is not None and known.file.endswith(".py"):
         line = max(0, known.line - 1)
-        uri = uris.from_fs_path(known.file) or ""
+        uri = file_uri(known.file)
         return [Location(uri, Range(Position(line, 0), Position(line, 0)))]
     models = symbols.models(named.id, document.uri, of_subtree=False)
     if models:
@@ -221,7 +220,7 @@ def _builtin_source(symbols: ProjectSymbols, id: str, format: int) -> list[Locat
         return []
     start = Position(source.count("\n", 0, match.start()), match.start(1) - match.start())
     end = Position(start.line, start.character + len(match[1]))
-    return [Location(uris.from_fs_path(str(file)) or "", Range(start, end))]
+    return [Location(file_uri(file), Range(start, end))]
 
 
 # --- places

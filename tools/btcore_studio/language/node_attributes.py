@@ -27,6 +27,11 @@ def tree_of(element: ScannedElement | None) -> ScannedElement | None:
     return next((around for around in element.ancestors() if around.tag == "BehaviorTree"), None)
 
 
+def is_in_tree(element: ScannedElement) -> bool:
+    """Return whether an element is a tree, or a node of a tree."""
+    return element.tag == "BehaviorTree" or tree_of(element) is not None
+
+
 class ScriptToken(NamedTuple):
     """A token of a script, from offset *start* to *end* of the document."""
 

@@ -4,9 +4,9 @@ from collections.abc import Iterable, Iterator
 from typing import Literal
 
 from btcore.blackboard.ports import KEY_ROLES, SCRIPT_ROLES, Port, remapped_key
+from btcore.names import SCRIPT_ATTRIBUTES
 from btcore.status import NodeType
 from btcore.values.types import literals_of
-from btcore.xml.edit.editor import EditError
 from btcore.xml.plan.key_uses import NON_KEY_ATTRIBUTES
 from btcore.xml.read.scan import ScannedElement
 from btcore_studio.language.descriptions import (
@@ -15,14 +15,14 @@ from btcore_studio.language.descriptions import (
     is_mandatory,
     type_name,
 )
-from btcore_studio.language.drawing import CONDITIONS, child_limits, node_kind
+from btcore_studio.language.drawing import child_limits, node_kind
 from btcore_studio.language.element_texts import DIRECTIONS
 from btcore_studio.language.node_attributes import file_symbols, tree_of
 from btcore_studio.language.project import Project, SourceDocument
 from btcore_studio.language.project_symbols import symbols_of
 from btcore_studio.language.studio_protocol import Field, NodeForm, NodeKind, Place, PortDirection
 from btcore_studio.language.symbols import KeyForm, KeyUse, TreeSymbol, is_call, node_id
-from btcore_studio.language.tree_reading import TreeReading, read_trees
+from btcore_studio.language.tree_reading import TreeReading, no_node_error, read_trees
 
 _NAME = "The name of the node in drawings and logs; by default its ID."
 _DESCRIPTION = "A comment, which Groot shows."
@@ -40,11 +40,10 @@ def form_of(project: Project, source: SourceDocument, place: Place) -> NodeForm:
         EditError: There is no node at the place.
     """
     reading = read_trees(project, source)
-    element = reading.element_at(place.position)
+    element = reading.node_at(place.position)
     tree = tree_of(element)
-    if element is None or tree is None:
-        line = place.position.line + 1
-        raise EditError(f"no node begins at this place in line {line}: the text has changed meanwhile")
+    if tree is None:
+        raise no_node_error(place.position)
     return _Form(project, reading, element, tree).form()
 
 
@@ -57,7 +56,7 @@ class _Form:
         self._element = element
         self._format = reading.definitions.dialect.format
         symbols = file_symbols(project, reading.source)
-        offset = tree.start + reading.source.text.startswith("\ufeff")
+        offset = tree.start + reading.source.mark_length
         self._tree = next((known for known in symbols.trees if known.element.start == offset), None)
         self._keys = sorted(_keys_of(self._tree)) if self._tree is not None else []
         self._id = node_id(element)
@@ -68,10 +67,10 @@ class _Form:
         element, manifest = self._element, self._manifest
         fields = [self._field("name", "name", about=_NAME)]
         fields += self._call_fields() if is_call(element) else self._port_fields()
-        if self._format == 4:
+        if self._reading.definitions.dialect.has_conditions:
             fields += [
                 self._field(name, "condition", about=CONDITION_ATTRIBUTES[name], is_script=True)
-                for name in CONDITIONS
+                for name in SCRIPT_ATTRIBUTES
             ]
         fields.append(self._field("_description", "other", about=_DESCRIPTION))
         known = {"ID", *(field.name for field in fields)}
@@ -138,7 +137,7 @@ class _Form:
     def _types(self) -> Iterator[str]:
         """Yield the IDs of the nodes and trees that may have the children of this node."""
         definitions, element = self._reading.definitions, self._element
-        count = len([child for child in element.children if child.tag != "Root"])
+        count = len(element.node_children())
         own = self._manifest.type if self._manifest is not None else NodeType.UNDEFINED
         manifests = self._reading.nodes.manifests_of(self._format).values()
         for manifest in sorted(manifests, key=lambda manifest: (manifest.type is not own, manifest.id)):
@@ -171,7 +170,7 @@ class _Form:
         model = definitions.subtree_models.get(id, {})
         uses = self._uses_in_called_tree(id)
         is_shared = element.get("_autoremap") == "true"
-        reserved = {"ID", *NON_KEY_ATTRIBUTES, *SHARING_ATTRIBUTES, *CONDITIONS}
+        reserved = {"ID", *NON_KEY_ATTRIBUTES, *SHARING_ATTRIBUTES, *SCRIPT_ATTRIBUTES}
         written = [item.name for item in element.attributes if item.name not in reserved]
         has_braces = self._format == 4 or element.tag != "SubTree"
         choices = [f"{{{key}}}" if has_braces else key for key in self._keys]

@@ -20,6 +20,7 @@ from btcore.xml.read.read import parse_file, parse_text
 from btcore.xml.read.scan import Scan, scan
 from btcore_studio.language.diagnostics import Report
 from btcore_studio.language.node_models import NodeModel, add_mock_nodes
+from btcore_studio.language.studio_protocol import Position
 from btcore_studio.language.text_positions import TextPositions
 
 MAX_FILES: Final = 2_000
@@ -101,6 +102,15 @@ class SourceDocument:
     def positions(self) -> TextPositions:
         """The lines of the text, to convert offsets and positions."""
         return TextPositions(self.text)
+
+    @property
+    def mark_length(self) -> int:
+        """The length of the byte order mark with which the text begins: 0 or 1."""
+        return int(self.text.startswith("\ufeff"))
+
+    def position(self, offset: int) -> Position:
+        """Return the position of an offset, which counts from after the byte order mark."""
+        return Position(*self.positions.place(offset + self.mark_length))
 
     def text_edits(self, edits: Iterable[Edit]) -> list[types.TextEdit]:
         """Return *edits* of the text as edits of the protocol."""
@@ -213,8 +223,7 @@ class Project:
             text = read_file(path).decode("utf-8-sig")
         except (OSError, ValueError):
             return None
-        uri = uris.from_fs_path(str(path))
-        document = SourceDocument(uri or "", text)
+        document = SourceDocument(file_uri(path), text)
         self._on_disk[path] = (stamp, document)
         return document
 
@@ -223,7 +232,7 @@ class Project:
         for uri, document in self._open.items():
             if document.path == path:
                 return uri
-        return uris.from_fs_path(str(path)) or ""
+        return file_uri(path)
 
     def parse(self, document: SourceDocument) -> Document | None:
         """Return *document* as `btcore validate` reads it; None if it is not XML.
@@ -331,6 +340,11 @@ def find_files(folders: Iterable[Path], suffixes: tuple[str, ...], most: int) ->
             if len(paths) >= most or visited > MAX_ENTRIES:
                 return paths[:most]
     return paths
+
+
+def file_uri(path: Path | str) -> str:
+    """Return the URI of an absolute path."""
+    return uris.from_fs_path(str(path)) or ""
 
 
 def is_usable_path(text: str) -> bool:

@@ -59,6 +59,7 @@ from btcore_studio.language.studio_protocol import (
     Place,
     WatchParams,
 )
+from btcore_studio.language.tree_reading import known_document
 
 NAME: Final = "btcore"
 Params = TypeVar("Params", bound=Data)
@@ -336,10 +337,7 @@ def _add_studio_requests(server: TreeServer) -> None:
     project = server.project
 
     def document(uri: str) -> SourceDocument:
-        known = project.document(uri)
-        if known is None:
-            raise RequestError(f"{uri} is not open, and cannot be read as a UTF-8 file")
-        return known
+        return known_document(project, uri)
 
     def draw(params: DrawingParams) -> Drawing:
         return draw_document(project, document(params.text_document.uri), params)

@@ -191,7 +191,7 @@ class Field(Data, frozen=True):
     name: str
     group: Literal["name", "port", "condition", "subtree", "other"]
     text: str | None
-    direction: Literal["in", "out", "inout", ""] = ""
+    direction: PortDirection | Literal[""] = ""
     type: str = ""
     default: str | None = None
     is_required: bool = False

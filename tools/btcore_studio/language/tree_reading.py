@@ -17,7 +17,7 @@ from btcore.lint.validate import validate_plans
 from btcore.registry.registry import Registry
 from btcore.status import NodeType
 from btcore.xml.define import define, parse_format
-from btcore.xml.edit.editor import Edit, apply_edits
+from btcore.xml.edit.editor import Edit, EditError, apply_edits
 from btcore.xml.models.model_file import (
     add_document_models,
     add_mock,
@@ -31,6 +31,7 @@ from btcore.xml.read.element import Element, encoded
 from btcore.xml.read.positions import LineIndex, SourceMap
 from btcore.xml.read.read import Sources, parse_text, read
 from btcore.xml.read.scan import Scan, ScannedElement, scan
+from btcore_studio.language.node_attributes import is_in_tree
 from btcore_studio.language.project import PROJECT_SUFFIX, Project, SourceDocument
 from btcore_studio.language.studio_protocol import Place, Position
 
@@ -132,19 +133,32 @@ class TreeReading:
 
     def position(self, document: Document, offset: int) -> Position:
         """Return the position of an offset in the text of one of the documents."""
-        source = self.files[document]
         # The text of a document has no byte order mark.
-        shift = source.text.startswith("\ufeff")
-        return Position(*source.positions.place(offset + shift))
+        return self.files[document].position(offset)
 
     def element_at(self, position: Position) -> ScannedElement | None:
         """Return the element of the document that begins at a position, or None."""
         offset = self.source.positions.offset_at(position.line, position.character)
-        offset -= self.source.text.startswith("\ufeff")
+        offset -= self.source.mark_length
         elements = self.document.source_map.scan.elements
         index = bisect_left(elements, offset, key=lambda element: element.start)
         found = elements[index] if index < len(elements) and not self.is_empty else None
         return found if found is not None and found.start == offset else None
+
+    def node_at(self, position: Position) -> ScannedElement:
+        """Return the element of the node or of the tree that begins at a position.
+
+        Raises:
+            EditError: No node and no tree begins there.
+        """
+        element = self.element_at(position)
+        if element is None or not is_in_tree(element):
+            raise no_node_error(position)
+        return element
+
+    def not_xml_error(self) -> EditError:
+        """Return the error of an operation that needs a text that is XML."""
+        return EditError(f"the text is not XML ({self.broken}): correct it first")
 
     def parsed(self, element: ScannedElement) -> Element:
         """Return an element of the document as the plans know it."""
@@ -157,6 +171,24 @@ class TreeReading:
         """Return the place of an element in one of the documents."""
         start = document.source_map.scanned(element).start
         return Place(self.files[document].uri, self.position(document, start))
+
+
+def no_node_error(position: Position) -> EditError:
+    """Return the error of an operation on a node that does not begin at *position*."""
+    line = position.line + 1
+    return EditError(f"no node begins at this place in line {line}: the text has changed meanwhile")
+
+
+def known_document(project: Project, uri: str) -> SourceDocument:
+    """Return a document of *project*.
+
+    Raises:
+        EditError: It is not open, and cannot be read as a file.
+    """
+    source = project.document(uri)
+    if source is None:
+        raise EditError(f"{uri} is not open, and cannot be read as a UTF-8 file")
+    return source
 
 
 def read_trees(project: Project, source: SourceDocument) -> TreeReading:

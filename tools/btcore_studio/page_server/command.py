@@ -178,6 +178,8 @@ def find_shown(source: str, options: StudioOptions, live: "LiveExtension | None"
 
 def _write_documents(plans: Plans, folder: Path) -> Path:
     """Write the documents of a recorded tree below *folder*. Return the file of the main document."""
+    from btcore_studio.language.project import SUFFIXES
+
     documents = plans.definitions.sources.documents
     # A recording may come from a stranger, and from a machine with other folders.
     places = [
@@ -187,16 +189,18 @@ def _write_documents(plans: Plans, folder: Path) -> Path:
         for document in documents
     ]
     common = posixpath.commonpath([posixpath.dirname(place) for place in places])
+    files: list[Path] = []
     for document, place in zip(documents, places, strict=True):
         file = folder / posixpath.relpath(place, common)
-        file = file if file.suffix in (".xml", ".btproj") else file / "tree.xml"
+        file = file if file.suffix in SUFFIXES else file / "tree.xml"
         try:
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(document.text.encode())
         except (OSError, ValueError) as error:
             reason = read_error(error) if isinstance(error, OSError) else str(error)
             raise click.ClickException(f"the recorded tree can't be written: {reason}") from None
-    return real_path(file)
+        files.append(file)
+    return real_path(files[-1])  # the main document is the last
 
 
 def _keep_unsaved(session: "StudioSession", folder: Path) -> None:

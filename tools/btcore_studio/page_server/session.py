@@ -11,16 +11,16 @@ from typing import Any, Final, Literal
 
 import msgspec
 from lsprotocol import types
-from pygls import uris
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
 from btcore.errors import BtcoreError
 from btcore.json_text import load_json
 from btcore_studio.language.live import LiveExtension
-from btcore_studio.language.project import MAX_FILES, PROJECT_SUFFIX, SUFFIXES, find_files
+from btcore_studio.language.project import MAX_FILES, PROJECT_SUFFIX, SUFFIXES, file_uri, find_files
 from btcore_studio.language.server import create_server
-from btcore_studio.page_server.shared_files import PushedEdit, SharedFiles, StaleTextError
+from btcore_studio.language.studio_protocol import TextEdit
+from btcore_studio.page_server.shared_files import SharedFiles, StaleTextError, stamp_of
 from btcore_studio.page_server.timeline import RecordedRun
 
 CHECK_INTERVAL_S: Final = 0.1
@@ -41,16 +41,7 @@ _CONTENT_MODIFIED: Final = -32801
 _REQUEST_FAILED: Final = -32803
 
 _LANGUAGE_PREFIXES: Final = ("textDocument/", "btcore/")
-_LANGUAGE_METHODS: Final = frozenset(
-    {
-        types.INITIALIZE,
-        types.INITIALIZED,
-        types.CANCEL_REQUEST,
-        types.WORKSPACE_SYMBOL,
-        types.COMPLETION_ITEM_RESOLVE,
-        types.CODE_ACTION_RESOLVE,
-    }
-)
+_LANGUAGE_METHODS: Final = frozenset({types.INITIALIZE, types.INITIALIZED, types.WORKSPACE_SYMBOL})
 """What a page may request from its language server, beside the methods with the prefixes."""
 
 
@@ -61,7 +52,7 @@ class _Document(msgspec.Struct):
 class _Pushed(msgspec.Struct):
     uri: str
     version: int
-    edits: list[PushedEdit]
+    edits: list[TextEdit]
 
 
 class _Created(msgspec.Struct):
@@ -154,7 +145,7 @@ class StudioSession:
             file = next((path for path in trees if path.suffix != PROJECT_SUFFIX), next(iter(trees), None))
         return {
             "folder": str(self.files.folder),
-            "uri": "" if file is None else uris.from_fs_path(str(file)),
+            "uri": "" if file is None else file_uri(file),
             "tree": shown.tree,
             "readOnly": shown.is_read_only,
             "live": shown.live is not None and shown.recorded is None,
@@ -181,7 +172,7 @@ class StudioSession:
             kinds = types.FileChangeType
             changes = [
                 {
-                    "uri": uris.from_fs_path(str(path)),
+                    "uri": file_uri(path),
                     "type": kinds.Created
                     if path not in before
                     else (kinds.Changed if path in stamps else kinds.Deleted),
@@ -200,9 +191,9 @@ class StudioSession:
         """Return the files of the folder, with a value that changes with the content."""
         stamps: dict[Path, object] = {}
         for path in find_files([self.files.folder], (*SUFFIXES, ".py"), MAX_FILES):
-            with suppress(OSError):
-                state = path.stat(follow_symlinks=False)
-                stamps[path] = state.st_mtime_ns, state.st_size, state.st_ino
+            stamp = stamp_of(path, follow_symlinks=False)
+            if stamp is not None:
+                stamps[path] = stamp
         return stamps
 
 
@@ -225,6 +216,7 @@ class PageSession:
         # pygls sends by `write` of this object.
         self._language_server.protocol.set_writer(self, include_headers=False)
         features = self._language_server.protocol.fm
+        # pygls cancels requests itself, without a feature.
         self._language_methods = {
             method
             for method in (*features.features, *features.builtin_features)
@@ -378,7 +370,7 @@ class PageSession:
             "capabilities": params.get("capabilities", {}) if isinstance(params, dict) else {},
             "processId": None,
             "rootUri": None,
-            "workspaceFolders": [{"uri": uris.from_fs_path(str(folder)), "name": folder.name}],
+            "workspaceFolders": [{"uri": file_uri(folder), "name": folder.name}],
             "initializationOptions": {
                 "trusted": bool(shown.plugins),
                 "plugins": list(shown.plugins),

@@ -10,17 +10,16 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from difflib import SequenceMatcher
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Final, Protocol
 
-import msgspec
-from lsprotocol import types
 from pygls import uris
 
 from btcore.input_files import read_error, read_file, real_path
 from btcore.output_files import write_file
 from btcore.xml.edit.editor import Edit, EditError, apply_edits
 from btcore_studio.edit.text_edits import difference, rebase_edits
-from btcore_studio.language.project import SUFFIXES
+from btcore_studio.language.project import SUFFIXES, file_uri
+from btcore_studio.language.studio_protocol import Position, Range, TextEdit
 from btcore_studio.language.text_positions import TextPositions
 from btcore_studio.served_folder import RefusedError, ServedFolder
 
@@ -51,23 +50,6 @@ class Page(Protocol):
 
     def notify(self, method: str, params: object) -> None:
         """Send a notification."""
-
-
-class _Position(msgspec.Struct, frozen=True):
-    line: int
-    character: int
-
-
-class _Range(msgspec.Struct, frozen=True):
-    start: _Position
-    end: _Position
-
-
-class PushedEdit(msgspec.Struct, frozen=True, rename="camel"):
-    """A TextEdit of the Language Server Protocol."""
-
-    range: _Range
-    new_text: str
 
 
 @dataclass(eq=False)
@@ -126,7 +108,7 @@ class SharedFiles:
         self._kept: list[tuple[Path, int]] = []
         self._writes = 0
         self._texts: dict[Path, SharedText] = {}
-        self._names: list[Path] = []
+        self._found: list[Path] = []
         self._pages: set[Page] = set()
         self._shown: object = None
 
@@ -143,6 +125,7 @@ class SharedFiles:
             text.pages.discard(page)
             if not text.pages and not text.is_unsaved:
                 del self._texts[text.path]
+        self._show_files()
 
     # --- the files of the folder
 
@@ -164,10 +147,10 @@ class SharedFiles:
 
     def files(self) -> list[dict[str, object]]:
         """Return the files of the folder, and whether each has unsaved changes."""
-        paths = dict.fromkeys([*self._names, *sorted(self._texts)])
+        paths = dict.fromkeys([*self._found, *sorted(self._texts)])
         return [
             {
-                "uri": _uri(path),
+                "uri": file_uri(path),
                 "name": path.relative_to(self.folder).as_posix(),
                 "unsaved": path in self._texts and self._texts[path].is_unsaved,
             }
@@ -176,12 +159,12 @@ class SharedFiles:
 
     def set_files(self, paths: Iterable[Path]) -> None:
         """Set the files that were found in the folder."""
-        self._names = list(paths)
+        self._found = list(paths)
         self._show_files()
 
     def _show_files(self) -> None:
         unsaved = {path for path, text in self._texts.items() if text.is_unsaved}
-        shown = self._names, self._texts.keys() - set(self._names), unsaved
+        shown = self._found, self._texts.keys() - set(self._found), unsaved
         if shown != self._shown:
             self._shown = shown
             files = self.files()
@@ -207,14 +190,15 @@ class SharedFiles:
                 content = _decode(data)
             except UnicodeDecodeError:
                 raise RefusedError(f"'{name}' is not UTF-8: convert it first") from None
-            text = self._texts[path] = SharedText(path, _uri(path), content, data, content)
-            text.read_stamp = text.seen_stamp = _stamp(path)
+            text = self._texts[path] = SharedText(path, file_uri(path), content, data, content)
+            text.read_stamp = text.seen_stamp = stamp_of(path)
+            self._show_files()
         text.pages.add(page)
         if text.conflict is not None:
             page.notify("btcore/disk", _conflict(text))
         return {"text": text.text, "version": text.version, "unsaved": text.is_unsaved}
 
-    def push(self, page: Page, uri: str, version: int, edits: list[PushedEdit]) -> int:
+    def push(self, page: Page, uri: str, version: int, edits: list[TextEdit]) -> int:
         """Apply the edits of *page*, and return the new version.
 
         Raises:
@@ -235,15 +219,10 @@ class SharedFiles:
                 raise RefusedError("edits that overlap are refused")
             done = end
         result = apply_edits(text.text, changes)
-        try:
-            size = len(result.encode())
-        except UnicodeEncodeError:
-            raise RefusedError("a text with half of a surrogate pair is refused") from None
-        if size > MAX_TEXT:
-            raise RefusedError(f"the file would be too large: at most {MAX_TEXT:,} bytes are permitted")
+        _encoded(result)
         text.text = result
         text.version += 1
-        pushed = {"uri": text.uri, "version": version, "edits": msgspec.to_builtins(edits)}
+        pushed = {"uri": text.uri, "version": version, "edits": edits}
         for other in text.pages - {page}:
             other.notify("btcore/pushed", pushed)
         self._show_files()
@@ -260,10 +239,10 @@ class SharedFiles:
         name = self._name(text)
         version = text.version
         self._take_disk(text)
+        self._show_files()
         if text.conflict is not None:
             raise RefusedError(f"'{name}' has changed on disk: decide which text to keep, then save it")
         if not text.is_unsaved:
-            self._show_files()
             return
         if text.version != version:
             raise RefusedError(f"'{name}' has changed on disk: check the merged text, then save it")
@@ -281,7 +260,7 @@ class SharedFiles:
         except OSError as error:
             raise RefusedError(f"'{name}' can't be written: {read_error(error)}") from None
         text.disk, text.base, text.is_deleted = data, text.text, False
-        text.read_stamp = text.seen_stamp = _stamp(text.path)
+        text.read_stamp = text.seen_stamp = stamp_of(text.path)
         self._show_files()
 
     def create(self, name: str, content: str) -> str:
@@ -296,33 +275,31 @@ class SharedFiles:
         """
         self._check_writable()
         path = self._served.find_new(name, (*SUFFIXES, NODE_SUFFIX))
-        try:
-            data = content.encode()
-        except UnicodeEncodeError:
-            raise RefusedError("a text with half of a surrogate pair is refused") from None
-        if len(data) > MAX_TEXT:
-            raise RefusedError(f"the file would be too large: at most {MAX_TEXT:,} bytes are permitted")
+        data = _encoded(content)
         try:
             with path.open("xb") as file:
                 file.write(data)
         except OSError as error:
             raise RefusedError(f"'{name}' can't be created: {read_error(error)}") from None
         if path.suffix.lower() in SUFFIXES:
-            self.set_files(sorted({*self._names, path}))
-        return _uri(path)
+            self.set_files(sorted({*self._found, path}))
+        return file_uri(path)
 
     # --- changes on disk
 
     def check_disk(self) -> None:
         """Take the changes of other programs. Call this regularly."""
+        has_taken = False
         for text in self._texts.values():
-            stamp = _stamp(text.path)
+            stamp = stamp_of(text.path)
             is_settled, text.seen_stamp = stamp == text.seen_stamp, stamp
             if is_settled and stamp != text.read_stamp:
+                has_taken = True
                 # An unreadable file is reported when it is saved.
                 with suppress(RefusedError):
                     self._take_disk(text)
-        self._show_files()
+        if has_taken:
+            self._show_files()
 
     def resolve(self, uri: str, keep: str) -> None:
         """Decide about a text that was changed here and on disk.
@@ -356,7 +333,7 @@ class SharedFiles:
 
     def _take_disk(self, text: SharedText) -> None:
         """Take a change of the file on disk: as edits, merged with unsaved changes, or as a conflict."""
-        stamp = _stamp(text.path)
+        stamp = stamp_of(text.path)
         text.is_deleted = stamp is None
         data = text.disk if text.is_deleted else self._read(text.path)
         text.read_stamp = stamp
@@ -382,7 +359,7 @@ class SharedFiles:
             return
         positions = TextPositions(text.text)
         pushed = [
-            {"range": _range(positions, start, end), "newText": new}
+            TextEdit(Range(Position(*positions.place(start)), Position(*positions.place(end))), new)
             for start, end, new in (
                 _beside_line_breaks(text.text, _smallest(text.text, edit)) for edit in edits
             )
@@ -490,19 +467,30 @@ def _beside_line_breaks(text: str, edit: Edit) -> Edit:
     return Edit(start, end, new)
 
 
-def _edit(positions: TextPositions, edit: PushedEdit) -> Edit:
-    start, end = (
-        positions.offset(types.Position(place.line, place.character))
-        for place in (edit.range.start, edit.range.end)
+def _edit(positions: TextPositions, edit: TextEdit) -> Edit:
+    start, end = edit.range.start, edit.range.end
+    if min(start.line, start.character, end.line, end.character) < 0:
+        raise RefusedError("edits at negative positions are refused")
+    return Edit(
+        positions.offset_at(start.line, start.character),
+        positions.offset_at(end.line, end.character),
+        edit.new_text,
     )
-    return Edit(start, end, edit.new_text)
 
 
-def _range(positions: TextPositions, start: int, end: int) -> dict[str, Any]:
-    return {
-        name: {"line": place.line, "character": place.character}
-        for name, place in (("start", positions.position(start)), ("end", positions.position(end)))
-    }
+def _encoded(text: str) -> bytes:
+    """Return a text that a page has sent as the content of a file.
+
+    Raises:
+        RefusedError: No file may have the text.
+    """
+    try:
+        data = text.encode()
+    except UnicodeEncodeError:
+        raise RefusedError("a text with half of a surrogate pair is refused") from None
+    if len(data) > MAX_TEXT:
+        raise RefusedError(f"the file would be too large: at most {MAX_TEXT:,} bytes are permitted")
+    return data
 
 
 def _decode(data: bytes) -> str:
@@ -514,14 +502,10 @@ def _conflict(text: SharedText) -> dict[str, object]:
     return {"uri": text.uri, "text": text.conflict.removeprefix(_BOM).decode(errors="replace")}
 
 
-def _uri(path: Path) -> str:
-    return uris.from_fs_path(str(path)) or ""
-
-
-def _stamp(path: Path) -> object:
+def stamp_of(path: Path, *, follow_symlinks: bool = True) -> object:
     """Return a value that changes with the content of the file; None if there is no file."""
     try:
-        state = path.stat()
+        state = path.stat(follow_symlinks=follow_symlinks)
     except OSError:
         return None
     return state.st_mtime_ns, state.st_size, state.st_ino

@@ -107,6 +107,17 @@ def test_invalid_edits_change_nothing(studio: Studio, edits: list[tuple[int, int
         assert page.request("btcore/read", {"uri": uri})["text"] == TREE
 
 
+@pytest.mark.parametrize("name", ["line", "character"])
+def test_an_edit_at_a_negative_position_changes_nothing(studio: Studio, name: str) -> None:
+    uri = studio.uri("tree.xml")
+    with studio.page() as page:
+        page.request("btcore/read", {"uri": uri})
+        edit = text_edit(TREE, 0, 0, "x")
+        edit["range"]["start"][name] = -1
+        assert page.error("btcore/push", {"uri": uri, "version": 1, "edits": [edit]})[0] == REFUSED
+        assert page.request("btcore/read", {"uri": uri})["text"] == TREE
+
+
 @pytest.mark.parametrize(
     "text",
     [
