@@ -4,7 +4,7 @@ import "./tree.css";
 import { useEffect, useRef } from "preact/hooks";
 import { followPointers } from "./drag";
 import { type Action, actionOf, type Direction, isForPage, neighbour, type PageAction } from "./keyboard";
-import { durationOf, liveIndex, notes, toggleBreakpoint } from "./live";
+import { durationOf, liveIndex, notes, toggleBreakpoints } from "./live";
 import { Help, Menu } from "./menu";
 import { ModelForm } from "./model_form";
 import { edit, inTurn, openTree, paste, run } from "./operations";
@@ -47,7 +47,7 @@ export function Canvas() {
     const index = shown.nodeAt(event.target);
     const node = shown.structure.nodes[index];
     if (!node || (event.target as Element).closest(".fold, .adds")) return;
-    if (live.value?.connection && !start.value?.recording) void toggleBreakpoint(node.key);
+    if (live.value?.connection && !start.value?.recording) void toggleBreakpoints([node.key]);
     else if (node.calls) openTree(node.calls);
     else run("rename");
   };

@@ -7,8 +7,8 @@ import { statuses, statusOf } from "./live";
 import { edit, openTree, run } from "./operations";
 import { Symbol } from "./palette";
 import { modelForm } from "./quick_state";
-import type { Diagnostic, DrawnNode, Field, NodeForm, Position } from "./protocol";
-import { actions, diagnostics, drawing, live, palette, selectedNode, selectedNodes, start } from "./state";
+import type { Diagnostic, DrawnNode, Field, NodeForm } from "./protocol";
+import { actions, drawing, live, palette, problemsByKey, selectedNode, selectedNodes, start } from "./state";
 import { moment } from "./timeline";
 import { tree as texts } from "./texts";
 import { view } from "./view";
@@ -85,7 +85,7 @@ function Fields({ node, form }: { node: DrawnNode; form: NodeForm }) {
   const groups = Map.groupBy(form.fields, (field) => field.group);
   const conditions = groups.get("condition") ?? [];
   const written = conditions.filter((field) => field.text !== null);
-  const problems = problemsOf(node);
+  const problems = problemsByKey.value.get(node.key) ?? [];
   const line = (field: Field) => <FieldRow key={field.name} node={node} field={field} problems={problems} />;
   const [call, remapping] = [true, false].map((isOwn) => groups.get("subtree")?.filter(({ name }) => isOwn === /^(ID$|_)/.test(name)) ?? []);
   return (
@@ -109,20 +109,6 @@ function Fields({ node, form }: { node: DrawnNode; form: NodeForm }) {
       {groups.has("other") && <fieldset><legend>{texts.other}</legend>{groups.get("other")!.map(line)}</fieldset>}
     </>
   );
-}
-
-const isBefore = (a: Position, b: Position) => a.line < b.line || a.line === b.line && a.character <= b.character;
-
-/** The problems in a node, without those in the nodes below it. */
-function problemsOf(node: DrawnNode): Diagnostic[] {
-  const items = diagnostics.value.get(node.place.uri) ?? [];
-  const nodes = drawing.value?.nodes ?? [];
-  const isIn = (other: DrawnNode, { range }: Diagnostic) => other.place.uri === node.place.uri
-    && isBefore(other.place.position, range.start) && isBefore(range.start, other.end);
-  const inner = nodes.filter((other) => other.place.uri === node.place.uri && other.key !== node.key
-    && isBefore(node.place.position, other.place.position) && isBefore(other.end, node.end)
-    && (other.place.position.line !== node.place.position.line || other.place.position.character !== node.place.position.character));
-  return items.filter((item) => isIn(node, item) && !inner.some((other) => isIn(other, item)));
 }
 
 /** Whether a problem is about an attribute: messages have names in quotes or brackets. */

@@ -3,7 +3,7 @@
 import { computed, effect, signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import type { Live } from "./protocol";
-import { actions, drawing, live, message, nodesByKey, start } from "./state";
+import { actions, drawing, live, nodesByKey, showError, start } from "./state";
 import { tree as texts } from "./texts";
 
 export const statuses = ["IDLE", "RUNNING", "SUCCESS", "FAILURE", "SKIPPED"];
@@ -63,14 +63,14 @@ export function durationOf(key: string): { seconds: number; isRunning: boolean }
 
 // --- breakpoints
 
-export async function toggleBreakpoint(key: string): Promise<void> {
-  const wanted = new Set(live.value?.wanted ?? []);
-  if (!wanted.delete(key)) wanted.add(key);
-  await send("btcore/breakpoints", { keys: [...wanted] });
+/** Remove the breakpoints of nodes. If they have none, set one at each. */
+export async function toggleBreakpoints(nodes: readonly string[]): Promise<void> {
+  const wanted = live.value?.wanted ?? [];
+  const others = wanted.filter((key) => !nodes.includes(key));
+  await send("btcore/breakpoints", { keys: others.length < wanted.length ? others : [...wanted, ...nodes] });
 }
 
-const send = (method: string, params: unknown) =>
-  actions.request(method, params).catch((error: Error) => { message.value = error.message; });
+const send = (method: string, params: unknown) => actions.request(method, params).catch(showError);
 
 /** What the user should know about the running tree or the recording. */
 export const notes = computed(() => {

@@ -5,7 +5,7 @@ import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { edit } from "./operations";
 import type { Leaf, PaletteItem, PalettePort } from "./protocol";
 import { modelForm } from "./quick_state";
-import { actions, files, message, uri } from "./state";
+import { actions, files, message, reasonOf, uri } from "./state";
 import { tree as texts } from "./texts";
 
 type ModelType = keyof typeof texts.modelTypes;
@@ -74,7 +74,7 @@ function OpenForm({ item }: { item: PaletteItem | null }) {
     try {
       if (result && withLeaf) message.value = texts.leafWritten(...await writeLeaf(address, file!.slice(0, file!.lastIndexOf("/") + 1), name));
     } catch (error) {
-      refusal.value = (error as Error).message;
+      refusal.value = reasonOf(error);
     }
     isWriting.value = false;
     if (refusal.value) return;

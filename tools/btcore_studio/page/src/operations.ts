@@ -1,10 +1,10 @@
 // What can be done with the selected nodes: the same list for keys, the menu and the help.
 
 import type { Command, DrawnNode, EditResult, Place } from "./protocol";
-import { toggleBreakpoint } from "./live";
-import { actions, drawing, live, message, selection, start, tree as shownTree } from "./state";
+import { toggleBreakpoints } from "./live";
+import { actions, drawing, live, message, reasonOf, selection, start, tree as shownTree } from "./state";
 import { modelForm, prompt, quick } from "./quick_state";
-import { placeOfTree, type Structure } from "./tree";
+import { canWrap, placeOfTree, type Structure } from "./tree";
 import { tree as texts } from "./texts";
 import { view } from "./view";
 
@@ -77,7 +77,7 @@ export function wheres(kind?: DrawnNode["kind"]): Where[] {
   const result: Where[] = [];
   if (found.canTake(index, 1)) result.push("child");
   if (!found.isRoot(index) && found.canTake(found.parent(index), 1)) result.push("after", "before");
-  if (kind === undefined || kind === "control" || kind === "decorator") result.push("around");
+  if (kind === undefined || canWrap(kind)) result.push("around");
   return result;
 }
 
@@ -126,20 +126,19 @@ function target(where: Where): { parent: Place; index: number } | null {
 
 let copied = "";
 
-/** Return the XML of the selected nodes. */
-async function copiedXml(): Promise<string> {
-  const { xml } = await actions.request<{ xml: string }>("btcore/copy", { nodes: places(chosen()) });
+/** Return the XML of nodes. */
+export async function xmlOf(nodes: readonly Place[]): Promise<string> {
+  const { xml } = await actions.request<{ xml: string }>("btcore/copy", { nodes });
   return xml;
 }
 
 export async function copy(): Promise<void> {
-  const promise = copiedXml();
   try {
-    copied = await promise;
+    copied = await xmlOf(places(chosen()));
     await navigator.clipboard.writeText(copied);
     message.value = texts.copied(chosen().length);
   } catch (error) {
-    message.value = copied ? texts.clipboardRefused : (error as Error).message;
+    message.value = copied ? texts.clipboardRefused : reasonOf(error);
   }
 }
 
@@ -339,7 +338,7 @@ export const operations: readonly Operation[] = [
     label: () => cursor() >= 0 && live.value?.wanted.includes(node(cursor()).key)
       ? texts.operation.noBreakpoint : texts.operation.breakpoint,
     refusal: () => !start.value?.live ? texts.refusal.notLive : cursor() >= 0 ? "" : texts.refusal.noSelection,
-    run: () => toggleBreakpoint(node(cursor()).key),
+    run: () => toggleBreakpoints([node(cursor()).key]),
   },
 ];
 

@@ -2,7 +2,6 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
-import { canWrap } from "./drag";
 import { search } from "./fuzzy";
 import { lastUsed, noteUse } from "./last_used";
 import { addAtCursor, changeType, inTurn, type Where, wheres, wrapChosen } from "./operations";
@@ -10,6 +9,7 @@ import { Highlighted, Symbol } from "./palette";
 import type { NodeForm, PaletteItem } from "./protocol";
 import { prompt, quick } from "./quick_state";
 import { actions, palette, selectedNode } from "./state";
+import { canWrap } from "./tree";
 import { tree as texts } from "./texts";
 import { view } from "./view";
 

@@ -26,11 +26,12 @@ import { type Change, offsetAt, positionAt, rangeAt } from "./documents";
 import type { BrowserHome } from "./home";
 import { ask } from "./dialog";
 import { openFile } from "./files";
-import { type CodeAction, fixes, fixesOf } from "./problems";
-import type { DrawnNode, Place, Position, Range, WorkspaceEdit } from "./protocol";
+import { toggleBreakpoints } from "./live";
+import { fixes, fixesOf } from "./problems";
+import type { Place, Position, Range, WorkspaceEdit } from "./protocol";
 import { rendered } from "./markdown";
 import {
-  actions, diagnostics, drawing, keyAt, live, message, nodesByKey, selectedNode, selection, start, uri,
+  actions, diagnostics, drawing, isSamePlace, keyAt, live, message, nodesByKey, selectedNode, selection, showError, start, uri,
 } from "./state";
 import { texts } from "./texts";
 import { fileName } from "./toolbar";
@@ -45,9 +46,6 @@ export function revealText(place: Place, focus = true): void {
   shownUri.value = place.uri;
   wantedPlace.value = { ...place, focus };
 }
-
-/** Applies a change of several files; set by main.tsx. */
-export const applyAction = signal<((action: CodeAction) => void) | null>(null);
 
 const openPlace = (address: string, line: number) => revealText({ uri: address, position: { line, character: 0 } });
 
@@ -203,13 +201,7 @@ function keysByLine(uri: string): Map<number, string[]> {
 function toggleStops(line: number): boolean {
   const keys = keysByLine(shownUri.value).get(line) ?? [];
   if (!keys.length || !start.value?.live) return false;
-  const wanted = new Set(live.value?.wanted);
-  const isSet = keys.some((key) => wanted.has(key));
-  for (const key of keys) {
-    if (isSet) wanted.delete(key);
-    else wanted.add(key);
-  }
-  void actions.request("btcore/breakpoints", { keys: [...wanted] }).catch(show);
+  void toggleBreakpoints(keys);
   return true;
 }
 
@@ -265,11 +257,9 @@ function goToDefinition(view: EditorView): boolean {
     const place = Array.isArray(found) ? found[0] : found;
     if (place) revealText({ uri: place.uri, position: place.range.start });
     else message.value = texts.noDefinition;
-  }, show);
+  }, showError);
   return true;
 }
-
-const show = (error: unknown) => { message.value = error instanceof Error ? error.message : String(error); };
 
 /** Ask for the new name of what is at a position, and rename it in all files. */
 export async function rename(address: string, position: Position): Promise<void> {
@@ -282,12 +272,12 @@ export async function rename(address: string, position: Position): Promise<void>
   ask({
     title: texts.rename, label: texts.renameTo, text: found.placeholder ?? "", choices: [texts.rename],
     answer: (_, newName) => void actions.request<WorkspaceEdit | null>("textDocument/rename", { ...place, newName })
-      .then((edit) => { if (edit) applyAction.value?.({ title: texts.rename, edit }); }, show),
+      .then((edit) => { if (edit) actions.apply(edit); }, showError),
   });
 }
 
 function startRename(view: EditorView): boolean {
-  void rename(shownUri.value, positionAt(view.state.doc, view.state.selection.main.head)).catch(show);
+  void rename(shownUri.value, positionAt(view.state.doc, view.state.selection.main.head)).catch(showError);
   return true;
 }
 
@@ -299,7 +289,7 @@ function offerFixes(view: EditorView): boolean {
   if (found.size) {
     ask({
       title: texts.fixes, choices: [...found.keys()],
-      answer: (title) => { const fix = found.get(title); if (fix) applyAction.value?.(fix); },
+      answer: (title) => { const fix = found.get(title); if (fix) actions.apply(fix.edit); },
     });
   } else message.value = texts.noFixes;
   return true;
@@ -401,20 +391,20 @@ const extensions = (home: BrowserHome): Extension => [
 
 // --- problems
 
-const marks = (state: EditorState, address: string, apply: (action: CodeAction) => void): Mark[] =>
+const marks = (state: EditorState, address: string): Mark[] =>
   (diagnostics.value.get(address) ?? []).map((item): Mark => {
     const from = offsetAt(state.doc, item.range.start);
     return {
       from, to: Math.max(from, offsetAt(state.doc, item.range.end)), severity: SEVERITIES[item.severity ?? 1] ?? "error",
       message: item.message, source: String(item.code ?? ""),
-      actions: fixesOf(address, item).map((fix): Action => ({ name: fix.title, apply: () => apply(fix) })),
+      actions: fixesOf(address, item).map((fix): Action => ({ name: fix.title, apply: () => actions.apply(fix.edit) })),
     };
   });
 
 // --- the pane
 
 /** The text, in both directions with the documents and with the selected node. */
-export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: CodeAction) => void }) {
+export function TextPane({ home }: { home: BrowserHome }) {
   const frame = useRef<HTMLDivElement>(null);
   useEffect(() => {
     const place = frame.current;
@@ -444,8 +434,9 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
 
     const selectAtCursor = () => {
       const best = keyAt(shown, positionAt(view.state.doc, view.state.selection.main.head));
-      const nodes = nodesByKey.peek();
-      const isSelected = selection.peek().some((key) => key === best || isSamePlace(nodes.get(key), nodes.get(best ?? "")));
+      const placeOf = (key: string | null) => nodesByKey.peek().get(key ?? "")?.place;
+      // A tree that is called several times is drawn several times.
+      const isSelected = selection.peek().some((key) => key === best || isSamePlace(placeOf(key), placeOf(best)));
       if (!best || isSelected) return;
       keyOfCursor = best;
       selection.value = [best];
@@ -484,7 +475,7 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
     };
 
     const showMarks = () => {
-      view.dispatch(setDiagnostics(view.state, marks(view.state, shown, apply)));
+      view.dispatch(setDiagnostics(view.state, marks(view.state, shown)));
     };
 
     home.documents.listen(({ uri: address, changes, origin }: Change) => {
@@ -509,7 +500,7 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
             go(wanted.position, wanted.focus);
             if (wanted.focus) selectAtCursor();
           }
-        }, show);
+        }, showError);
       }),
       effect(() => {
         const key = selection.value.at(-1) ?? null;
@@ -545,10 +536,6 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
     </section>
   );
 }
-
-// A tree that is called several times is drawn several times.
-const isSamePlace = (a?: DrawnNode, b?: DrawnNode) => a && b && a.place.uri === b.place.uri
-  && a.place.position.line === b.place.position.line && a.place.position.character === b.place.position.character;
 
 function lastChange(changes: ChangeSet): number {
   let last = 0;

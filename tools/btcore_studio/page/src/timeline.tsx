@@ -4,7 +4,7 @@ import { effect, signal, untracked } from "@preact/signals";
 import { useMemo } from "preact/hooks";
 import { statuses } from "./live";
 import type { Moment, Recording } from "./protocol";
-import { actions, live, message, start } from "./state";
+import { actions, live, showError, start } from "./state";
 import { tree as texts } from "./texts";
 
 export const moment = signal<Moment | null>(null);
@@ -31,7 +31,7 @@ async function goTo(recording: Recording, wanted: number): Promise<void> {
       if (data.position === next || data.problem) shown = next;
     }
   } catch (error) {
-    message.value = (error as Error).message;
+    showError(error);
   } finally {
     isMoving = false;
   }

@@ -1,7 +1,7 @@
 import { effect, signal } from "@preact/signals";
 import { canRedo, canUndo, type Home } from "./home";
 import type { Drawing } from "./protocol";
-import { actions, drawing, files, folded, message, start, tree, uri } from "./state";
+import { actions, drawing, files, folded, message, reasonOf, start, tree, uri } from "./state";
 import { texts } from "./texts";
 
 type Theme = "system" | "light" | "dark";
@@ -60,7 +60,7 @@ async function exportDrawing(home: Home, format: "svg" | "png"): Promise<void> {
     const name = shown.replace(/[^\p{L}\p{N}_.-]+/gu, "_") || "tree";
     await home.export(`${name}.${format}`, format === "svg" ? content : await rasterize(content));
   } catch (error) {
-    message.value = texts.exportRefused(error instanceof Error ? error.message : String(error));
+    message.value = texts.exportRefused(reasonOf(error));
   }
 }
 
