@@ -9,8 +9,8 @@ import type { PaletteItem, Place } from "./protocol";
 import { menu } from "./quick_state";
 import { drawing, message, palette, selection, showError, start } from "./state";
 import { canWrap, placeOfTree } from "./tree";
-import { tree as texts } from "./texts";
-import { type View, draw, view } from "./view";
+import { treeTexts } from "./texts";
+import { draw, focusPicture, type View, view } from "./view";
 
 const THRESHOLD = 4;
 const LONG_PRESS_MS = 380;
@@ -78,7 +78,7 @@ class Drag {
     this.target = isOver ? this.targets.at(...view.point(x, y)) : null;
     this.ghost.style.transform = `translate(${x + 12}px, ${y + 10}px)`;
     const words = this.ghost.lastElementChild!;
-    words.textContent = this.target ? texts.target(this.target, view.structure) : isOver ? texts.noTarget : "";
+    words.textContent = this.target ? treeTexts.target(this.target, view.structure) : isOver ? treeTexts.noTarget : "";
     this.ghost.classList.toggle("refused", !this.target);
     view.marks.replaceChildren(...(this.target ? marks(this.target, view) : []));
   }
@@ -115,7 +115,7 @@ class Drag {
     this.ghost.remove();
     this.view.marks.replaceChildren();
     for (const index of this.nodes) this.view.group(index)?.classList.remove("dragged");
-    this.view.frame.focus({ preventScroll: true });
+    focusPicture();
     const { source, target, isCopy, view } = this;
     if (!isDropped || !target) return;
     // The places are those of the present picture; what follows waits.
@@ -128,9 +128,7 @@ class Drag {
     ghost.className = "ghost";
     ghost.setAttribute("aria-hidden", "true");
     const label = document.createElement("b");
-    label.textContent = "item" in this.source ? this.source.item.id : texts.dragged(this.nodes.map((index) => this.view.structure.nodes[index]!));
-    const kind = "item" in this.source ? this.source.item.kind : this.view.structure.nodes[this.nodes[0]!]!.kind;
-    label.className = `kind-${kind}`;
+    label.textContent = "item" in this.source ? this.source.item.id : treeTexts.dragged(this.nodes.map((index) => this.view.structure.nodes[index]!));
     ghost.append(label, document.createElement("small"));
     return ghost;
   }
@@ -241,7 +239,7 @@ export function followPointers(shown: View, click: (index: number, event: Pointe
       if (!selection.value.includes(key)) shown.select([key]);
       const nodes = chosen().filter((other) => !shown.structure.isRoot(other));
       if (nodes.length) begin({ nodes }, event);
-      else message.value = texts.refusal.root;
+      else message.value = treeTexts.refusal.root;
     };
     press = {
       id: event.pointerId, x: event.clientX, y: event.clientY, kind: "", timer: 0, left: frame.scrollLeft, top: frame.scrollTop,

@@ -78,7 +78,7 @@ export const severities = computed(() => {
 export const keyAt = (uri: string, position: Position): string | null => nodesAround({ uri, position })[0]?.key ?? null;
 
 /** What the page's home (browser or VS Code) and its documents offer to the parts; set by main.tsx. */
-export interface Actions {
+interface Actions {
   /** Send a request to the language server. Rejects with an Error whose message is for the user. */
   request<T>(method: string, params: unknown): Promise<T>;
   /** Compute an operation, apply its edit as one step of undo, and select its nodes. Shows a refusal itself. */

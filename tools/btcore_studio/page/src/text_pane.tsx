@@ -9,10 +9,10 @@ import { xml } from "@codemirror/lang-xml";
 import {
   bracketMatching, codeFolding, foldGutter, foldKeymap, HighlightStyle, indentOnInput, syntaxHighlighting,
 } from "@codemirror/language";
-import { type Action, type Diagnostic as Mark, lintGutter, lintKeymap, setDiagnostics } from "@codemirror/lint";
+import { type Action, type Diagnostic as LintDiagnostic, lintGutter, lintKeymap, setDiagnostics } from "@codemirror/lint";
 import { highlightSelectionMatches, search, searchKeymap } from "@codemirror/search";
 import {
-  Annotation, type ChangeSet, type ChangeSpec, Compartment, EditorSelection, EditorState, type Extension, Prec, RangeSet, RangeSetBuilder,
+  Annotation, type ChangeSet, type ChangeSpec, EditorSelection, EditorState, type Extension, Prec, RangeSet, RangeSetBuilder,
   StateEffect, StateField, type Text, Transaction, type TransactionSpec,
 } from "@codemirror/state";
 import {
@@ -37,7 +37,7 @@ import { texts } from "./texts";
 import { fileName } from "./toolbar";
 
 /** The document in the text pane: that of the drawing, or one that it includes. */
-export const shownUri = signal("");
+const shownUri = signal("");
 /** Where the cursor should go; set by `reveal`. */
 const wantedPlace = signal<(Place & { focus: boolean }) | null>(null);
 
@@ -249,9 +249,11 @@ const wholeBreaks = EditorState.transactionFilter.of((transaction) => {
 
 // --- commands
 
+const cursorOf = ({ state }: EditorView): Position => positionAt(state.doc, state.selection.main.head);
+
 /** Go to the definition of what is at the cursor. */
 function goToDefinition(view: EditorView): boolean {
-  const position = positionAt(view.state.doc, view.state.selection.main.head);
+  const position = cursorOf(view);
   type Location = { uri: string; range: Range };
   void actions.request<Location | Location[] | null>("textDocument/definition", { ...textDocument(), position }).then((found) => {
     const place = Array.isArray(found) ? found[0] : found;
@@ -277,13 +279,13 @@ export async function rename(address: string, position: Position): Promise<void>
 }
 
 function startRename(view: EditorView): boolean {
-  void rename(shownUri.value, positionAt(view.state.doc, view.state.selection.main.head)).catch(showError);
+  void rename(shownUri.value, cursorOf(view)).catch(showError);
   return true;
 }
 
 /** Offer the fixes of the problems in the line of the cursor. */
 function offerFixes(view: EditorView): boolean {
-  const { line } = positionAt(view.state.doc, view.state.selection.main.head);
+  const { line } = cursorOf(view);
   const items = (diagnostics.value.get(shownUri.value) ?? []).filter(({ range }) => range.start.line <= line && line <= range.end.line);
   const found = new Map(items.flatMap((item) => fixesOf(shownUri.value, item)).map((fix) => [fix.title, fix]));
   if (found.size) {
@@ -348,8 +350,6 @@ const look = EditorView.theme({
   ".token-operator": { color: "var(--text)" },
 });
 
-const isFixed = new Compartment();
-
 const extensions = (home: BrowserHome): Extension => [
   EditorState.lineSeparator.of("\n"),
   start.peek()?.live ? stopGutter : [], lineNumbers(), foldGutter(), codeFolding(), lintGutter(), highlightSpecialChars(), drawSelection(),
@@ -357,7 +357,7 @@ const extensions = (home: BrowserHome): Extension => [
   highlightActiveLine(), highlightActiveLineGutter(), highlightSelectionMatches(), search({ top: true }),
   autocompletion({ override: [complete], activateOnTyping: true, interactionDelay: 40 }),
   Prec.low(colours), xml(), syntaxHighlighting(highlight), look, hover, colourer, hideReturns, wholeBreaks,
-  isFixed.of([]),
+  EditorState.readOnly.of(start.peek()?.readOnly ?? false),
   Prec.highest(EditorView.domEventHandlers({
     beforeinput: (event) => {
       // The menu of the browser; the keys are the page's.
@@ -391,8 +391,8 @@ const extensions = (home: BrowserHome): Extension => [
 
 // --- problems
 
-const marks = (state: EditorState, address: string): Mark[] =>
-  (diagnostics.value.get(address) ?? []).map((item): Mark => {
+const marks = (state: EditorState, address: string): LintDiagnostic[] =>
+  (diagnostics.value.get(address) ?? []).map((item): LintDiagnostic => {
     const from = offsetAt(state.doc, item.range.start);
     return {
       from, to: Math.max(from, offsetAt(state.doc, item.range.end)), severity: SEVERITIES[item.severity ?? 1] ?? "error",
@@ -433,7 +433,7 @@ export function TextPane({ home }: { home: BrowserHome }) {
     const isInText = () => root.activeElement === view.contentDOM;
 
     const selectAtCursor = () => {
-      const best = keyAt(shown, positionAt(view.state.doc, view.state.selection.main.head));
+      const best = keyAt(shown, cursorOf(view));
       const placeOf = (key: string | null) => nodesByKey.peek().get(key ?? "")?.place;
       // A tree that is called several times is drawn several times.
       const isSelected = selection.peek().some((key) => key === best || isSamePlace(placeOf(key), placeOf(best)));
@@ -452,18 +452,13 @@ export function TextPane({ home }: { home: BrowserHome }) {
         doc, selection: known ? EditorSelection.cursor(Math.min(known.selection.main.head, doc.length)) : EditorSelection.cursor(0),
         extensions: [extensions(home), EditorView.contentAttributes.of({ "aria-label": label, "aria-description": texts.leaveEditor, tabindex: "0", spellcheck: "false" })],
       }));
-      view.dispatch({ effects: isFixed.reconfigure(start.value?.readOnly ? [EditorState.readOnly.of(true)] : []) });
       showMarks();
       showStops();
     };
 
-    const go = (position: Position, focus: boolean) => {
-      const offset = offsetAt(view.state.doc, position);
-      view.dispatch({
-        selection: { anchor: offset }, annotations: external.of(true), effects: EditorView.scrollIntoView(offset, { y: "nearest", yMargin: 60 }),
-      });
-      if (focus) view.focus();
-    };
+    const moveTo = (offset: number) => view.dispatch({
+      selection: { anchor: offset }, annotations: external.of(true), effects: EditorView.scrollIntoView(offset, { y: "nearest", yMargin: 60 }),
+    });
 
     const showStops = () => {
       const wanted = new Set(live.value?.wanted);
@@ -481,10 +476,7 @@ export function TextPane({ home }: { home: BrowserHome }) {
     home.documents.listen(({ uri: address, changes, origin }: Change) => {
       if (address !== shown || origin === "typing") return;
       view.dispatch({ changes, annotations: external.of(true) });
-      if (origin === "undo") {
-        const at = lastChange(changes);
-        view.dispatch({ selection: { anchor: at }, annotations: external.of(true), effects: EditorView.scrollIntoView(at, { y: "nearest", yMargin: 60 }) });
-      }
+      if (origin === "undo") moveTo(lastChange(changes));
     });
     const ends = [
       effect(() => { shownUri.value = uri.value; }),
@@ -497,8 +489,11 @@ export function TextPane({ home }: { home: BrowserHome }) {
           if (shown !== address) showDocument(address);
           if (wanted && wanted === wantedPlace.peek() && wanted.uri === address) {
             wantedPlace.value = null;
-            go(wanted.position, wanted.focus);
-            if (wanted.focus) selectAtCursor();
+            moveTo(offsetAt(view.state.doc, wanted.position));
+            if (wanted.focus) {
+              view.focus();
+              selectAtCursor();
+            }
           }
         }, showError);
       }),
