@@ -64,14 +64,18 @@ export const problemsByKey = computed(() => {
   return found;
 });
 
-/** The most severe problem of each node, by its key: 1 error, 2 warning. */
+let lastSeverities: ReadonlyMap<string, 1 | 2> = new Map();
+
+/** The most severe problem of each node, by its key: 1 error, 2 warning. The same map as long as the content is the same. */
 export const severities = computed(() => {
   const found = new Map<string, 1 | 2>();
   for (const [key, items] of problemsByKey.value) {
     const severity = ([1, 2] as const).find((wanted) => items.some((item) => item.severity === wanted));
     if (severity) found.set(key, severity);
   }
-  return found;
+  const isSame = found.size === lastSeverities.size && [...found].every(([key, severity]) => lastSeverities.get(key) === severity);
+  if (!isSame) lastSeverities = found;
+  return lastSeverities;
 });
 
 /** Return the key of the innermost node of the drawing around a position of a text. */
