@@ -88,7 +88,7 @@ export class Server {
             handleMessage: (message, next) => {
               next(message);
               const { method, params } = message as Partial<ServerMessage>;
-      if (method !== undefined && FORWARDED.has(method)) this.messages.fire({ method, params });
+              if (method !== undefined && FORWARDED.has(method)) this.messages.fire({ method, params });
             },
           },
         },

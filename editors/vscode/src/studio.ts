@@ -17,13 +17,8 @@ const FOR_SERVER = new Set([
   "btcore/copy",
   "btcore/watch",
   "btcore/release",
-  "textDocument/codeAction",
-  "textDocument/completion",
-  "textDocument/definition",
-  "textDocument/hover",
   "textDocument/prepareRename",
   "textDocument/rename",
-  "textDocument/semanticTokens/full",
 ]);
 const EDITABLE = /\.(xml|btproj)$/i;
 const TYPING_PAUSE_MS = 150;

@@ -4,16 +4,16 @@ import "./tree.css";
 import { useEffect, useRef } from "preact/hooks";
 import { followPointers } from "./drag";
 import { type Action, actionOf, type Direction, isForPage, neighbour, type PageAction } from "./keyboard";
-import { durationOf, liveIndex, notes, toggleBreakpoint } from "./live";
+import { durationOf, liveIndex, notes, toggleBreakpoints } from "./live";
 import { Help, Menu } from "./menu";
 import { ModelForm } from "./model_form";
-import { edit, inTurn, openTree, paste, run } from "./operations";
+import { cursor, edit, inTurn, openTree, paste, run } from "./operations";
 import { Quick } from "./quick";
 import { help, menu } from "./quick_state";
 import { drawing, live, selection, start, uri } from "./state";
 import { step } from "./timeline";
-import { tree as texts } from "./texts";
-import { draw, found, query, View, view } from "./view";
+import { treeTexts } from "./texts";
+import { draw, focusPicture, found, query, View, view } from "./view";
 
 const ZOOM_STEP = 1.25;
 
@@ -47,7 +47,7 @@ export function Canvas() {
     const index = shown.nodeAt(event.target);
     const node = shown.structure.nodes[index];
     if (!node || (event.target as Element).closest(".fold, .adds")) return;
-    if (live.value?.connection && !start.value?.recording) void toggleBreakpoint(node.key);
+    if (live.value?.connection && !start.value?.recording) void toggleBreakpoints([node.key]);
     else if (node.calls) openTree(node.calls);
     else run("rename");
   };
@@ -58,10 +58,10 @@ export function Canvas() {
     return () => element.removeEventListener("wheel", wheel);
   }, []);
   return (
-    <section class="canvas-pane" aria-label={texts.picture}>
+    <section class="canvas-pane" aria-label={treeTexts.picture}>
       <div
         ref={frame} class={`canvas ${drawing.value?.broken ? "broken" : ""}`} role="tree" tabIndex={0}
-        aria-label={texts.treeLabel(drawing.value?.tree ?? "")} aria-multiselectable="true"
+        aria-label={treeTexts.treeLabel(drawing.value?.tree ?? "")} aria-multiselectable="true"
         onContextMenu={contextMenu} onDblClick={doubleClick}
       />
       <EmptyTree />
@@ -82,15 +82,15 @@ function EmptyTree() {
   if (!shown.trees.length) {
     return (
       <div class="empty-tree">
-        <p>{texts.noTree}</p>
-        <button class="primary" onClick={() => void edit({ kind: "add_tree", uri: uri.value, id: "Main" })}>{texts.createTree}</button>
+        <p>{treeTexts.noTree}</p>
+        <button class="primary" onClick={() => void edit({ kind: "add_tree", uri: uri.value, id: "Main" })}>{treeTexts.createTree}</button>
       </div>
     );
   }
   return (
     <div class="empty-tree">
-      <p>{texts.emptyTree}</p>
-      <button class="primary" onClick={() => run("insert")}>{texts.insertRoot}</button>
+      <p>{treeTexts.emptyTree}</p>
+      <button class="primary" onClick={() => run("insert")}>{treeTexts.insertRoot}</button>
     </div>
   );
 }
@@ -111,18 +111,18 @@ function Controls() {
     <>
       <div class="canvas-search">
         <input
-          id="search" type="search" placeholder={`${texts.search}   /`} aria-label={texts.search} value={query.value}
+          id="search" type="search" placeholder={`${treeTexts.search}   /`} aria-label={treeTexts.search} value={query.value}
           onInput={(event) => { query.value = event.currentTarget.value; }} onKeyDown={searchKey}
         />
-        <output>{query.value.trim() && (keys.length ? `${at + 1}/${keys.length}` : texts.noneFound)}</output>
+        <output>{query.value.trim() && (keys.length ? `${at + 1}/${keys.length}` : treeTexts.noneFound)}</output>
       </div>
-      <div class="canvas-controls" role="group" aria-label={texts.zoom}>
-        <button title={texts.zoomOut} aria-label={texts.zoomOut} onClick={() => zoom(1 / ZOOM_STEP)}>−</button>
-        <button title={texts.fitTitle} onClick={() => view.value?.fit()}>{texts.fit}</button>
-        <button title={texts.zoomIn} aria-label={texts.zoomIn} onClick={() => zoom(ZOOM_STEP)}>+</button>
-        <button title={texts.foldTitle} onClick={() => view.value?.foldSubtrees()}>{texts.fold}</button>
-        <button title={texts.unfoldTitle} onClick={() => view.value?.unfoldAll()}>{texts.unfold}</button>
-        <button title={texts.helpTitle} aria-label={texts.helpTitle} onClick={() => { help.value = true; }}>?</button>
+      <div class="canvas-controls" role="group" aria-label={treeTexts.zoom}>
+        <button title={treeTexts.zoomOut} aria-label={treeTexts.zoomOut} onClick={() => zoom(1 / ZOOM_STEP)}>−</button>
+        <button title={treeTexts.fitTitle} onClick={() => view.value?.fit()}>{treeTexts.fit}</button>
+        <button title={treeTexts.zoomIn} aria-label={treeTexts.zoomIn} onClick={() => zoom(ZOOM_STEP)}>+</button>
+        <button title={treeTexts.foldTitle} onClick={() => view.value?.foldSubtrees()}>{treeTexts.fold}</button>
+        <button title={treeTexts.unfoldTitle} onClick={() => view.value?.unfoldAll()}>{treeTexts.unfold}</button>
+        <button title={treeTexts.helpTitle} aria-label={treeTexts.helpTitle} onClick={() => { help.value = true; }}>?</button>
       </div>
     </>
   );
@@ -131,7 +131,7 @@ function Controls() {
 // --- clicks
 
 function click(shown: View, index: number, event: PointerEvent): void {
-  shown.frame.focus({ preventScroll: true });
+  focusPicture();
   const target = event.target as Element;
   const node = shown.structure.nodes[index];
   if (!node) {
@@ -150,9 +150,8 @@ function click(shown: View, index: number, event: PointerEvent): void {
 /** Return the keys of the siblings from the cursor to a node; of the node alone, if they are not siblings. */
 function between(shown: View, index: number): string[] {
   const { structure } = shown;
-  const from = structure.at(selection.value.at(-1) ?? "");
   const siblings = structure.siblings(index);
-  const [start, end] = [siblings.indexOf(from), siblings.indexOf(index)];
+  const [start, end] = [siblings.indexOf(cursor()), siblings.indexOf(index)];
   if (start < 0) return [...new Set([...selection.value, structure.nodes[index]!.key])];
   const row = siblings.slice(Math.min(start, end), Math.max(start, end) + 1);
   return (start > end ? row.reverse() : row).map((other) => structure.nodes[other]!.key);
@@ -198,8 +197,7 @@ function act(shown: View, action: Action): void {
   else if ("select" in action) inTurn(() => selectNeighbour(shown, action));
   else {
     const { structure } = shown;
-    const cursor = structure.at(selection.value.at(-1) ?? "");
-    const box = shown.boxes[cursor];
+    const box = shown.boxes[cursor()];
     const place = box ? shown.screen(box) : shown.frame.getBoundingClientRect();
     const page: Record<PageAction, () => unknown> = {
       all: () => { selection.value = structure.nodes.map((node) => node.key); },
@@ -217,7 +215,7 @@ function act(shown: View, action: Action): void {
 
 function selectNeighbour(shown: View, { select, isExtending }: { select: Direction; isExtending: boolean }): void {
   const { structure } = shown;
-  const node = structure.nodes[neighbour(structure, structure.at(selection.value.at(-1) ?? ""), select)];
+  const node = structure.nodes[neighbour(structure, cursor(), select)];
   if (!node) return;
   const others = isExtending ? selection.value.filter((key) => key !== node.key) : [];
   shown.select([...others, node.key], true);
@@ -240,7 +238,7 @@ function showDurations(shown: View): () => void {
         label = draw("text", { class: "duration", x: box.width, y: box.height + 12 });
         group.append(label);
       }
-      label.textContent = texts.seconds(duration.seconds);
+      label.textContent = treeTexts.seconds(duration.seconds);
       label.classList.toggle("runs", duration.isRunning);
     }
   }, 200);

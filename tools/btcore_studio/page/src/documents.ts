@@ -5,7 +5,7 @@
 import { ChangeSet, type ChangeSpec, MapMode, Text } from "@codemirror/state";
 import type { Position, Pushed, Range, SharedText, TextEdit, WorkspaceEdit } from "./protocol";
 
-export type Origin = "typing" | "command" | "undo" | "remote";
+type Origin = "typing" | "command" | "undo" | "remote";
 
 export interface Change {
   uri: string;
@@ -19,7 +19,7 @@ export interface Change {
 export type Reply = number | "behind" | "lost" | "refused";
 
 /** The server's side of the texts. */
-export interface Authority {
+interface Authority {
   read(uri: string): Promise<SharedText>;
   /** Resolves to the new version; "behind" if the text has another version, "lost" without a connection. */
   push(pushed: Pushed): Promise<Reply>;
@@ -73,10 +73,6 @@ export class Documents {
     const mark = new Mark();
     this.marks.add(new WeakRef(mark));
     return mark;
-  }
-
-  isOpen(uri: string): boolean {
-    return this.open.has(uri);
   }
 
   text(uri: string): Text {
@@ -309,7 +305,7 @@ export function positionAt(text: Text, offset: number): Position {
 export const rangeAt = (text: Text, from: number, to: number): Range => ({ start: positionAt(text, from), end: positionAt(text, to) });
 
 /** Return the changes of edits that do not overlap. */
-export function changeSet(text: Text, edits: readonly TextEdit[]): ChangeSet {
+function changeSet(text: Text, edits: readonly TextEdit[]): ChangeSet {
   const specs: ChangeSpec[] = edits.map(({ range, newText }) => ({
     from: offsetAt(text, range.start), to: offsetAt(text, range.end), insert: textOf(newText),
   }));

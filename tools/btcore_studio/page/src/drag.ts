@@ -1,16 +1,16 @@
 // Dragging with a mouse or a finger: nodes and palette items to their new places, and the picture itself.
 
 import { effect } from "@preact/signals";
-import type { Box } from "./picture";
+import { type Box, overlaps } from "./picture";
 import { DropTargets, type Load, type Target } from "./drop_targets";
 import { noteUse } from "./last_used";
-import { chosen, edit, inTurn } from "./operations";
-import type { DrawnNode, PaletteItem, Place } from "./protocol";
+import { chosen, edit, inTurn, xmlOf } from "./operations";
+import type { PaletteItem, Place } from "./protocol";
 import { menu } from "./quick_state";
-import { actions, drawing, message, palette, selection, start } from "./state";
-import { placeOfTree } from "./tree";
-import { tree as texts } from "./texts";
-import { type View, draw, view } from "./view";
+import { drawing, message, palette, selection, showError, start } from "./state";
+import { canWrap, placeOfTree } from "./tree";
+import { treeTexts } from "./texts";
+import { draw, focusPicture, type View, view } from "./view";
 
 const THRESHOLD = 4;
 const LONG_PRESS_MS = 380;
@@ -37,8 +37,7 @@ class Drag {
     this.ghost = this.makeGhost();
     document.body.append(this.ghost);
     document.body.classList.add("drags-node");
-    const boxes: readonly (Box | undefined)[] = view.boxes;
-    this.targets = new DropTargets(view.structure, boxes, this.load());
+    this.targets = new DropTargets(view.structure, view.boxes, this.load());
     for (const index of this.nodes) view.group(index)?.classList.add("dragged");
     addEventListener("keydown", this.onKey, true);
     addEventListener("keyup", this.onKey, true);
@@ -69,14 +68,17 @@ class Drag {
     this.ghost.classList.toggle("copies", isCopy && this.nodes.length > 0);
   }
 
+  private isInside({ left, right, top, bottom }: DOMRect): boolean {
+    return this.x >= left && this.x <= right && this.y >= top && this.y <= bottom;
+  }
+
   private update(): void {
     const { view, x, y } = this;
-    const frame = view.frame.getBoundingClientRect();
-    const isOver = x >= frame.left && x <= frame.right && y >= frame.top && y <= frame.bottom;
+    const isOver = this.isInside(view.frame.getBoundingClientRect());
     this.target = isOver ? this.targets.at(...view.point(x, y)) : null;
     this.ghost.style.transform = `translate(${x + 12}px, ${y + 10}px)`;
     const words = this.ghost.lastElementChild!;
-    words.textContent = this.target ? texts.target(this.target, view.structure) : isOver ? texts.noTarget : "";
+    words.textContent = this.target ? treeTexts.target(this.target, view.structure) : isOver ? treeTexts.noTarget : "";
     this.ghost.classList.toggle("refused", !this.target);
     view.marks.replaceChildren(...(this.target ? marks(this.target, view) : []));
   }
@@ -96,8 +98,7 @@ class Drag {
     const frame = this.view.frame.getBoundingClientRect();
     const push = (at: number, low: number, high: number) =>
       at < low || at > high ? 0 : at < low + EDGE ? (at - low) / EDGE - 1 : at > high - EDGE ? 1 - (high - at) / EDGE : 0;
-    const isInside = this.x >= frame.left && this.x <= frame.right && this.y >= frame.top && this.y <= frame.bottom;
-    const [dx, dy] = isInside ? [push(this.x, frame.left, frame.right), push(this.y, frame.top, frame.bottom)] : [0, 0];
+    const [dx, dy] = this.isInside(frame) ? [push(this.x, frame.left, frame.right), push(this.y, frame.top, frame.bottom)] : [0, 0];
     if (dx || dy) {
       this.view.frame.scrollBy(dx * SPEED, dy * SPEED);
       this.update();
@@ -114,7 +115,7 @@ class Drag {
     this.ghost.remove();
     this.view.marks.replaceChildren();
     for (const index of this.nodes) this.view.group(index)?.classList.remove("dragged");
-    this.view.frame.focus({ preventScroll: true });
+    focusPicture();
     const { source, target, isCopy, view } = this;
     if (!isDropped || !target) return;
     // The places are those of the present picture; what follows waits.
@@ -127,15 +128,11 @@ class Drag {
     ghost.className = "ghost";
     ghost.setAttribute("aria-hidden", "true");
     const label = document.createElement("b");
-    label.textContent = "item" in this.source ? this.source.item.id : texts.dragged(this.nodes.map((index) => this.view.structure.nodes[index]!));
-    const kind = "item" in this.source ? this.source.item.kind : this.view.structure.nodes[this.nodes[0]!]!.kind;
-    label.className = `kind-${kind}`;
+    label.textContent = "item" in this.source ? this.source.item.id : treeTexts.dragged(this.nodes.map((index) => this.view.structure.nodes[index]!));
     ghost.append(label, document.createElement("small"));
     return ghost;
   }
 }
-
-export const canWrap = (kind: DrawnNode["kind"]): boolean => kind === "control" || kind === "decorator";
 
 /** Draw where something would be dropped, with the line to its parent. */
 function marks(target: Target, { boxes }: View): SVGElement[] {
@@ -185,10 +182,9 @@ async function drop(source: Source, target: Target, isCopy: boolean, { structure
     return;
   }
   try {
-    const { xml } = await actions.request<{ xml: string }>("btcore/copy", { nodes });
-    await edit({ kind: "paste", parent, index, xml });
+    await edit({ kind: "paste", parent, index, xml: await xmlOf(nodes) });
   } catch (error) {
-    message.value = (error as Error).message;
+    showError(error);
   }
 }
 
@@ -243,7 +239,7 @@ export function followPointers(shown: View, click: (index: number, event: Pointe
       if (!selection.value.includes(key)) shown.select([key]);
       const nodes = chosen().filter((other) => !shown.structure.isRoot(other));
       if (nodes.length) begin({ nodes }, event);
-      else message.value = texts.refusal.root;
+      else message.value = treeTexts.refusal.root;
     };
     press = {
       id: event.pointerId, x: event.clientX, y: event.clientY, kind: "", timer: 0, left: frame.scrollLeft, top: frame.scrollTop,
@@ -332,8 +328,7 @@ function selectBand(shown: View, from: { x: number; y: number }, [toX, toY]: [nu
     x: Math.min(from.x, toX), y: Math.min(from.y, toY), width: Math.abs(toX - from.x), height: Math.abs(toY - from.y),
   };
   shown.marks.replaceChildren(draw("rect", { class: "band", ...band }));
-  const isIn = (box: Box | undefined) => box && box.x < band.x + band.width && band.x < box.x + box.width
-    && box.y < band.y + band.height && band.y < box.y + box.height;
+  const isIn = (box: Box | undefined) => box !== undefined && overlaps(box, band);
   selection.value = shown.structure.nodes.filter((_, index) => isIn(shown.boxes[index])).map((node) => node.key);
 }
 

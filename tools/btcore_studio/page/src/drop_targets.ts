@@ -13,7 +13,7 @@ export type Target =
   /** As the parent of a node. */
   | { kind: "around"; node: number; mark: Box };
 
-export interface Line { x1: number; y1: number; x2: number; y2: number }
+interface Line { x1: number; y1: number; x2: number; y2: number }
 
 interface Slot { area: Box; target: Target & { kind: "between" } }
 

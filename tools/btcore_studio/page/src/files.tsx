@@ -4,7 +4,7 @@ import { ask } from "./dialog";
 import { offsetAt, positionAt } from "./documents";
 import type { Home } from "./home";
 import type { TreeSummary } from "./protocol";
-import { actions, drawing, files, message, start, tree, uri } from "./state";
+import { actions, drawing, files, showError, start, tree, uri } from "./state";
 import { rename } from "./text_pane";
 import { texts } from "./texts";
 
@@ -15,8 +15,6 @@ const NEW_FILE = `<?xml version="1.0" encoding="UTF-8"?>
 </root>
 `;
 const MANY_FILES = 12;
-
-const show = (error: unknown) => { message.value = error instanceof Error ? error.message : String(error); };
 
 /** Show a document and its main tree. */
 export function openFile(address: string): void {
@@ -30,7 +28,7 @@ function createFile(): void {
   ask({
     title: texts.newFile, label: texts.fileName, text: "tree.xml", choices: [texts.create],
     answer: (_, name) => void actions.request<{ uri: string }>("btcore/create", { name, text: NEW_FILE })
-      .then((created) => openFile(created.uri), show),
+      .then((created) => openFile(created.uri), showError),
   });
 }
 
@@ -50,7 +48,7 @@ function changeTree(home: Home, { id, place, isMain }: TreeSummary): void {
     answer: (choice) => {
       if (choice === texts.makeMain) void actions.edit({ kind: "set_main_tree", uri: place.uri, id });
       else if (choice === texts.remove) void actions.edit({ kind: "remove_tree", uri: place.uri, id });
-      else void renameTree(home, place).catch(show);
+      else void renameTree(home, place).catch(showError);
     },
   });
 }

@@ -7,11 +7,11 @@ import { statuses, statusOf } from "./live";
 import { edit, openTree, run } from "./operations";
 import { Symbol } from "./palette";
 import { modelForm } from "./quick_state";
-import type { Diagnostic, DrawnNode, Field, NodeForm, Position } from "./protocol";
-import { actions, diagnostics, drawing, live, palette, selectedNode, selectedNodes, start } from "./state";
+import type { Diagnostic, DrawnNode, Field, NodeForm } from "./protocol";
+import { actions, drawing, live, palette, problemsByKey, selectedNode, selectedNodes, start } from "./state";
 import { moment } from "./timeline";
-import { tree as texts } from "./texts";
-import { view } from "./view";
+import { treeTexts } from "./texts";
+import { focusPicture, view } from "./view";
 
 const SIGNS = { in: "→", out: "←", inout: "↔", "": "" };
 
@@ -30,13 +30,13 @@ export function Form() {
       () => { if (isCurrent) form.value = null; });
     return () => { isCurrent = false; };
   }, [drawing.value, id]);
-  if (!node) return <section class="form" aria-label={texts.node}><p class="hint">{texts.selectNode}</p></section>;
+  if (!node) return <section class="form" aria-label={treeTexts.node}><p class="hint">{treeTexts.selectNode}</p></section>;
   if (selectedNodes.value.length > 1) {
-    return <section class="form" aria-label={texts.node}><p class="hint">{texts.selectedNodes(selectedNodes.value.length)}</p></section>;
+    return <section class="form" aria-label={treeTexts.node}><p class="hint">{treeTexts.selectedNodes(selectedNodes.value.length)}</p></section>;
   }
   const shown = form.value?.id === id ? form.value.form : null;
   return (
-    <section class="form" aria-label={texts.node}>
+    <section class="form" aria-label={treeTexts.node}>
       <Head node={node} />
       {shown ? <Fields key={id} node={node} form={shown} /> : <Ports node={node} />}
       <About text={shown?.about || drawing.value?.about[node.id] || ""} />
@@ -55,16 +55,16 @@ function Head({ node }: { node: DrawnNode }) {
       <div>
         <h2>{node.name}{status !== null && <span class={`status s${status}`}>{statuses[status]}</span>}</h2>
         <p>
-          {texts.kinds[node.kind]} · {node.calls ? `${node.id} ${node.calls}` : node.id}
-          {node.disabled && <span class="status">{texts.disabled}</span>}
+          {treeTexts.kinds[node.kind]} · {node.calls ? `${node.id} ${node.calls}` : node.id}
+          {node.disabled && <span class="status">{treeTexts.disabled}</span>}
         </p>
       </div>
       <div class="form-buttons">
-        {node.calls && <button onClick={() => openTree(node.calls)} title={texts.operation.open}>{texts.openTree}</button>}
+        {node.calls && <button onClick={() => openTree(node.calls)} title={treeTexts.operation.open}>{treeTexts.openTree}</button>}
         {!start.value?.readOnly && item && !node.calls && (
-          <button onClick={() => { modelForm.value = { item }; }} title={texts.modelOf(item.id)}>{texts.editModel}</button>
+          <button onClick={() => { modelForm.value = { item }; }} title={treeTexts.modelOf(item.id)}>{treeTexts.editModel}</button>
         )}
-        {!start.value?.readOnly && <button onClick={() => run("type")} title={texts.operation.type}>{texts.changeType}</button>}
+        {!start.value?.readOnly && <button onClick={() => run("type")} title={treeTexts.operation.type}>{treeTexts.changeType}</button>}
       </div>
     </header>
   );
@@ -85,7 +85,7 @@ function Fields({ node, form }: { node: DrawnNode; form: NodeForm }) {
   const groups = Map.groupBy(form.fields, (field) => field.group);
   const conditions = groups.get("condition") ?? [];
   const written = conditions.filter((field) => field.text !== null);
-  const problems = problemsOf(node);
+  const problems = problemsByKey.value.get(node.key) ?? [];
   const line = (field: Field) => <FieldRow key={field.name} node={node} field={field} problems={problems} />;
   const [call, remapping] = [true, false].map((isOwn) => groups.get("subtree")?.filter(({ name }) => isOwn === /^(ID$|_)/.test(name)) ?? []);
   return (
@@ -94,35 +94,21 @@ function Fields({ node, form }: { node: DrawnNode; form: NodeForm }) {
       {call!.map(line)}
       {remapping!.length > 0 && (
         <fieldset class="remapping">
-          <legend>{texts.remapping}</legend>
-          <div class="remapping-head" aria-hidden="true"><span>{texts.keyInside(node.calls)}</span><span>{texts.keyOutside}</span></div>
+          <legend>{treeTexts.remapping}</legend>
+          <div class="remapping-head" aria-hidden="true"><span>{treeTexts.keyInside(node.calls)}</span><span>{treeTexts.keyOutside}</span></div>
           {remapping!.map(line)}
         </fieldset>
       )}
-      {groups.has("port") && <fieldset><legend>{texts.ports}</legend>{groups.get("port")!.map(line)}</fieldset>}
+      {groups.has("port") && <fieldset><legend>{treeTexts.ports}</legend>{groups.get("port")!.map(line)}</fieldset>}
       {conditions.length > 0 && (
         <details class="conditions" open={written.length > 0}>
-          <summary>{texts.conditions}{written.length > 0 && <small>{written.length}</small>}</summary>
+          <summary>{treeTexts.conditions}{written.length > 0 && <small>{written.length}</small>}</summary>
           {conditions.map(line)}
         </details>
       )}
-      {groups.has("other") && <fieldset><legend>{texts.other}</legend>{groups.get("other")!.map(line)}</fieldset>}
+      {groups.has("other") && <fieldset><legend>{treeTexts.other}</legend>{groups.get("other")!.map(line)}</fieldset>}
     </>
   );
-}
-
-const isBefore = (a: Position, b: Position) => a.line < b.line || a.line === b.line && a.character <= b.character;
-
-/** The problems in a node, without those in the nodes below it. */
-function problemsOf(node: DrawnNode): Diagnostic[] {
-  const items = diagnostics.value.get(node.place.uri) ?? [];
-  const nodes = drawing.value?.nodes ?? [];
-  const isIn = (other: DrawnNode, { range }: Diagnostic) => other.place.uri === node.place.uri
-    && isBefore(other.place.position, range.start) && isBefore(range.start, other.end);
-  const inner = nodes.filter((other) => other.place.uri === node.place.uri && other.key !== node.key
-    && isBefore(node.place.position, other.place.position) && isBefore(other.end, node.end)
-    && (other.place.position.line !== node.place.position.line || other.place.position.character !== node.place.position.character));
-  return items.filter((item) => isIn(node, item) && !inner.some((other) => isIn(other, item)));
 }
 
 /** Whether a problem is about an attribute: messages have names in quotes or brackets. */
@@ -161,7 +147,7 @@ function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; pr
     } else if (event.key === "Escape") {
       input.current!.value = text;
       typed.value = text;
-      view.value?.frame.focus({ preventScroll: true });
+      focusPicture();
       event.preventDefault();
     } else if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "s") commit();
   };
@@ -175,11 +161,11 @@ function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; pr
     onFocus: () => { isFocused.value = true; }, onKeyDown: key,
   };
   return (
-    <div class={`field ${own.length ? "invalid" : ""} ${field.text === null ? "unset" : ""}`}>
+    <div class={`field ${own.length ? "invalid" : ""}`}>
       <label for={id}>
-        {field.direction && <i title={texts.directions[field.direction]}>{SIGNS[field.direction]}</i>}
+        {field.direction && <i title={treeTexts.directions[field.direction]}>{SIGNS[field.direction]}</i>}
         <span>{field.name}</span>
-        {field.isRequired && <em title={texts.required}>*</em>}
+        {field.isRequired && <em title={treeTexts.required}>*</em>}
         {field.type && <small>{field.type}</small>}
       </label>
       {field.isScript

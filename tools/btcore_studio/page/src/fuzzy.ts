@@ -1,6 +1,6 @@
 // Fuzzy search: the letters of the query in their order, best at the beginnings of words.
 
-export interface Match { score: number; /** The indices of the matching letters. */ at: number[] }
+interface Match { score: number; /** The indices of the matching letters. */ at: number[] }
 
 /** Return how a text matches a query without regard to case; null if letters are missing. */
 export function match(query: string, text: string): Match | null {

@@ -6,7 +6,7 @@ import { type Change, Documents, Mark, type Reply, textOf } from "./documents";
 import { type Done, History } from "./history";
 import type { Place, Pushed, SharedText, Start, WorkspaceEdit } from "./protocol";
 import { Connection, CONTENT_MODIFIED, RpcError, type Transport } from "./rpc";
-import { keyAt, message, selectedNode, selection, tree } from "./state";
+import { keyAt, message, reasonOf, selectedNode, selection, tree } from "./state";
 import { texts } from "./texts";
 
 const FIRST_WAIT_MS = 250;
@@ -83,7 +83,6 @@ const CAPABILITIES = {
     completion: { completionItem: { snippetSupport: true, documentationFormat: ["markdown"] } },
     hover: { contentFormat: ["markdown"] },
     codeAction: { codeActionLiteralSupport: { codeActionKind: { valueSet: ["quickfix", "refactor"] } } },
-    publishDiagnostics: { relatedInformation: true },
     rename: { prepareSupport: true },
     semanticTokens: { requests: { full: true }, tokenTypes: [], tokenModifiers: [], formats: ["relative"] },
   },
@@ -188,7 +187,7 @@ export class BrowserHome implements Home {
     } catch (error) {
       if (!isConnected.value) return "lost";
       if (error instanceof RpcError && error.code === CONTENT_MODIFIED) return "behind";
-      message.value = texts.editRefused(String(error instanceof Error ? error.message : error));
+      message.value = texts.editRefused(reasonOf(error));
       return "refused";
     }
   }

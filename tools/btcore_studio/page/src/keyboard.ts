@@ -3,7 +3,7 @@
 import type { Structure } from "./tree";
 import type { OperationId } from "./operations";
 
-export interface Key { key: string; ctrl: boolean; shift: boolean; alt: boolean }
+interface Key { key: string; ctrl: boolean; shift: boolean; alt: boolean }
 
 export type Direction = "up" | "down" | "left" | "right" | "first" | "last";
 export type PageAction = "all" | "none" | "search" | "larger" | "smaller" | "fit" | "help" | "menu" | "form" | "back" | "forth";

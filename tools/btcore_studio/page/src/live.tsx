@@ -3,8 +3,8 @@
 import { computed, effect, signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import type { Live } from "./protocol";
-import { actions, drawing, live, message, nodesByKey, start } from "./state";
-import { tree as texts } from "./texts";
+import { actions, drawing, live, nodesByKey, showError, start } from "./state";
+import { treeTexts } from "./texts";
 
 export const statuses = ["IDLE", "RUNNING", "SUCCESS", "FAILURE", "SKIPPED"];
 const MAX_ENTRIES = 500;
@@ -63,25 +63,25 @@ export function durationOf(key: string): { seconds: number; isRunning: boolean }
 
 // --- breakpoints
 
-export async function toggleBreakpoint(key: string): Promise<void> {
-  const wanted = new Set(live.value?.wanted ?? []);
-  if (!wanted.delete(key)) wanted.add(key);
-  await send("btcore/breakpoints", { keys: [...wanted] });
+/** Remove the breakpoints of nodes. If they have none, set one at each. */
+export async function toggleBreakpoints(nodes: readonly string[]): Promise<void> {
+  const wanted = live.value?.wanted ?? [];
+  const others = wanted.filter((key) => !nodes.includes(key));
+  await send("btcore/breakpoints", { keys: others.length < wanted.length ? others : [...wanted, ...nodes] });
 }
 
-const send = (method: string, params: unknown) =>
-  actions.request(method, params).catch((error: Error) => { message.value = error.message; });
+const send = (method: string, params: unknown) => actions.request(method, params).catch(showError);
 
 /** What the user should know about the running tree or the recording. */
 export const notes = computed(() => {
   const state = live.value;
   const { recording } = start.value ?? {};
-  const found = (recording?.warnings ?? []).map(texts.recordingLacks);
+  const found = (recording?.warnings ?? []).map(treeTexts.recordingLacks);
   if (state?.problem) found.push(state.problem);
   if (state?.connection && state.connection !== "connected" && state.detail) found.push(state.detail);
   if (state?.connection && drawing.value && !recording) {
     const missing = keys.value.filter((key) => !nodesByKey.value.has(key)).length;
-    if (missing) found.push(texts.missingNodes(missing));
+    if (missing) found.push(treeTexts.missingNodes(missing));
   }
   return found;
 });
@@ -102,11 +102,11 @@ export function LiveControls() {
   };
   return (
     <form class="live-controls" onSubmit={toggle}>
-      <span class={`light ${state?.connection ?? ""}`} title={state?.detail || texts.notConnected} />
-      <input ref={field} placeholder={proposed} aria-label={texts.address} />
-      <button title={texts.watchTitle}>{address ? texts.disconnect : texts.connect}</button>
+      <span class={`light ${state?.connection ?? ""}`} title={state?.detail || treeTexts.notConnected} />
+      <input ref={field} placeholder={proposed} aria-label={treeTexts.address} />
+      <button title={treeTexts.watchTitle}>{address ? treeTexts.disconnect : treeTexts.connect}</button>
       {state?.stopped && (
-        <button type="button" class="continue" onClick={() => void send("btcore/release", {})}>{texts.continue}</button>
+        <button type="button" class="continue" onClick={() => void send("btcore/release", {})}>{treeTexts.continue}</button>
       )}
     </form>
   );
@@ -133,7 +133,7 @@ export function Blackboard() {
   }
   return (
     <section class="blackboard">
-      <h2>{texts.blackboard}</h2>
+      <h2>{treeTexts.blackboard}</h2>
       <table><tbody>{rows}</tbody></table>
     </section>
   );

@@ -12,15 +12,15 @@ import type { Done } from "./history";
 import { BrowserHome, findHome, isConnected } from "./home";
 import { Blackboard, LiveControls } from "./live";
 import { Palette } from "./palette";
-import { checked, type CodeAction, followProblems, Problems } from "./problems";
+import { checked, followProblems, Problems } from "./problems";
 import type {
-  Command, Diagnostic, DiskConflict, Drawing, EditResult, Live, Palette as PaletteData, Place, SharedFile,
+  Command, Diagnostic, DiskConflict, Drawing, EditResult, Live, Palette as PaletteData, Place, SharedFile, WorkspaceEdit,
 } from "./protocol";
 import {
-  actions, diagnostics, drawing, files, folded, live, message, palette, selection, start, tree, uri,
+  actions, diagnostics, drawing, files, folded, isSamePlace, live, message, palette, reasonOf, selection, showError, start, tree, uri,
 } from "./state";
 import { Splitter } from "./splitter";
-import { applyAction, revealText, TextPane } from "./text_pane";
+import { revealText, TextPane } from "./text_pane";
 import { texts } from "./texts";
 import { Timeline } from "./timeline";
 import { fileName, hiddenPanes, Toolbar } from "./toolbar";
@@ -34,8 +34,6 @@ const home = findHome();
 /** Why the picture is not that of the present text, or "". */
 const notice = signal("");
 const conflicts = signal<readonly DiskConflict[]>([]);
-
-const reason = (error: unknown) => (error instanceof Error ? error.message : String(error));
 
 // --- the drawing
 
@@ -76,14 +74,13 @@ async function draw(): Promise<void> {
     if (!mark.changes.size) selectPlaces(data);
     drawingMs = performance.now() - begun;
   } catch (error) {
-    if (isConnected.value) notice.value = texts.stale(reason(error));
+    if (isConnected.value) notice.value = texts.stale(reasonOf(error));
   }
 }
 
 function selectPlaces({ nodes }: Drawing): void {
-  const keys = toSelect.flatMap(({ uri: address, position }) => {
-    const node = nodes.find(({ place }) => place.uri === address
-      && place.position.line === position.line && place.position.character === position.character);
+  const keys = toSelect.flatMap((wanted) => {
+    const node = nodes.find(({ place }) => isSamePlace(place, wanted));
     return node ? [node.key] : [];
   });
   if (keys.length) selection.value = keys;
@@ -139,21 +136,19 @@ function edit(command: Command): Promise<EditResult | null> {
       await (running ?? redraw()); // a changed text is being drawn already
       return result;
     } catch (error) {
-      message.value = reason(error);
+      showError(error);
       return null;
     }
   });
 }
 
-const apply = (action: CodeAction) => void inOrder(async () => {
+const apply = (change: WorkspaceEdit) => void inOrder(async () => {
   try {
-    if (action.edit) await home.apply(action.edit, home.mark());
+    await home.apply(change, home.mark());
   } catch (error) {
-    message.value = reason(error);
+    showError(error);
   }
 });
-
-applyAction.value = apply;
 
 async function move(step: () => Promise<Done | null>, nothing: string): Promise<void> {
   await inOrder(async () => {
@@ -185,17 +180,17 @@ async function save(): Promise<void> {
     }
     message.value = wanted.length ? texts.saved(wanted.map(fileName).join(", ")) : texts.nothingToSave;
   } catch (error) {
-    message.value = texts.saveRefused(reason(error));
+    message.value = texts.saveRefused(reasonOf(error));
   }
 }
 
 Object.assign(actions, {
   request: (method, params) => home.connection.request(method, params),
   edit,
+  apply,
   undo: () => move(() => home.undo(), texts.nothingToUndo),
   redo: () => move(() => home.redo(), texts.nothingToRedo),
   save: () => inOrder(save),
-  redraw,
   reveal: (place) => {
     if (home.documents) revealText(place);
     else home.reveal(place);
@@ -230,7 +225,7 @@ async function resolve(conflict: DiskConflict, keep: "disk" | "page"): Promise<v
     await actions.request("btcore/resolve", { uri: conflict.uri, keep });
     conflicts.value = conflicts.value.filter((other) => other.uri !== conflict.uri);
   } catch (error) {
-    message.value = reason(error);
+    showError(error);
   }
 }
 
@@ -356,10 +351,10 @@ function Page() {
           </div>
           <Splitter name="form" label={texts.sizes.form} axis="y" direction={1} initial={340} min={80} />
         </aside>
-        {home instanceof BrowserHome && <TextPane home={home} apply={apply} />}
+        {home instanceof BrowserHome && <TextPane home={home} />}
       </div>
       <footer>
-        {home.documents && <Problems apply={apply} />}
+        {home.documents && <Problems />}
         <p class="message" role="status">{message.value}</p>
       </footer>
       <Dialog />
@@ -376,7 +371,7 @@ async function begin(): Promise<void> {
     uri.value = begun.uri;
     if (home.documents) files.value = await actions.request<SharedFile[]>("btcore/files", {});
   } catch (error) {
-    message.value = reason(error);
+    showError(error);
   }
 }
 

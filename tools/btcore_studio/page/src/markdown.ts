@@ -3,7 +3,7 @@
 const INLINE = /(\*\*.+?\*\*|`` .+? ``|`[^`]+`|\[(?:\\.|[^\]\\])+\]\(<?(?:https|file):\/\/[^\s)>]+>?\))/;
 const unescape = (text: string) => text.replace(/\\([<>[\]!|*_`-])/g, "$1");
 
-export type OpenPlace = (uri: string, line: number) => void;
+type OpenPlace = (uri: string, line: number) => void;
 
 function inline(parent: HTMLElement, text: string, open: OpenPlace): void {
   for (const piece of text.split(INLINE)) {

@@ -3,8 +3,8 @@
 import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { type Operation, operations } from "./operations";
 import { help, menu } from "./quick_state";
-import { tree as texts } from "./texts";
-import { view } from "./view";
+import { treeTexts } from "./texts";
+import { focusPicture } from "./view";
 
 export function Menu() {
   return menu.value ? <OpenMenu key={`${menu.value.x} ${menu.value.y}`} {...menu.value} /> : null;
@@ -24,7 +24,7 @@ function OpenMenu({ x, y }: { x: number; y: number }) {
   }, []);
   const close = () => {
     menu.value = null;
-    view.value?.frame.focus({ preventScroll: true });
+    focusPicture();
   };
   const choose = (operation: Operation) => {
     if (operation.refusal()) return;
@@ -47,9 +47,9 @@ function OpenMenu({ x, y }: { x: number; y: number }) {
   };
   const groups = Map.groupBy(operations, (operation) => operation.group);
   return (
-    <div class="popup menu" role="menu" aria-label={texts.menu} ref={list} onKeyDown={key} onContextMenu={(event) => event.preventDefault()}>
+    <div class="popup menu" role="menu" aria-label={treeTexts.menu} ref={list} onKeyDown={key} onContextMenu={(event) => event.preventDefault()}>
       {[...groups].map(([group, items]) => (
-        <div key={group} role="group" aria-label={texts.groups[group]}>
+        <div key={group} role="group" aria-label={treeTexts.groups[group]}>
           {items.map((operation) => {
             const reason = operation.refusal();
             return (
@@ -76,25 +76,25 @@ export function Help() {
   }, [isOpen]);
   if (!isOpen) return null;
   const rows = [
-    ...operations.map((operation) => ({ group: operation.group, keys: operation.keys, text: texts.operation[operation.id] })),
-    ...texts.pageKeys,
+    ...operations.map((operation) => ({ group: operation.group, keys: operation.keys, text: treeTexts.operation[operation.id] })),
+    ...treeTexts.pageKeys,
   ];
   const closed = () => {
     help.value = false;
-    view.value?.frame.focus({ preventScroll: true });
+    focusPicture();
   };
   return (
-    <dialog class="help" ref={dialog} aria-label={texts.helpTitle} onClose={closed}>
-      <form method="dialog"><h2>{texts.helpTitle}</h2><button aria-label={texts.close} title={texts.close}>×</button></form>
+    <dialog class="help" ref={dialog} aria-label={treeTexts.helpTitle} onClose={closed}>
+      <form method="dialog"><h2>{treeTexts.helpTitle}</h2><button aria-label={treeTexts.close} title={treeTexts.close}>×</button></form>
       <div class="help-groups">
         {[...Map.groupBy(rows, (row) => row.group)].map(([group, items]) => (
           <section key={group}>
-            <h3>{texts.groups[group]}</h3>
+            <h3>{treeTexts.groups[group]}</h3>
             <dl>{items.map(({ keys, text }) => <div key={keys}><dt><kbd>{keys}</kbd></dt><dd>{text}</dd></div>)}</dl>
           </section>
         ))}
       </div>
-      <p>{texts.mouse}</p>
+      <p>{treeTexts.mouse}</p>
     </dialog>
   );
 }

@@ -5,14 +5,14 @@ import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { edit } from "./operations";
 import type { Leaf, PaletteItem, PalettePort } from "./protocol";
 import { modelForm } from "./quick_state";
-import { actions, files, message, uri } from "./state";
-import { tree as texts } from "./texts";
+import { actions, files, message, reasonOf, uri } from "./state";
+import { treeTexts } from "./texts";
 
-type ModelType = keyof typeof texts.modelTypes;
+type ModelType = keyof typeof treeTexts.modelTypes;
 /** A port, and a number that no other port has. */
 type Row = PalettePort & { row: number };
 
-const TYPES = Object.keys(texts.modelTypes) as ModelType[];
+const TYPES = Object.keys(treeTexts.modelTypes) as ModelType[];
 const DIRECTIONS = ["in", "out", "inout"] as const;
 const COLUMNS = ["name", "direction", "type", "default", "about"] as const;
 const PORT_TYPES = ["std::string", "int", "unsigned int", "double", "bool", "std::vector<std::string>", "std::vector<double>"];
@@ -72,62 +72,62 @@ function OpenForm({ item }: { item: PaletteItem | null }) {
     const result = await edit({ kind: "set_model", uri: address, id: name, type: type.value, ports });
     refusal.value = result ? "" : message.value;
     try {
-      if (result && withLeaf) message.value = texts.leafWritten(...await writeLeaf(address, file!.slice(0, file!.lastIndexOf("/") + 1), name));
+      if (result && withLeaf) message.value = treeTexts.leafWritten(...await writeLeaf(address, file!.slice(0, file!.lastIndexOf("/") + 1), name));
     } catch (error) {
-      refusal.value = (error as Error).message;
+      refusal.value = reasonOf(error);
     }
     isWriting.value = false;
     if (refusal.value) return;
-    message.value ||= texts.modelWritten(name);
+    message.value ||= treeTexts.modelWritten(name);
     dialog.current?.close();
   };
   return (
     <dialog class="model" ref={dialog} aria-labelledby="model-title" onClose={() => { modelForm.value = null; }}>
-      <h2 id="model-title">{item ? texts.modelOf(item.id) : texts.newModel}</h2>
+      <h2 id="model-title">{item ? treeTexts.modelOf(item.id) : treeTexts.newModel}</h2>
       <form onSubmit={submit}>
         <label>
-          {texts.id}
+          {treeTexts.id}
           <input
             name="id" value={id.value} readOnly={item !== null} autofocus={item === null} required spellcheck={false} autocomplete="off"
             aria-describedby="model-refusal" onInput={(event) => { id.value = event.currentTarget.value; }}
           />
         </label>
         <label>
-          {texts.type}
+          {treeTexts.type}
           <select name="type" value={type.value} onChange={(event) => { type.value = event.currentTarget.value as ModelType; }}>
-            {TYPES.map((name) => <option key={name} value={name}>{texts.modelTypes[name]}</option>)}
+            {TYPES.map((name) => <option key={name} value={name}>{treeTexts.modelTypes[name]}</option>)}
           </select>
         </label>
         <fieldset>
-          <legend>{texts.ports}</legend>
+          <legend>{treeTexts.ports}</legend>
           {rows.value.map((port, index) => (
             <div class="model-port" key={port.row}>
               {COLUMNS.map((column) => {
-                const label = texts.portField(texts.portColumns[column], index + 1);
+                const label = treeTexts.portField(treeTexts.portColumns[column], index + 1);
                 return column === "direction" ? (
                   <select
                     key={column} name={column} aria-label={label} value={port.direction}
                     onChange={(event) => change(index, column, event.currentTarget.value)}
-                  >{DIRECTIONS.map((name) => <option key={name} value={name}>{texts.directions[name]}</option>)}</select>
+                  >{DIRECTIONS.map((name) => <option key={name} value={name}>{treeTexts.directions[name]}</option>)}</select>
                 ) : (
                   <input
-                    key={column} name={column} aria-label={label} placeholder={texts.portColumns[column]} value={port[column]}
+                    key={column} name={column} aria-label={label} placeholder={treeTexts.portColumns[column]} value={port[column]}
                     spellcheck={false} autocomplete="off" list={column === "type" ? "model-port-types" : undefined}
                     onInput={(event) => change(index, column, event.currentTarget.value)}
                   />
                 );
               })}
-              <button type="button" aria-label={texts.removePort(port.name, index + 1)} title={texts.removePort(port.name, index + 1)} onClick={() => remove(index)}>×</button>
+              <button type="button" aria-label={treeTexts.removePort(port.name, index + 1)} title={treeTexts.removePort(port.name, index + 1)} onClick={() => remove(index)}>×</button>
             </div>
           ))}
-          <button type="button" name="add" onClick={add}>{texts.addPort}</button>
+          <button type="button" name="add" onClick={add}>{treeTexts.addPort}</button>
           <datalist id="model-port-types">{PORT_TYPES.map((name) => <option key={name} value={name} />)}</datalist>
         </fieldset>
-        <p>{texts.modelHint}{file && ` ${texts.leafHint}`}</p>
+        <p>{treeTexts.modelHint}{file && ` ${treeTexts.leafHint}`}</p>
         <p class="error" role="alert" id="model-refusal">{refusal.value}</p>
-        <button type="submit" class="primary">{texts.write}</button>
-        {file && <button type="submit" name="leaf">{texts.writeLeaf}</button>}
-        <button type="button" onClick={() => dialog.current?.close()}>{texts.cancel}</button>
+        <button type="submit" class="primary">{treeTexts.write}</button>
+        {file && <button type="submit" name="leaf">{treeTexts.writeLeaf}</button>}
+        <button type="button" onClick={() => dialog.current?.close()}>{treeTexts.cancel}</button>
       </form>
     </dialog>
   );

@@ -1,11 +1,11 @@
 // What can be done with the selected nodes: the same list for keys, the menu and the help.
 
 import type { Command, DrawnNode, EditResult, Place } from "./protocol";
-import { toggleBreakpoint } from "./live";
-import { actions, drawing, live, message, selection, start, tree as shownTree } from "./state";
+import { toggleBreakpoints } from "./live";
+import { actions, drawing, live, message, reasonOf, selection, start, tree as shownTree } from "./state";
 import { modelForm, prompt, quick } from "./quick_state";
-import { placeOfTree, type Structure } from "./tree";
-import { tree as texts } from "./texts";
+import { canWrap, placeOfTree, type Structure } from "./tree";
+import { treeTexts } from "./texts";
 import { view } from "./view";
 
 export type OperationId =
@@ -38,10 +38,10 @@ const places = (indices: readonly number[]): Place[] => indices.map((index) => n
 export const edit = (command: Command): Promise<EditResult | null> => actions.edit(command);
 
 const refusals = {
-  readOnly: () => start.value?.readOnly ? texts.refusal.readOnly : "",
-  some: () => refusals.readOnly() || (chosen().length ? "" : texts.refusal.noSelection),
-  single: () => refusals.some() || (chosen().length > 1 ? texts.refusal.several : ""),
-  format: () => drawing.value?.format === 3 ? texts.refusal.format3 : "",
+  readOnly: () => start.value?.readOnly ? treeTexts.refusal.readOnly : "",
+  some: () => refusals.readOnly() || (chosen().length ? "" : treeTexts.refusal.noSelection),
+  single: () => refusals.some() || (chosen().length > 1 ? treeTexts.refusal.several : ""),
+  format: () => drawing.value?.format === 3 ? treeTexts.refusal.format3 : "",
 };
 
 /** Return why the nodes cannot be a row of siblings, or "". */
@@ -50,17 +50,17 @@ function notConsecutive(nodes: readonly number[]): string {
   const parent = found.parent(nodes[0]!);
   const isRow = nodes.every((index, position) =>
     found.parent(index) === parent && found.positions[index] === found.positions[nodes[0]!]! + position);
-  return isRow ? "" : texts.refusal.notConsecutive;
+  return isRow ? "" : treeTexts.refusal.notConsecutive;
 }
 
 /** Return why the parents of the nodes cannot have *count* more children each, or "". */
 function isFull(nodes: readonly number[]): string {
   const found = structure()!;
   for (const index of nodes) {
-    if (found.isRoot(index)) return texts.refusal.oneRoot;
+    if (found.isRoot(index)) return treeTexts.refusal.oneRoot;
     const parent = found.parent(index);
     const more = nodes.filter((other) => found.parent(other) === parent).length;
-    if (!found.canTake(parent, more)) return texts.refusal.full(node(parent));
+    if (!found.canTake(parent, more)) return treeTexts.refusal.full(node(parent));
   }
   return "";
 }
@@ -77,7 +77,7 @@ export function wheres(kind?: DrawnNode["kind"]): Where[] {
   const result: Where[] = [];
   if (found.canTake(index, 1)) result.push("child");
   if (!found.isRoot(index) && found.canTake(found.parent(index), 1)) result.push("after", "before");
-  if (kind === undefined || kind === "control" || kind === "decorator") result.push("around");
+  if (kind === undefined || canWrap(kind)) result.push("around");
   return result;
 }
 
@@ -91,8 +91,8 @@ export function addAtCursor(id: string, kind: DrawnNode["kind"], wanted: Where |
   inTurn(() => {
     const where = wanted ?? wheres(kind)[0];
     const at = where && target(where);
-    if (start.value?.readOnly) message.value = texts.refusal.readOnly;
-    else if (!at) message.value = texts.refusal.noPlace;
+    if (start.value?.readOnly) message.value = treeTexts.refusal.readOnly;
+    else if (!at) message.value = treeTexts.refusal.noPlace;
     else if (where === "around" && cursor() >= 0) return wrapChosen(id);
     else return edit({ kind: "add", ...at, id });
     return undefined;
@@ -126,20 +126,19 @@ function target(where: Where): { parent: Place; index: number } | null {
 
 let copied = "";
 
-/** Return the XML of the selected nodes. */
-async function copiedXml(): Promise<string> {
-  const { xml } = await actions.request<{ xml: string }>("btcore/copy", { nodes: places(chosen()) });
+/** Return the XML of nodes. */
+export async function xmlOf(nodes: readonly Place[]): Promise<string> {
+  const { xml } = await actions.request<{ xml: string }>("btcore/copy", { nodes });
   return xml;
 }
 
 export async function copy(): Promise<void> {
-  const promise = copiedXml();
   try {
-    copied = await promise;
+    copied = await xmlOf(places(chosen()));
     await navigator.clipboard.writeText(copied);
-    message.value = texts.copied(chosen().length);
+    message.value = treeTexts.copied(chosen().length);
   } catch (error) {
-    message.value = copied ? texts.clipboardRefused : (error as Error).message;
+    message.value = copied ? treeTexts.clipboardRefused : reasonOf(error);
   }
 }
 
@@ -156,36 +155,36 @@ export async function paste(xml?: string): Promise<void> {
     try { text = await navigator.clipboard.readText(); } catch { text = copied; }
   }
   text = text?.trim();
-  if (!text) { message.value = texts.nothingToPaste; return; }
+  if (!text) { message.value = treeTexts.nothingToPaste; return; }
   const where = wheres("action")[0];
   const at = where && target(where);
-  if (!at) { message.value = texts.refusal.noPlace; return; }
+  if (!at) { message.value = treeTexts.refusal.noPlace; return; }
   await edit({ kind: "paste", ...at, xml: text });
 }
 
 // --- movement
 
-type Direction = "earlier" | "later" | "out" | "in";
+type Movement = "earlier" | "later" | "out" | "in";
 
 /** Return where a movement of the nodes leads, or the reason why it is not possible. */
-function movement(direction: Direction): { parent: number; index: number } | string {
+function movement(direction: Movement): { parent: number; index: number } | string {
   const found = structure()!;
   const nodes = chosen();
   const first = nodes[0]!;
   const reason = notConsecutive(nodes);
   if (reason) return reason;
-  if (found.isRoot(first)) return texts.refusal.root;
+  if (found.isRoot(first)) return treeTexts.refusal.root;
   const parent = found.parent(first);
   const siblings = found.siblings(first);
   const [before, after] = [siblings[found.positions[first]! - 2], siblings[found.positions[nodes.at(-1)!]!]];
   if (direction === "earlier") {
-    return before === undefined ? texts.refusal.first : { parent, index: found.positions[before]! - 1 };
+    return before === undefined ? treeTexts.refusal.first : { parent, index: found.positions[before]! - 1 };
   }
-  if (direction === "later") return after === undefined ? texts.refusal.last : { parent, index: found.positions[after]! };
+  if (direction === "later") return after === undefined ? treeTexts.refusal.last : { parent, index: found.positions[after]! };
   if (direction === "out") {
-    if (found.isRoot(parent)) return texts.refusal.top;
+    if (found.isRoot(parent)) return treeTexts.refusal.top;
     const outer = found.parent(parent);
-    if (!found.canTake(outer, nodes.length)) return texts.refusal.full(node(outer));
+    if (!found.canTake(outer, nodes.length)) return treeTexts.refusal.full(node(outer));
     return { parent: outer, index: found.positions[parent]! };
   }
   // Into the sibling before, as its last child, or into the sibling after, as its first child.
@@ -193,18 +192,18 @@ function movement(direction: Direction): { parent: number; index: number } | str
     return { parent: before, index: found.children[before]!.length };
   }
   if (after !== undefined && found.canTake(after, nodes.length)) return { parent: after, index: 0 };
-  return texts.refusal.noParent;
+  return treeTexts.refusal.noParent;
 }
 
-function move(direction: Direction): unknown {
+function move(direction: Movement): unknown {
   const place = movement(direction);
   if (typeof place === "string") { message.value = place; return undefined; }
   return edit({ kind: "move", nodes: places(chosen()), parent: node(place.parent).place, index: place.index });
 }
 
-function moving(id: Direction, keys: string): Operation {
+function moving(id: Movement, keys: string): Operation {
   return {
-    id, keys, group: "move", label: () => texts.operation[id],
+    id, keys, group: "move", label: () => treeTexts.operation[id],
     refusal: () => {
       const reason = refusals.some();
       if (reason) return reason;
@@ -221,49 +220,49 @@ const allDisabled = () => chosen().length > 0 && chosen().every((index) => node(
 
 export const operations: readonly Operation[] = [
   {
-    id: "insert", keys: "I", group: "edit", label: () => texts.operation.insert,
-    refusal: () => refusals.readOnly() || (wheres().length ? "" : texts.refusal.noPlace),
+    id: "insert", keys: "I", group: "edit", label: () => treeTexts.operation.insert,
+    refusal: () => refusals.readOnly() || (wheres().length ? "" : treeTexts.refusal.noPlace),
     run: () => { quick.value = { mode: "insert" }; },
   },
   {
-    id: "wrap", keys: "W", group: "edit", label: () => texts.operation.wrap,
+    id: "wrap", keys: "W", group: "edit", label: () => treeTexts.operation.wrap,
     refusal: () => refusals.some() || notConsecutive(chosen()),
     run: () => { quick.value = { mode: "wrap" }; },
   },
   {
-    id: "unwrap", keys: "U", group: "edit", label: () => texts.operation.unwrap,
+    id: "unwrap", keys: "U", group: "edit", label: () => treeTexts.operation.unwrap,
     refusal: () => {
       const reason = refusals.single();
       if (reason) return reason;
       const found = structure()!;
       const index = chosen()[0]!;
-      if (node(index).calls) return texts.refusal.callUnwrap;
-      if (node(index).leaf) return texts.refusal.noChildren;
+      if (node(index).calls) return treeTexts.refusal.callUnwrap;
+      if (node(index).leaf) return treeTexts.refusal.noChildren;
       const count = found.children[index]!.length;
-      if (found.isRoot(index)) return count > 1 ? texts.refusal.oneRoot : "";
+      if (found.isRoot(index)) return count > 1 ? treeTexts.refusal.oneRoot : "";
       const parent = found.parent(index);
-      return found.canTake(parent, count, [index]) ? "" : texts.refusal.full(node(parent));
+      return found.canTake(parent, count, [index]) ? "" : treeTexts.refusal.full(node(parent));
     },
     run: () => edit({ kind: "unwrap", node: node(chosen()[0]!).place }),
   },
   {
-    id: "type", keys: "T", group: "edit", label: () => texts.operation.type,
+    id: "type", keys: "T", group: "edit", label: () => treeTexts.operation.type,
     refusal: refusals.single,
     run: () => { quick.value = { mode: "type" }; },
   },
   {
-    id: "rename", keys: "F2", group: "edit", label: () => texts.operation.rename,
+    id: "rename", keys: "F2", group: "edit", label: () => treeTexts.operation.rename,
     refusal: refusals.single,
     run: () => {
       const { name, id } = node(chosen()[0]!);
       prompt.value = {
-        label: texts.nodeName, value: name === id ? "" : name,
+        label: treeTexts.nodeName, value: name === id ? "" : name,
         accept: (text) => edit({ kind: "set", node: node(cursor()).place, name: "name", text: text || null }),
       };
     },
   },
   {
-    id: "toggle", keys: "E", group: "edit", label: () => allDisabled() ? texts.operation.enable : texts.operation.disable,
+    id: "toggle", keys: "E", group: "edit", label: () => allDisabled() ? treeTexts.operation.enable : treeTexts.operation.disable,
     refusal: () => refusals.some() || refusals.format(),
     run: () => {
       const isEnabling = allDisabled();
@@ -272,26 +271,26 @@ export const operations: readonly Operation[] = [
     },
   },
   {
-    id: "duplicate", keys: "Ctrl+D", group: "edit", label: () => texts.operation.duplicate,
+    id: "duplicate", keys: "Ctrl+D", group: "edit", label: () => treeTexts.operation.duplicate,
     refusal: () => refusals.some() || isFull(chosen()),
     run: () => edit({ kind: "duplicate", nodes: places(chosen()) }),
   },
   {
-    id: "remove", keys: "Delete", group: "edit", label: () => texts.operation.remove,
+    id: "remove", keys: "Delete", group: "edit", label: () => treeTexts.operation.remove,
     refusal: refusals.some,
     run: () => edit({ kind: "remove", nodes: places(chosen()) }),
   },
   {
-    id: "cut", keys: "Ctrl+X", group: "clipboard", label: () => texts.operation.cut,
+    id: "cut", keys: "Ctrl+X", group: "clipboard", label: () => treeTexts.operation.cut,
     refusal: refusals.some, run: cut,
   },
   {
-    id: "copy", keys: "Ctrl+C", group: "clipboard", label: () => texts.operation.copy,
-    refusal: () => chosen().length ? "" : texts.refusal.noSelection, run: copy,
+    id: "copy", keys: "Ctrl+C", group: "clipboard", label: () => treeTexts.operation.copy,
+    refusal: () => chosen().length ? "" : treeTexts.refusal.noSelection, run: copy,
   },
   {
-    id: "paste", keys: "Ctrl+V", group: "clipboard", label: () => texts.operation.paste,
-    refusal: () => refusals.readOnly() || (wheres("action").length ? "" : texts.refusal.noPlace),
+    id: "paste", keys: "Ctrl+V", group: "clipboard", label: () => treeTexts.operation.paste,
+    refusal: () => refusals.readOnly() || (wheres("action").length ? "" : treeTexts.refusal.noPlace),
     run: () => paste(),
   },
   moving("earlier", "Alt+←"),
@@ -299,47 +298,47 @@ export const operations: readonly Operation[] = [
   moving("out", "Alt+↑"),
   moving("in", "Alt+↓"),
   {
-    id: "extract", keys: "X", group: "tree", label: () => texts.operation.extract,
+    id: "extract", keys: "X", group: "tree", label: () => treeTexts.operation.extract,
     refusal: refusals.single,
     run: () => {
       prompt.value = {
-        label: texts.treeId, value: "",
+        label: treeTexts.treeId, value: "",
         accept: (text) => text ? edit({ kind: "extract", node: node(cursor()).place, id: text }) : undefined,
       };
     },
   },
   {
-    id: "inline", keys: "Shift+X", group: "tree", label: () => texts.operation.inline,
-    refusal: () => refusals.single() || (node(chosen()[0]!).calls ? "" : texts.refusal.noCall),
+    id: "inline", keys: "Shift+X", group: "tree", label: () => treeTexts.operation.inline,
+    refusal: () => refusals.single() || (node(chosen()[0]!).calls ? "" : treeTexts.refusal.noCall),
     run: () => edit({ kind: "inline", node: node(chosen()[0]!).place }),
   },
   {
-    id: "model", keys: "N", group: "tree", label: () => texts.operation.model,
+    id: "model", keys: "N", group: "tree", label: () => treeTexts.operation.model,
     refusal: refusals.readOnly,
     run: () => { modelForm.value = { item: null }; },
   },
   {
-    id: "open", keys: "O", group: "tree", label: () => texts.operation.open,
-    refusal: () => cursor() >= 0 && node(cursor()).calls ? "" : texts.refusal.noCall,
+    id: "open", keys: "O", group: "tree", label: () => treeTexts.operation.open,
+    refusal: () => cursor() >= 0 && node(cursor()).calls ? "" : treeTexts.refusal.noCall,
     run: () => openTree(node(cursor()).calls),
   },
   {
-    id: "text", keys: "Ctrl+Enter", group: "view", label: () => texts.operation.text,
-    refusal: () => cursor() >= 0 ? "" : texts.refusal.noSelection,
+    id: "text", keys: "Ctrl+Enter", group: "view", label: () => treeTexts.operation.text,
+    refusal: () => cursor() >= 0 ? "" : treeTexts.refusal.noSelection,
     run: () => actions.reveal(node(cursor()).place),
   },
   {
     id: "fold", keys: "Space", group: "view",
-    label: () => cursor() >= 0 && node(cursor()).hidden ? texts.operation.unfold : texts.operation.fold,
-    refusal: () => cursor() >= 0 && !node(cursor()).leaf ? "" : texts.refusal.noChildren,
+    label: () => cursor() >= 0 && node(cursor()).hidden ? treeTexts.operation.unfold : treeTexts.operation.fold,
+    refusal: () => cursor() >= 0 && !node(cursor()).leaf ? "" : treeTexts.refusal.noChildren,
     run: () => view.value?.toggleFold(cursor()),
   },
   {
     id: "breakpoint", keys: "B", group: "view",
     label: () => cursor() >= 0 && live.value?.wanted.includes(node(cursor()).key)
-      ? texts.operation.noBreakpoint : texts.operation.breakpoint,
-    refusal: () => !start.value?.live ? texts.refusal.notLive : cursor() >= 0 ? "" : texts.refusal.noSelection,
-    run: () => toggleBreakpoint(node(cursor()).key),
+      ? treeTexts.operation.noBreakpoint : treeTexts.operation.breakpoint,
+    refusal: () => !start.value?.live ? treeTexts.refusal.notLive : cursor() >= 0 ? "" : treeTexts.refusal.noSelection,
+    run: () => toggleBreakpoints([node(cursor()).key]),
   },
 ];
 

@@ -8,8 +8,8 @@ import { addAtCursor, run } from "./operations";
 import type { PaletteItem } from "./protocol";
 import { modelForm } from "./quick_state";
 import { palette, start } from "./state";
-import { tree as texts } from "./texts";
-import { view } from "./view";
+import { treeTexts } from "./texts";
+import { focusPicture } from "./view";
 
 const KINDS: readonly PaletteItem["kind"][] = ["control", "decorator", "condition", "action", "subtree", "undefined"];
 
@@ -26,7 +26,7 @@ export function Symbol({ item }: { item: Pick<PaletteItem, "kind" | "symbol"> })
 export function Highlighted({ text, at }: { text: string; at: readonly number[] }) {
   if (!at.length) return <b>{text}</b>;
   const letters = new Set(at);
-  return <b class="matches">{[...text].map((letter, index) => letters.has(index) ? <mark key={index}>{letter}</mark> : letter)}</b>;
+  return <b>{[...text].map((letter, index) => letters.has(index) ? <mark key={index}>{letter}</mark> : letter)}</b>;
 }
 
 /** Insert a node at the cursor, in the first place that is possible. */
@@ -45,13 +45,13 @@ export function Palette() {
   const matches = search(words.value, items, (item) => item.id);
   const recent = words.value ? [] : lastUsed.value.flatMap((id) => byId.get(id) ?? []);
   const groups: [string, { item: PaletteItem; at: number[] }[]][] = words.value
-    ? [[texts.results(matches.length), matches]]
+    ? [[treeTexts.results(matches.length), matches]]
     : [...Map.groupBy(matches, ({ item }) => item.group)];
   const itemAt = (event: Event) => byId.get((event.target as Element).closest<HTMLElement>("[data-id]")?.dataset.id ?? "");
   const press = (event: PointerEvent) => {
     const item = itemAt(event);
     // The picture gets the keys.
-    if (item) pressItem(item.id, event, () => { view.value?.frame.focus({ preventScroll: true }); insert(item); });
+    if (item) pressItem(item.id, event, () => { focusPicture(); insert(item); });
   };
   // A press with the mouse is handled by its pointer; Enter and screen readers click without a pointer.
   const click = (event: MouseEvent) => {
@@ -74,7 +74,7 @@ export function Palette() {
     <div class="palette-row" key={item.id}>
       {insertButton(item, at)}
       <button
-        class="small" tabIndex={item.id === stop ? 0 : -1} aria-label={`${texts.editModel} ${item.id}`} title={texts.editModel}
+        class="small" tabIndex={item.id === stop ? 0 : -1} aria-label={`${treeTexts.editModel} ${item.id}`} title={treeTexts.editModel}
         onClick={() => { modelForm.value = { item }; }}
       >✎</button>
     </div>
@@ -88,24 +88,24 @@ export function Palette() {
     </button>
   );
   return (
-    <section class="palette" aria-label={texts.palette} onKeyDown={arrows}>
+    <section class="palette" aria-label={treeTexts.palette} onKeyDown={arrows}>
       <div class="palette-search">
         <input
-          type="search" placeholder={texts.searchPalette} aria-label={texts.searchPalette} value={words.value} spellcheck={false}
+          type="search" placeholder={treeTexts.searchPalette} aria-label={treeTexts.searchPalette} value={words.value} spellcheck={false}
           onInput={(event) => { words.value = event.currentTarget.value; }}
           onKeyDown={(event) => { if (event.key === "Enter" && matches[0]) insert(matches[0].item); }}
         />
-        {!isReadOnly && <button aria-label={texts.newModel} title={`${texts.newModel} (N)`} onClick={() => run("model")}>+</button>}
+        {!isReadOnly && <button aria-label={treeTexts.newModel} title={`${treeTexts.newModel} (N)`} onClick={() => run("model")}>+</button>}
       </div>
       <div class="palette-items" onPointerDown={press} onClick={click} onDragStart={(event) => event.preventDefault()}>
         {recent.length > 0 && (
-          <details open><summary>{texts.lastUsed}</summary>{recent.map((item) => button(item, []))}</details>
+          <details open><summary>{treeTexts.lastUsed}</summary>{recent.map((item) => button(item, []))}</details>
         )}
         {groups.map(([group, found]) => (
           <details key={group} open><summary>{group}</summary>{found.map(({ item, at }) => button(item, at))}</details>
         ))}
       </div>
-      <p id="palette-about" class="about">{about.value || texts.paletteHint}</p>
+      <p id="palette-about" class="about">{about.value || treeTexts.paletteHint}</p>
     </section>
   );
 }

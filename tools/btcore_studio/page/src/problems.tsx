@@ -9,7 +9,7 @@ import { fileName } from "./toolbar";
 const MAX_SHOWN = 200;
 const MAX_LINE = 2 ** 31 - 1;
 
-export interface CodeAction { title: string; edit?: WorkspaceEdit; isPreferred?: boolean; diagnostics?: Diagnostic[] }
+interface CodeAction { title: string; edit: WorkspaceEdit; diagnostics?: Diagnostic[] }
 
 /** The offered changes of each document with problems. */
 export const fixes = signal<ReadonlyMap<string, readonly CodeAction[]>>(new Map());
@@ -54,15 +54,15 @@ export function followProblems(home: Home): void {
 
 async function request(home: Home, address: string): Promise<CodeAction[]> {
   await home.documents?.load(address);
-  const found = await actions.request<CodeAction[] | null>("textDocument/codeAction", {
+  const found = await actions.request<Partial<CodeAction>[] | null>("textDocument/codeAction", {
     textDocument: { uri: address }, context: { diagnostics: [] },
     range: { start: { line: 0, character: 0 }, end: { line: MAX_LINE, character: 0 } },
   });
-  return (found ?? []).filter((action) => action.edit);
+  return (found ?? []).filter((action): action is CodeAction => Boolean(action.edit));
 }
 
 /** The errors and warnings of all files, with their fixes. */
-export function Problems({ apply }: { apply: (action: CodeAction) => void }) {
+export function Problems() {
   const [isOpen, setOpen] = useState(true);
   const all = shown.value;
   const errors = all.filter(({ item }) => item.severity === 1).length;
@@ -75,7 +75,7 @@ export function Problems({ apply }: { apply: (action: CodeAction) => void }) {
         <button class={`summary ${errors ? "error" : warnings ? "warning" : ""}`} aria-expanded={isOpen} onClick={() => setOpen(!isOpen)}>
           {summary || (checked.value.has(uri.value) ? `✔ ${texts.noProblems}` : texts.checking)}
         </button>
-        {offers.map((action) => <button class="small" key={action.title} onClick={() => apply(action)}>{action.title}</button>)}
+        {offers.map((action) => <button class="small" key={action.title} onClick={() => actions.apply(action.edit)}>{action.title}</button>)}
       </div>
       {isOpen && all.length > 0 && (
         <ul>
@@ -86,7 +86,7 @@ export function Problems({ apply }: { apply: (action: CodeAction) => void }) {
                 <small>{fileName(address)}:{item.range.start.line + 1}:{item.range.start.character + 1}</small>
               </button>
               {fixesOf(address, item).map((action) => (
-                <button class="small" key={action.title} onClick={() => apply(action)}>{action.title}</button>
+                <button class="small" key={action.title} onClick={() => actions.apply(action.edit)}>{action.title}</button>
               ))}
             </li>
           ))}

@@ -19,7 +19,6 @@ export interface Diagnostic {
   severity?: 1 | 2 | 3 | 4;
   code?: string | number;
   message: string;
-  relatedInformation?: { location: { uri: string; range: Range }; message: string }[];
 }
 
 // --- btcore/drawing: DrawingParams → Drawing

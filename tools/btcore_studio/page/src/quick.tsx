@@ -2,7 +2,6 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
-import { canWrap } from "./drag";
 import { search } from "./fuzzy";
 import { lastUsed, noteUse } from "./last_used";
 import { addAtCursor, changeType, inTurn, type Where, wheres, wrapChosen } from "./operations";
@@ -10,8 +9,9 @@ import { Highlighted, Symbol } from "./palette";
 import type { NodeForm, PaletteItem } from "./protocol";
 import { prompt, quick } from "./quick_state";
 import { actions, palette, selectedNode } from "./state";
-import { tree as texts } from "./texts";
-import { view } from "./view";
+import { canWrap } from "./tree";
+import { treeTexts } from "./texts";
+import { focusPicture, view } from "./view";
 
 const MAX_SHOWN = 60;
 
@@ -45,7 +45,7 @@ function usePlace(): { ref: { current: HTMLDivElement | null } } {
 function close(): void {
   quick.value = null;
   prompt.value = null;
-  view.value?.frame.focus({ preventScroll: true });
+  focusPicture();
 }
 
 function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
@@ -96,13 +96,13 @@ function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
     if (!ref.current?.contains(event.relatedTarget as Node | null)) quick.value = null;
   };
   return (
-    <div class="popup quick" ref={ref} role="dialog" aria-label={texts.quick[mode]} onKeyDown={key} onFocusOut={leave}>
+    <div class="popup quick" ref={ref} role="dialog" aria-label={treeTexts.quick[mode]} onKeyDown={key} onFocusOut={leave}>
       <input
         role="combobox" aria-expanded="true" aria-controls="quick-list" aria-autocomplete="list" autocomplete="off" spellcheck={false}
-        aria-activedescendant={chosenItem ? `quick-${at.value}` : undefined} aria-label={texts.quick[mode]} placeholder={texts.quick[mode]}
+        aria-activedescendant={chosenItem ? `quick-${at.value}` : undefined} aria-label={treeTexts.quick[mode]} placeholder={treeTexts.quick[mode]}
         value={words.value} onInput={(event) => { words.value = event.currentTarget.value; at.value = 0; }}
       />
-      <ul id="quick-list" role="listbox" aria-label={texts.nodeTypes}>
+      <ul id="quick-list" role="listbox" aria-label={treeTexts.nodeTypes}>
         {matches.map(({ item, at: letters }, index) => (
           <li
             key={item.id} id={`quick-${index}`} role="option" aria-selected={item === chosenItem}
@@ -111,16 +111,16 @@ function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
             <Symbol item={item} /><Highlighted text={item.id} at={letters} /><small>{item.group}</small>
           </li>
         ))}
-        {!matches.length && <li class="none">{texts.noneFound}</li>}
+        {!matches.length && <li class="none">{treeTexts.noneFound}</li>}
       </ul>
       {chosenItem?.about && <p class="about">{firstSentence(chosenItem.about)}</p>}
       {places.length > 1 && (
-        <div class="wheres" role="radiogroup" aria-label={texts.where}>
+        <div class="wheres" role="radiogroup" aria-label={treeTexts.where}>
           {places.map((name) => (
             <button
-              key={name} type="button" role="radio" aria-checked={name === place} title={texts.whereKeys[name]} tabIndex={-1}
+              key={name} type="button" role="radio" aria-checked={name === place} title={treeTexts.whereKeys[name]} tabIndex={-1}
               onPointerDown={(event) => event.preventDefault()} onClick={() => { where.value = name; }}
-            >{texts.wheres[name]}</button>
+            >{treeTexts.wheres[name]}</button>
           ))}
         </div>
       )}

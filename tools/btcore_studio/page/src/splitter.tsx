@@ -1,5 +1,5 @@
 import { useEffect, useRef } from "preact/hooks";
-import { store, stored } from "./toolbar";
+import { store, stored } from "./storage";
 
 const STEP_PX = 20;
 const STORED = "btcore-studio-size-";

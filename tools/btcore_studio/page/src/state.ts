@@ -2,7 +2,7 @@
 
 import { computed, signal } from "@preact/signals";
 import type {
-  Command, Diagnostic, Drawing, DrawnNode, EditResult, Live, Palette, Position, SharedFile, Start,
+  Command, Diagnostic, Drawing, DrawnNode, EditResult, Live, Palette, Place, Position, SharedFile, Start, WorkspaceEdit,
 } from "./protocol";
 
 export const start = signal<Start | null>(null);
@@ -23,6 +23,9 @@ export const files = signal<readonly SharedFile[]>([]);
 /** A sentence for the user, in the status line. */
 export const message = signal("");
 
+export const reasonOf = (error: unknown): string => (error instanceof Error ? error.message : String(error));
+export const showError = (error: unknown): void => { message.value = reasonOf(error); };
+
 export const nodesByKey = computed(
   () => new Map((drawing.value?.nodes ?? []).map((node) => [node.key, node] as const)),
 );
@@ -34,56 +37,63 @@ export const selectedNodes = computed(() =>
 );
 export const selectedNode = computed<DrawnNode | null>(() => selectedNodes.value.at(-1) ?? null);
 
-export const isBefore = (a: Position, b: Position) => a.line < b.line || (a.line === b.line && a.character <= b.character);
+const isBefore = (a: Position, b: Position) => a.line < b.line || (a.line === b.line && a.character <= b.character);
+const isWithin = ({ uri, position }: Place, { place, end }: DrawnNode) =>
+  place.uri === uri && isBefore(place.position, position) && isBefore(position, end);
 
-/** The most severe problem of each node, by its key: 1 error, 2 warning. Problems of a child are not its parent's. */
-export const severities = computed(() => {
-  const found = new Map<string, 1 | 2>();
-  const nodes = drawing.value?.nodes ?? [];
+export const isSamePlace = (a: Place | undefined, b: Place | undefined): boolean => a !== undefined && b !== undefined
+  && a.uri === b.uri && a.position.line === b.position.line && a.position.character === b.position.character;
+
+/** Return the drawn nodes of the innermost element around a place. A tree that is called several times is drawn several times. */
+function nodesAround(place: Place): DrawnNode[] {
+  const around = (drawing.value?.nodes ?? []).filter((node) => isWithin(place, node));
+  // The innermost element is the last that begins before the place.
+  let innermost = around[0];
+  for (const node of around) if (!isBefore(node.place.position, innermost!.place.position)) innermost = node;
+  return around.filter((node) => isSamePlace(node.place, innermost!.place));
+}
+
+/** The problems of each node, by its key. Problems of a child are not its parent's. */
+export const problemsByKey = computed(() => {
+  const found = new Map<string, Diagnostic[]>();
   for (const [uri, items] of diagnostics.value) {
-    for (const { range, severity } of items) {
-      if (severity !== 1 && severity !== 2) continue;
-      const around = nodes.filter(
-        ({ place, end }) => place.uri === uri && isBefore(place.position, range.start) && isBefore(range.start, end),
-      );
-      // The innermost element is the last that begins before the problem. Its tree may be drawn several times.
-      let innermost: Position | null = null;
-      for (const { place } of around) {
-        if (!innermost || isBefore(innermost, place.position)) innermost = place.position;
-      }
-      for (const { key, place } of around) {
-        if (innermost && isBefore(innermost, place.position)) found.set(key, severity === 1 ? 1 : (found.get(key) ?? 2));
-      }
+    for (const item of items) {
+      for (const { key } of nodesAround({ uri, position: item.range.start })) found.set(key, [...(found.get(key) ?? []), item]);
     }
   }
   return found;
 });
 
-/** Return the key of the innermost node of the drawing around a position of a text. */
-export function keyAt(uri: string, position: Position): string | null {
-  let best: DrawnNode | null = null;
-  for (const node of drawing.value?.nodes ?? []) {
-    const { place, end } = node;
-    if (place.uri !== uri || !isBefore(place.position, position) || !isBefore(position, end)) continue;
-    // A tree that is called several times is drawn several times.
-    if (!best || !isBefore(place.position, best.place.position)) best = node;
+let lastSeverities: ReadonlyMap<string, 1 | 2> = new Map();
+
+/** The most severe problem of each node, by its key: 1 error, 2 warning. The same map as long as the content is the same. */
+export const severities = computed(() => {
+  const found = new Map<string, 1 | 2>();
+  for (const [key, items] of problemsByKey.value) {
+    const severity = ([1, 2] as const).find((wanted) => items.some((item) => item.severity === wanted));
+    if (severity) found.set(key, severity);
   }
-  return best?.key ?? null;
-}
+  const isSame = found.size === lastSeverities.size && [...found].every(([key, severity]) => lastSeverities.get(key) === severity);
+  if (!isSame) lastSeverities = found;
+  return lastSeverities;
+});
+
+/** Return the key of the innermost node of the drawing around a position of a text. */
+export const keyAt = (uri: string, position: Position): string | null => nodesAround({ uri, position })[0]?.key ?? null;
 
 /** What the page's home (browser or VS Code) and its documents offer to the parts; set by main.tsx. */
-export interface Actions {
+interface Actions {
   /** Send a request to the language server. Rejects with an Error whose message is for the user. */
   request<T>(method: string, params: unknown): Promise<T>;
   /** Compute an operation, apply its edit as one step of undo, and select its nodes. Shows a refusal itself. */
   edit(command: Command): Promise<EditResult | null>;
+  /** Apply a change of several files as one step of undo. Shows a refusal itself. */
+  apply(edit: WorkspaceEdit): void;
   undo(): Promise<void>;
   redo(): Promise<void>;
   save(): Promise<void>;
-  /** Request the drawing again, with the present tree and folded nodes. */
-  redraw(): Promise<void>;
   /** Show the place in the text pane (or in VS Code's editor). */
-  reveal(place: { uri: string; position: { line: number; character: number } }): void;
+  reveal(place: Place): void;
 }
 
 export const actions: Actions = {} as Actions;

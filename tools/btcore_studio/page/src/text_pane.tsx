@@ -9,10 +9,10 @@ import { xml } from "@codemirror/lang-xml";
 import {
   bracketMatching, codeFolding, foldGutter, foldKeymap, HighlightStyle, indentOnInput, syntaxHighlighting,
 } from "@codemirror/language";
-import { type Action, type Diagnostic as Mark, lintGutter, lintKeymap, setDiagnostics } from "@codemirror/lint";
+import { type Action, type Diagnostic as LintDiagnostic, lintGutter, lintKeymap, setDiagnostics } from "@codemirror/lint";
 import { highlightSelectionMatches, search, searchKeymap } from "@codemirror/search";
 import {
-  Annotation, type ChangeSet, type ChangeSpec, Compartment, EditorSelection, EditorState, type Extension, Prec, RangeSet, RangeSetBuilder,
+  Annotation, type ChangeSet, type ChangeSpec, EditorSelection, EditorState, type Extension, Prec, RangeSet, RangeSetBuilder,
   StateEffect, StateField, type Text, Transaction, type TransactionSpec,
 } from "@codemirror/state";
 import {
@@ -26,17 +26,18 @@ import { type Change, offsetAt, positionAt, rangeAt } from "./documents";
 import type { BrowserHome } from "./home";
 import { ask } from "./dialog";
 import { openFile } from "./files";
-import { type CodeAction, fixes, fixesOf } from "./problems";
-import type { DrawnNode, Place, Position, Range, WorkspaceEdit } from "./protocol";
+import { toggleBreakpoints } from "./live";
+import { fixes, fixesOf } from "./problems";
+import type { Place, Position, Range, WorkspaceEdit } from "./protocol";
 import { rendered } from "./markdown";
 import {
-  actions, diagnostics, drawing, keyAt, live, message, nodesByKey, selectedNode, selection, start, uri,
+  actions, diagnostics, drawing, isSamePlace, keyAt, live, message, nodesByKey, selectedNode, selection, showError, start, uri,
 } from "./state";
 import { texts } from "./texts";
 import { fileName } from "./toolbar";
 
 /** The document in the text pane: that of the drawing, or one that it includes. */
-export const shownUri = signal("");
+const shownUri = signal("");
 /** Where the cursor should go; set by `reveal`. */
 const wantedPlace = signal<(Place & { focus: boolean }) | null>(null);
 
@@ -45,9 +46,6 @@ export function revealText(place: Place, focus = true): void {
   shownUri.value = place.uri;
   wantedPlace.value = { ...place, focus };
 }
-
-/** Applies a change of several files; set by main.tsx. */
-export const applyAction = signal<((action: CodeAction) => void) | null>(null);
 
 const openPlace = (address: string, line: number) => revealText({ uri: address, position: { line, character: 0 } });
 
@@ -203,13 +201,7 @@ function keysByLine(uri: string): Map<number, string[]> {
 function toggleStops(line: number): boolean {
   const keys = keysByLine(shownUri.value).get(line) ?? [];
   if (!keys.length || !start.value?.live) return false;
-  const wanted = new Set(live.value?.wanted);
-  const isSet = keys.some((key) => wanted.has(key));
-  for (const key of keys) {
-    if (isSet) wanted.delete(key);
-    else wanted.add(key);
-  }
-  void actions.request("btcore/breakpoints", { keys: [...wanted] }).catch(show);
+  void toggleBreakpoints(keys);
   return true;
 }
 
@@ -257,19 +249,19 @@ const wholeBreaks = EditorState.transactionFilter.of((transaction) => {
 
 // --- commands
 
+const cursorOf = ({ state }: EditorView): Position => positionAt(state.doc, state.selection.main.head);
+
 /** Go to the definition of what is at the cursor. */
 function goToDefinition(view: EditorView): boolean {
-  const position = positionAt(view.state.doc, view.state.selection.main.head);
+  const position = cursorOf(view);
   type Location = { uri: string; range: Range };
   void actions.request<Location | Location[] | null>("textDocument/definition", { ...textDocument(), position }).then((found) => {
     const place = Array.isArray(found) ? found[0] : found;
     if (place) revealText({ uri: place.uri, position: place.range.start });
     else message.value = texts.noDefinition;
-  }, show);
+  }, showError);
   return true;
 }
-
-const show = (error: unknown) => { message.value = error instanceof Error ? error.message : String(error); };
 
 /** Ask for the new name of what is at a position, and rename it in all files. */
 export async function rename(address: string, position: Position): Promise<void> {
@@ -282,24 +274,24 @@ export async function rename(address: string, position: Position): Promise<void>
   ask({
     title: texts.rename, label: texts.renameTo, text: found.placeholder ?? "", choices: [texts.rename],
     answer: (_, newName) => void actions.request<WorkspaceEdit | null>("textDocument/rename", { ...place, newName })
-      .then((edit) => { if (edit) applyAction.value?.({ title: texts.rename, edit }); }, show),
+      .then((edit) => { if (edit) actions.apply(edit); }, showError),
   });
 }
 
 function startRename(view: EditorView): boolean {
-  void rename(shownUri.value, positionAt(view.state.doc, view.state.selection.main.head)).catch(show);
+  void rename(shownUri.value, cursorOf(view)).catch(showError);
   return true;
 }
 
 /** Offer the fixes of the problems in the line of the cursor. */
 function offerFixes(view: EditorView): boolean {
-  const { line } = positionAt(view.state.doc, view.state.selection.main.head);
+  const { line } = cursorOf(view);
   const items = (diagnostics.value.get(shownUri.value) ?? []).filter(({ range }) => range.start.line <= line && line <= range.end.line);
   const found = new Map(items.flatMap((item) => fixesOf(shownUri.value, item)).map((fix) => [fix.title, fix]));
   if (found.size) {
     ask({
       title: texts.fixes, choices: [...found.keys()],
-      answer: (title) => { const fix = found.get(title); if (fix) applyAction.value?.(fix); },
+      answer: (title) => { const fix = found.get(title); if (fix) actions.apply(fix.edit); },
     });
   } else message.value = texts.noFixes;
   return true;
@@ -358,8 +350,6 @@ const look = EditorView.theme({
   ".token-operator": { color: "var(--text)" },
 });
 
-const isFixed = new Compartment();
-
 const extensions = (home: BrowserHome): Extension => [
   EditorState.lineSeparator.of("\n"),
   start.peek()?.live ? stopGutter : [], lineNumbers(), foldGutter(), codeFolding(), lintGutter(), highlightSpecialChars(), drawSelection(),
@@ -367,7 +357,7 @@ const extensions = (home: BrowserHome): Extension => [
   highlightActiveLine(), highlightActiveLineGutter(), highlightSelectionMatches(), search({ top: true }),
   autocompletion({ override: [complete], activateOnTyping: true, interactionDelay: 40 }),
   Prec.low(colours), xml(), syntaxHighlighting(highlight), look, hover, colourer, hideReturns, wholeBreaks,
-  isFixed.of([]),
+  EditorState.readOnly.of(start.peek()?.readOnly ?? false),
   Prec.highest(EditorView.domEventHandlers({
     beforeinput: (event) => {
       // The menu of the browser; the keys are the page's.
@@ -401,20 +391,20 @@ const extensions = (home: BrowserHome): Extension => [
 
 // --- problems
 
-const marks = (state: EditorState, address: string, apply: (action: CodeAction) => void): Mark[] =>
-  (diagnostics.value.get(address) ?? []).map((item): Mark => {
+const marks = (state: EditorState, address: string): LintDiagnostic[] =>
+  (diagnostics.value.get(address) ?? []).map((item): LintDiagnostic => {
     const from = offsetAt(state.doc, item.range.start);
     return {
       from, to: Math.max(from, offsetAt(state.doc, item.range.end)), severity: SEVERITIES[item.severity ?? 1] ?? "error",
       message: item.message, source: String(item.code ?? ""),
-      actions: fixesOf(address, item).map((fix): Action => ({ name: fix.title, apply: () => apply(fix) })),
+      actions: fixesOf(address, item).map((fix): Action => ({ name: fix.title, apply: () => actions.apply(fix.edit) })),
     };
   });
 
 // --- the pane
 
 /** The text, in both directions with the documents and with the selected node. */
-export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: CodeAction) => void }) {
+export function TextPane({ home }: { home: BrowserHome }) {
   const frame = useRef<HTMLDivElement>(null);
   useEffect(() => {
     const place = frame.current;
@@ -443,9 +433,10 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
     const isInText = () => root.activeElement === view.contentDOM;
 
     const selectAtCursor = () => {
-      const best = keyAt(shown, positionAt(view.state.doc, view.state.selection.main.head));
-      const nodes = nodesByKey.peek();
-      const isSelected = selection.peek().some((key) => key === best || isSamePlace(nodes.get(key), nodes.get(best ?? "")));
+      const best = keyAt(shown, cursorOf(view));
+      const placeOf = (key: string | null) => nodesByKey.peek().get(key ?? "")?.place;
+      // A tree that is called several times is drawn several times.
+      const isSelected = selection.peek().some((key) => key === best || isSamePlace(placeOf(key), placeOf(best)));
       if (!best || isSelected) return;
       keyOfCursor = best;
       selection.value = [best];
@@ -461,18 +452,13 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
         doc, selection: known ? EditorSelection.cursor(Math.min(known.selection.main.head, doc.length)) : EditorSelection.cursor(0),
         extensions: [extensions(home), EditorView.contentAttributes.of({ "aria-label": label, "aria-description": texts.leaveEditor, tabindex: "0", spellcheck: "false" })],
       }));
-      view.dispatch({ effects: isFixed.reconfigure(start.value?.readOnly ? [EditorState.readOnly.of(true)] : []) });
       showMarks();
       showStops();
     };
 
-    const go = (position: Position, focus: boolean) => {
-      const offset = offsetAt(view.state.doc, position);
-      view.dispatch({
-        selection: { anchor: offset }, annotations: external.of(true), effects: EditorView.scrollIntoView(offset, { y: "nearest", yMargin: 60 }),
-      });
-      if (focus) view.focus();
-    };
+    const moveTo = (offset: number) => view.dispatch({
+      selection: { anchor: offset }, annotations: external.of(true), effects: EditorView.scrollIntoView(offset, { y: "nearest", yMargin: 60 }),
+    });
 
     const showStops = () => {
       const wanted = new Set(live.value?.wanted);
@@ -484,16 +470,13 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
     };
 
     const showMarks = () => {
-      view.dispatch(setDiagnostics(view.state, marks(view.state, shown, apply)));
+      view.dispatch(setDiagnostics(view.state, marks(view.state, shown)));
     };
 
     home.documents.listen(({ uri: address, changes, origin }: Change) => {
       if (address !== shown || origin === "typing") return;
       view.dispatch({ changes, annotations: external.of(true) });
-      if (origin === "undo") {
-        const at = lastChange(changes);
-        view.dispatch({ selection: { anchor: at }, annotations: external.of(true), effects: EditorView.scrollIntoView(at, { y: "nearest", yMargin: 60 }) });
-      }
+      if (origin === "undo") moveTo(lastChange(changes));
     });
     const ends = [
       effect(() => { shownUri.value = uri.value; }),
@@ -506,10 +489,13 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
           if (shown !== address) showDocument(address);
           if (wanted && wanted === wantedPlace.peek() && wanted.uri === address) {
             wantedPlace.value = null;
-            go(wanted.position, wanted.focus);
-            if (wanted.focus) selectAtCursor();
+            moveTo(offsetAt(view.state.doc, wanted.position));
+            if (wanted.focus) {
+              view.focus();
+              selectAtCursor();
+            }
           }
-        }, show);
+        }, showError);
       }),
       effect(() => {
         const key = selection.value.at(-1) ?? null;
@@ -545,10 +531,6 @@ export function TextPane({ home, apply }: { home: BrowserHome; apply: (action: C
     </section>
   );
 }
-
-// A tree that is called several times is drawn several times.
-const isSamePlace = (a?: DrawnNode, b?: DrawnNode) => a && b && a.place.uri === b.place.uri
-  && a.place.position.line === b.place.position.line && a.place.position.character === b.place.position.character;
 
 function lastChange(changes: ChangeSet): number {
   let last = 0;

@@ -78,7 +78,7 @@ export const texts = {
 };
 
 /** The picture, the palette, the form and the running tree. */
-export const tree = {
+export const treeTexts = {
   // the picture
   picture: "Picture of the tree",
   treeLabel: (id: string) => `Tree ${id}`,

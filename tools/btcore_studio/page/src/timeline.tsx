@@ -4,8 +4,8 @@ import { effect, signal, untracked } from "@preact/signals";
 import { useMemo } from "preact/hooks";
 import { statuses } from "./live";
 import type { Moment, Recording } from "./protocol";
-import { actions, live, message, start } from "./state";
-import { tree as texts } from "./texts";
+import { actions, live, showError, start } from "./state";
+import { treeTexts } from "./texts";
 
 export const moment = signal<Moment | null>(null);
 const position = signal(0);
@@ -31,7 +31,7 @@ async function goTo(recording: Recording, wanted: number): Promise<void> {
       if (data.position === next || data.problem) shown = next;
     }
   } catch (error) {
-    message.value = (error as Error).message;
+    showError(error);
   } finally {
     isMoving = false;
   }
@@ -40,7 +40,7 @@ async function goTo(recording: Recording, wanted: number): Promise<void> {
 function show(recording: Recording, data: Moment): void {
   moment.value = data;
   live.value = {
-    address: "", connection: "connected", detail: "", problem: data.problem && texts.notReplayed(data.problem),
+    address: "", connection: "connected", detail: "", problem: data.problem && treeTexts.notReplayed(data.problem),
     statuses: data.statuses, results: data.results, entries: data.entries, wanted: [], breakpoints: [], stopped: "",
     keys: recording.keys,
   };
@@ -57,17 +57,17 @@ export function Timeline() {
   const runs = useMemo(() => [...(recording?.colours ?? "").matchAll(/(.)\1*/g)], [recording]);
   if (!recording) return null;
   const at = moment.value;
-  const name = !at ? "" : at.tick ? texts.tick(at.tick) : at.position ? texts.halt : texts.beginning;
-  const time = at ? texts.seconds(at.time) : "";
+  const name = !at ? "" : at.tick ? treeTexts.tick(at.tick) : at.position ? treeTexts.halt : treeTexts.beginning;
+  const time = at ? treeTexts.seconds(at.time) : "";
   return (
-    <section class="timeline" aria-label={texts.timeline}>
+    <section class="timeline" aria-label={treeTexts.timeline}>
       <div class="group">
-        <button title={texts.back} aria-label={texts.back} disabled={position.value === 0} onClick={() => step(-1)}>◀</button>
-        <button title={texts.forth} aria-label={texts.forth} disabled={position.value === recording.count} onClick={() => step(1)}>▶</button>
+        <button title={treeTexts.back} aria-label={treeTexts.back} disabled={position.value === 0} onClick={() => step(-1)}>◀</button>
+        <button title={treeTexts.forth} aria-label={treeTexts.forth} disabled={position.value === recording.count} onClick={() => step(1)}>▶</button>
       </div>
       <div class="track">
         <input
-          type="range" min={0} max={recording.count} value={position.value} aria-label={texts.moment}
+          type="range" min={0} max={recording.count} value={position.value} aria-label={treeTexts.moment}
           aria-valuetext={at ? `${name}, ${time}, ${statuses[at.root]}` : ""}
           onInput={(event) => void goTo(recording, Number(event.currentTarget.value))}
         />
@@ -79,7 +79,7 @@ export function Timeline() {
       </div>
       <output>
         <b>{name}</b> · {time}
-        {at && at.position !== position.value && !at.problem && <small> {texts.runningTo(position.value)}</small>}
+        {at && at.position !== position.value && !at.problem && <small> {treeTexts.runningTo(position.value)}</small>}
         {at && at.tick > 0 && <span class={`status s${at.root}`}>{statuses[at.root]}</span>}
       </output>
     </section>

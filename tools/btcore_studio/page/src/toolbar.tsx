@@ -1,7 +1,8 @@
 import { effect, signal } from "@preact/signals";
 import { canRedo, canUndo, type Home } from "./home";
 import type { Drawing } from "./protocol";
-import { actions, drawing, files, folded, message, start, tree, uri } from "./state";
+import { actions, drawing, files, folded, message, reasonOf, start, tree, uri } from "./state";
+import { store, stored } from "./storage";
 import { texts } from "./texts";
 
 type Theme = "system" | "light" | "dark";
@@ -11,23 +12,6 @@ const PNG_SCALE = 2;
 
 const theme = signal<Theme>(THEMES.find((name) => name === stored(STORED)) ?? "system");
 
-/** Return a setting of the user, who may have forbidden to store any. */
-export function stored(name: string): string | null {
-  try {
-    return localStorage.getItem(name);
-  } catch {
-    return null;
-  }
-}
-
-export function store(name: string, value: string): void {
-  try {
-    localStorage.setItem(name, value);
-  } catch {
-    // The setting ends with the page.
-  }
-}
-
 effect(() => {
   const chosen = theme.value;
   if (chosen === "system") delete document.documentElement.dataset.theme;
@@ -36,7 +20,7 @@ effect(() => {
 });
 
 /** The panes that the user has hidden. */
-export type Pane = "left" | "right" | "text";
+type Pane = "left" | "right" | "text";
 const PANES: readonly Pane[] = ["left", "right", "text"];
 const HIDDEN = "btcore-studio-hidden";
 export const hiddenPanes = signal<ReadonlySet<Pane>>(
@@ -60,7 +44,7 @@ async function exportDrawing(home: Home, format: "svg" | "png"): Promise<void> {
     const name = shown.replace(/[^\p{L}\p{N}_.-]+/gu, "_") || "tree";
     await home.export(`${name}.${format}`, format === "svg" ? content : await rasterize(content));
   } catch (error) {
-    message.value = texts.exportRefused(error instanceof Error ? error.message : String(error));
+    message.value = texts.exportRefused(reasonOf(error));
   }
 }
 
@@ -97,7 +81,7 @@ export function Toolbar({ home }: { home: Home }) {
       )}
       <div class="group">
         {home.documents && (
-          <button onClick={() => actions.save()} disabled={isFixed || (home.documents !== null && !files.value.some((file) => file.unsaved))} title={`${texts.save} (Ctrl+S)`}>{texts.save}</button>
+          <button onClick={() => actions.save()} disabled={isFixed || !files.value.some((file) => file.unsaved)} title={`${texts.save} (Ctrl+S)`}>{texts.save}</button>
         )}
         <button onClick={() => actions.undo()} disabled={!canUndo.value} title={`${texts.undo} (Ctrl+Z)`}>{texts.undo}</button>
         <button onClick={() => actions.redo()} disabled={!canRedo.value} title={`${texts.redo} (Ctrl+Shift+Z)`}>{texts.redo}</button>

@@ -76,6 +76,8 @@ export class Structure {
   }
 }
 
+export const canWrap = (kind: DrawnNode["kind"]): boolean => kind === "control" || kind === "decorator";
+
 /** Return the place of the drawn tree's element, under which its root is. */
 export function placeOfTree(drawing: Drawing): Place | null {
   return drawing.trees.find((tree) => tree.id === drawing.tree)?.place ?? null;

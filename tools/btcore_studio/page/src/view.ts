@@ -5,7 +5,7 @@ import { liveIndex, statuses } from "./live";
 import { type Box, type Card, type Picture, outline, overlaps, parsePicture } from "./picture";
 import type { Drawing } from "./protocol";
 import { drawing, folded, live, selection, severities } from "./state";
-import { tree as texts } from "./texts";
+import { treeTexts } from "./texts";
 import { Structure } from "./tree";
 
 const SVG = "http://www.w3.org/2000/svg";
@@ -54,8 +54,7 @@ export class View {
     this.ends.push(
       () => { frame.removeEventListener("scroll", later); observer.disconnect(); },
       effect(() => this.show(drawing.value)),
-      effect(() => { void selection.value; this.dressAll(); }),
-      effect(() => { void severities.value; void live.value; this.dressAll(); }),
+      effect(() => { void [selection.value, severities.value, live.value]; this.dressAll(); }),
       effect(() => this.search(query.value)),
     );
   }
@@ -104,9 +103,9 @@ export class View {
     }
     // Before the cards exist, because a question about places lays out all elements.
     if (kept && anchor >= 0 && !isOther) this.reveal(structure.at(kept));
+    this.find(query.peek());
     this.refresh();
     if (places) this.animate(places);
-    this.search(query.peek(), false);
     performance.mark("drawn");
   }
 
@@ -203,7 +202,7 @@ export class View {
     group.setAttribute("aria-level", String(this.structure.levels[index]));
     group.setAttribute("aria-posinset", String(this.structure.positions[index]));
     group.setAttribute("aria-setsize", String(this.structure.siblings(index).length));
-    group.setAttribute("aria-label", texts.nodeLabel(node, this.structure.disabled[index]!));
+    group.setAttribute("aria-label", treeTexts.nodeLabel(node, this.structure.disabled[index]!));
     if (!node.leaf) group.setAttribute("aria-expanded", String(!node.hidden));
   }
 
@@ -221,7 +220,7 @@ export class View {
     if (severity) classes.push(severity === 1 ? "error" : "warning");
     const state = live.peek();
     const isLive = Boolean(state?.connection) && liveIndex.peek().size > 0;
-    let spoken = severity ? texts.severity[severity] : "";
+    let spoken = severity ? treeTexts.severity[severity] : "";
     if (isLive && state) {
       const at = liveIndex.peek().get(node.key);
       const status = at === undefined ? "" : state.statuses[at] ?? "";
@@ -229,7 +228,7 @@ export class View {
       const result = status === "0" ? state.results[at!] ?? "0" : "0";
       if (result !== "0") classes.push(`r${result}`);
       if (state.stopped === node.key) classes.push("stopped");
-      spoken = [status === "" ? texts.absent : statuses[Number(status)], spoken].filter(Boolean).join(", ");
+      spoken = [status === "" ? treeTexts.absent : statuses[Number(status)], spoken].filter(Boolean).join(", ");
     }
     const stop = state?.wanted.includes(node.key) ? (state.breakpoints.includes(node.key) ? "set" : "pending") : "";
     const dot = group.querySelector(":scope > .stop");
@@ -282,9 +281,9 @@ export class View {
     const fold = group.querySelector(":scope > .fold.passing");
     const add = group.querySelector(":scope > .adds");
     if (!hasFold) fold?.remove();
-    else if (!fold) group.append(button("fold passing", card.width / 2, card.height + 4, "M-4 0L4 0", texts.hideNodes));
+    else if (!fold) group.append(button("fold passing", card.width / 2, card.height + 4, "M-4 0L4 0", treeTexts.hideNodes));
     if (!hasAdd) add?.remove();
-    else if (!add) group.append(button("adds", card.width - 16, card.height + 4, "M-4 0L4 0M0-4L0 4", texts.addChild));
+    else if (!add) group.append(button("adds", card.width - 16, card.height + 4, "M-4 0L4 0M0-4L0 4", treeTexts.addChild));
   }
 
   // --- geometry
@@ -394,7 +393,14 @@ export class View {
 
   // --- search
 
-  private search(words: string, isMoving = true): void {
+  private search(words: string): void {
+    this.find(words);
+    for (const [index, group] of this.groups) this.dress(index, group);
+    if (found.peek().length) this.select([found.peek()[0]!], true);
+  }
+
+  /** Note the nodes that match the query. */
+  private find(words: string): void {
     const wanted = words.trim().toLowerCase();
     this.frame.classList.toggle("searching", Boolean(wanted));
     this.foundKeys.clear();
@@ -408,8 +414,6 @@ export class View {
       }
     }
     found.value = keys;
-    for (const [index, group] of this.groups) this.dress(index, group);
-    if (isMoving && keys.length) this.select([keys[0]!], true);
   }
 
   // --- selection and folding
@@ -465,3 +469,6 @@ function hatching(): SVGElement {
 
 /** The view of the page; null before the canvas exists. */
 export const view = signal<View | null>(null);
+
+/** Give the keys to the picture. */
+export const focusPicture = (): void => view.value?.frame.focus({ preventScroll: true });

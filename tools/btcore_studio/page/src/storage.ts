@@ -1,0 +1,18 @@
+// The settings that the user's browser keeps.
+
+/** Return a setting of the user, who may have forbidden to store any. */
+export function stored(name: string): string | null {
+  try {
+    return localStorage.getItem(name);
+  } catch {
+    return null;
+  }
+}
+
+export function store(name: string, value: string): void {
+  try {
+    localStorage.setItem(name, value);
+  } catch {
+    // The setting ends with the page.
+  }
+}
