@@ -219,9 +219,11 @@ class _Comparer:
                 {"": node_id(element), **attributes_of(element)},
             )
             is_moved = element in matching.moved
-            if not attributes and not is_moved:
+            changes: list[Change] = ["moved"] if is_moved else []
+            if attributes:
+                changes.append("changed")
+            if not changes:
                 continue
-            changes: list[Change] = (["moved"] if is_moved else []) + (["changed"] if attributes else [])
             difference = Difference(
                 changes,
                 new.tree_of[element].id,

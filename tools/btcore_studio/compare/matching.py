@@ -131,8 +131,9 @@ class Matching:
         if not old or not new:
             return
         if max(len(old), len(new)) <= _MAX_COMPARED:
-            labels = [[label(element) for element in elements] for elements in (old, new)]
-            for start, new_start, size in SequenceMatcher(None, *labels).get_matching_blocks():
+            old_labels, new_labels = ([label(element) for element in elements] for elements in (old, new))
+            matcher = SequenceMatcher(None, old_labels, new_labels)
+            for start, new_start, size in matcher.get_matching_blocks():
                 for first, second in zip(
                     old[start : start + size], new[new_start : new_start + size], strict=True
                 ):
