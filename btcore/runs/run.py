@@ -451,4 +451,4 @@ class Run:
     @property
     def missed_ticks(self) -> int:
         """The number of ticks that did not take place because an earlier tick was in progress."""
-        return self._loop.missed_ticks
+        return self._loop.schedule.missed_ticks
