@@ -112,8 +112,8 @@ class Localiser:
         self._tree = tree
         self._scans = TransformFilter[LaserScan](tree, ODOM_FRAME)
         self._random = random
-        self._least_range = max(robot.laser.range_min, settings.laser_min_range)
-        self._most_range = min(robot.laser.range_max, settings.laser_max_range)
+        self._least_range = max(robot.laser_info.range_min, settings.laser_min_range)
+        self._most_range = min(robot.laser_info.range_max, settings.laser_max_range)
         self._alphas = (settings.alpha1, settings.alpha2, settings.alpha3, settings.alpha4)
         self._use_map(field_map)
         self.map_to_odom = Transform()
@@ -191,8 +191,8 @@ class Localiser:
             max_distance=settings.laser_likelihood_max_dist,
             range_max=self._most_range,
         )
-        self._visibility = RayCaster(field_map, self._most_range, self._robot.laser)
-        self._surfaces = SignedDistanceField(field_map, self._robot.laser, self._visibility)
+        self._visibility = RayCaster(field_map, self._most_range, self._robot.laser_info)
+        self._surfaces = SignedDistanceField(field_map, self._robot.laser_info, self._visibility)
         self._validator = PoseValidator(self._surfaces, self._visibility)
         self._relocaliser = Relocaliser(SearchSpace(field_map), self._surfaces, self._visibility)
         self._free = np.argwhere(field_map.free)

@@ -111,7 +111,7 @@ class Mapper:
         self._frames = frames
         self._scans = TransformFilter[LaserScan](tree, frames[1])
         self._start = pose_to_row(start) if start is not None else np.zeros(3)
-        self._grid = LogOddsGrid(resolution, robot.base.radius, keepout)
+        self._grid = LogOddsGrid(resolution, robot.base_info.radius, keepout)
         self._loop_detector = LoopClosureDetector() if loops else None
         self.searching = False
         """Whether the robot has to turn, because no scan since an outage of the odometry matches the map."""

@@ -45,7 +45,9 @@ class NoisyRobot:
         self.reported = [0.0, 0.0, 0.0]
         self.people = []
         step = math.radians(220.0) / 665
-        self.laser = LaserInfo(666, -math.radians(110.0), step, 0.05, 25.0, 10.0, 0.06, "laser", range_noise)
+        self.laser_info = LaserInfo(
+            666, -math.radians(110.0), step, 0.05, 25.0, 10.0, 0.06, "laser", range_noise
+        )
         self.newest = None
 
     def odometry(self):
@@ -71,7 +73,7 @@ class NoisyRobot:
 
     def update_scan(self) -> None:
         x, y, yaw = self.true
-        info = self.laser
+        info = self.laser_info
         angles = yaw + info.angle_min + info.angle_increment * np.arange(info.rays)
         x, y = x + LASER_X * math.cos(yaw), y + LASER_X * math.sin(yaw)
         people = ((a - 0.25, b - 0.25, a + 0.25, b + 0.25) for a, b in self.people)

@@ -29,7 +29,7 @@ class HouseRig:
         frames = FrameBroadcaster(self.body, tree)
         self.localiser = Localiser(self.body, rasterise(world.description), tree, np.random.default_rng(1))
         self.body.schedule.add_task(FrameBroadcaster.RATE, Phase.TRANSFORMS, frames.step)
-        self.body.schedule.add_task(self.body.laser.rate, Phase.LOCALISER, self.localiser.step)
+        self.body.schedule.add_task(self.body.laser_info.rate, Phase.LOCALISER, self.localiser.step)
 
     def drive(self, v: float, w: float, seconds: float):
         """Drive with a velocity; return the errors (m, rad) at 10 Hz."""
