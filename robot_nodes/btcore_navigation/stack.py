@@ -269,7 +269,7 @@ class Navigation:
         return self._is_battery_empty()
 
     def _is_localised(self) -> bool:
-        return self.localises and self._processed_scans >= INITIAL_SCANS and self.localiser.confident
+        return self.localises and self._processed_scans >= INITIAL_SCANS and self.localiser.is_confident
 
     def _is_battery_empty(self) -> bool:
         battery = self.robot.battery()
@@ -333,7 +333,7 @@ class Navigation:
         self._processed_scans += self.localiser.stamp != before
         is_confident = not self.must_wait()
         self._odometry_was_missing |= self.sensors.odometry_outage(now) is not None
-        if self.localiser.searching and self.localises:
+        if self.localiser.is_searching and self.localises:
             self._look_around(now)
         else:
             self._gave_up = None
@@ -347,7 +347,7 @@ class Navigation:
         elif self._was_confident and not is_confident:
             self.navigate_to_pose.restart_goal()
             self.navigate_through_poses.restart_goal()
-        self._was_searching = self.localiser.searching
+        self._was_searching = self.localiser.is_searching
         self._was_confident = is_confident
 
     def _look_around(self, now: int) -> None:
