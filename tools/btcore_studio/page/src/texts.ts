@@ -225,7 +225,7 @@ export const treeTexts = {
   write: "Write",
   writeLeaf: "Write, with Python code",
   leafHint: "Python code is written into two new files: the node, and its test.",
-  leafWritten: (name: string, test: string) => `Wrote ${name} and ${test}. Start the studio with --plugin ${name} to load the node.`,
+  leafWritten: (name: string, test: string) => `Wrote ${name} and ${test}. To load the node, start the studio with --plugin ${name}; in VS Code, add it to the setting btcore.plugins.`,
   cancel: "Cancel",
 
   // the form
