@@ -14,6 +14,7 @@ const FOR_SERVER = new Set([
   "btcore/palette",
   "btcore/node",
   "btcore/edit",
+  "btcore/preview",
   "btcore/copy",
   "btcore/watch",
   "btcore/release",
