@@ -89,10 +89,10 @@ class YamlLoader(yaml.SafeLoader):
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
         """Return the next node, which is not deeper than `MAX_YAML_DEPTH`."""
-        self._depth += 1
-        if self._depth > MAX_YAML_DEPTH:
-            mark = self.peek_event().start_mark
+        if self._depth == MAX_YAML_DEPTH:
+            mark = parent.start_mark if parent is not None else None
             raise yaml.composer.ComposerError(None, None, "nested too deeply", mark)
+        self._depth += 1
         node = super().compose_node(parent, index)
         self._depth -= 1
         return node

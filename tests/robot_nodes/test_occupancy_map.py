@@ -283,7 +283,7 @@ def test_a_map_file_above_the_limit_is_refused(tmp_path: Path, monkeypatch: pyte
 @pytest.mark.parametrize(
     ("text", "error"),
     [
-        ("[" * 100_000 + "]" * 100_000, ":1:101: not valid YAML: nested too deeply"),
+        ("[" * 100_000 + "]" * 100_000, ":1:100: not valid YAML: nested too deeply"),
         (
             "".join(" " * depth + "a:\n" for depth in range(500)),
             ":100:100: not valid YAML: nested too deeply",
