@@ -53,7 +53,7 @@ class EntryUse:
     ) -> Diagnostic:
         """Return a diagnostic about this place."""
         mark: Mark = {"attribute": self.attribute, "column": self.column, "width": len(self.key)}
-        return self.document.diagnostic(code, message, self.node.element, hint=hint, fixes=fixes, **mark)
+        return self.document.diagnostic(code, message, self.node.element, hint, fixes, **mark)
 
 
 class DryRun(NodeCreator):
