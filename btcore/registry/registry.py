@@ -427,7 +427,7 @@ class Registry:
         except Exception as error:
             from btcore.registry.plugin_modules import plugin_error
 
-            raise plugin_error(name, error, f"its {function}() was called") from error
+            raise plugin_error(f"'{name}'", error, f"its {function}() was called") from error
         if name not in self._libraries:
             self._libraries.append(name)
 
