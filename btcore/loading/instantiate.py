@@ -57,7 +57,7 @@ def instantiate(
         TreeError: The plans have errors, or nodes could not be created. It holds all errors.
         TypeError: *resources* is not a list.
     """
-    resources = list_resources(resources)
+    resources = resources_as_sequence(resources)
     plans.diagnostics.raise_errors()
     main = plans.main_tree
     assert main is not None, "a missing main tree is an error"
@@ -77,8 +77,8 @@ def instantiate(
     )
 
 
-def list_resources(resources: object) -> Sequence[object]:
-    """Return the *resources* of a program as a list.
+def resources_as_sequence(resources: object) -> Sequence[object]:
+    """Return the *resources* of a program as a sequence.
 
     Raises:
         TypeError: They are not a list.
