@@ -101,7 +101,7 @@ def _mapper(run: Run, robot: Robot) -> "Mapper":
     frames.step(robot.clock.now())
     mapper = Mapper(robot, tree, start=start, keepout=keepout)
     robot.schedule.add_task(frames.RATE, Phase.TRANSFORMS, frames.step)
-    robot.schedule.add_task(robot.laser.rate, Phase.LOCALISER, mapper.step)
+    robot.schedule.add_task(robot.laser_info.rate, Phase.LOCALISER, mapper.step)
     return mapper
 
 

@@ -14,7 +14,7 @@ from btcore.xml.edit.editor import Edit, EditError, apply_edits
 from btcore_studio.edit.text_edits import invert_edits
 from btcore_studio.language import studio_protocol as protocol
 from btcore_studio.language.drawing import draw_document
-from btcore_studio.language.edit_commands import compute_edit, copy_nodes
+from btcore_studio.language.edit_commands import compute_edit, copy_nodes, preview_edit
 from btcore_studio.language.node_form import form_of
 from btcore_studio.language.palette import palette_of
 from btcore_studio.language.project import Project, SourceDocument
@@ -388,6 +388,22 @@ def test_disable_and_enable(page: Callable[..., Page]) -> None:
     assert '<Sleep _skipIf="a > 1" msec="1"/><Sleep msec="2"/>' in shown.text
 
 
+def test_an_included_file_without_a_format_has_that_of_the_including_file(
+    project: Project, tmp_path: Path
+) -> None:
+    text = MAIN.format("<Sleep/>").replace(' BTCPP_format="4"', "")
+    shown = Page(project, text, (tmp_path / "a.xml").as_uri())
+    with pytest.raises(EditError, match="format 3"):
+        shown.do(protocol.Disable([shown.place("<Sleep")]))
+    main = '<root BTCPP_format="4"><include path="a.xml"/></root>'
+    project.open((tmp_path / "main.xml").as_uri(), main, 1)
+    assert shown.drawing().format == 4
+    shown.do(protocol.Disable([shown.place("<Sleep")]))
+    assert shown.drawing().nodes[0].disabled
+    project.open((tmp_path / "main.xml").as_uri(), main.replace("4", "3"), 2)
+    assert shown.drawing().format == 3
+
+
 # --- trees and models
 
 
@@ -500,6 +516,54 @@ def test_copied_nodes_bring_their_trees_and_models(page: Callable[..., Page]) ->
     # The parts that are there already are not pasted again.
     again = shown.do(protocol.Paste(shown.place("<Sequence"), 0, xml))
     assert len(again.edit.changes[URI]) == 1
+
+
+@pytest.mark.parametrize(
+    ("body", "command", "problems"),
+    [
+        (
+            "<Inverter>\n<Sleep msec='1'/></Inverter>",
+            lambda shown: protocol.Remove([shown.place("<Sleep")]),
+            [(1, "<Inverter> has no child", (), (0, 0))],
+        ),
+        # The warning of before names another line.
+        (
+            "<Sequence>\n<Fallback><AlwaysSuccess/><Sleep msec='1'/></Fallback></Sequence>",
+            lambda shown: protocol.Add(shown.place("<Sequence"), 0, "Sequence"),
+            [],
+        ),
+        (
+            "<Sequence/>",
+            lambda shown: protocol.Add(shown.place("<Sequence"), 0, "Sleep"),
+            [(2, "the port 'msec' of <Sleep> reads {msec}, which is never written", ("msec",), (0, 0))],
+        ),
+        (
+            "<Sequence><Script code='a:=&lt;1'/><Script code='a:=&lt;1'/></Sequence>",
+            lambda shown: protocol.SetAttribute(shown.place("<Script"), "code", "a&&: =<1"),
+            [(1, "invalid script in 'code' of <Script>: expected a value", ("code",), (3, 4))],
+        ),
+        # A field shows problems that remain.
+        (
+            "<Sequence><Script code='a:=&lt;1'/><Script code='a:=&lt;1'/></Sequence>",
+            lambda shown: protocol.SetAttribute(shown.place("<Script"), "code", "a :=<1"),
+            [(1, "invalid script in 'code' of <Script>: expected a value", ("code",), (4, 5))],
+        ),
+    ],
+)
+def test_a_preview_has_the_problems_that_an_operation_would_add(
+    page: Callable[..., Page],
+    body: str,
+    command: Callable[[Page], AnyCommand],
+    problems: list[tuple[object, ...]],
+) -> None:
+    shown = page(body)
+    before = shown.text
+    found = preview_edit(shown.project, command(shown)).problems
+    assert shown.text == before
+    assert [
+        (item.severity, item.message[: len(str(text))], item.data.attributes, item.data.characters)
+        for item, (_, text, *_) in zip(found, problems, strict=True)
+    ] == problems
 
 
 def test_paste_into_an_empty_document(page: Callable[..., Page]) -> None:
