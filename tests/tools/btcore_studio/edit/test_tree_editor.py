@@ -38,7 +38,7 @@ Plain = tuple[str, dict[str, str], list["Plain"]]
 @pytest.fixture(scope="module")
 def nodes() -> Registry:
     nodes = Registry.standard()
-    nodes.add_plugins()
+    nodes.add_installed_libraries()
     return nodes
 
 

@@ -333,7 +333,7 @@ def is_like_patrolling(editor: Editor) -> None:
         assert [element.tag for element in tree.iter()][1:] == [id for id, _, _ in BUILT]
         return
     nodes = Registry.standard()
-    nodes.add_plugins()
+    nodes.add_installed_libraries()
     mocks = with_mock_leaves(nodes)
     built = Harness.load(editor.file, nodes=mocks)
     # The bundled tree is written in format 3, in which some nodes have another meaning.
