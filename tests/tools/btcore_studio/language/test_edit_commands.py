@@ -253,7 +253,7 @@ def names(text: str) -> list[str]:
 
 def test_move_several_nodes(page: Callable[..., Page]) -> None:
     shown = page(SEQUENCE)
-    one, three, inverter = shown.place("<Sleep"), shown.place("<Sleep", 2), shown.place("<Inverter")
+    one, three = shown.place("<Sleep"), shown.place("<Sleep", 2)
     result = shown.do(protocol.Move([three, one], shown.place("<Fallback"), 1))
     assert shown.text == MAIN.format(
         """<Sequence>
@@ -273,7 +273,6 @@ def test_move_several_nodes(page: Callable[..., Page]) -> None:
     assert names(shown.text)[:4] == ["Sequence", "Inverter", "Sleep", "Fallback"]
     with pytest.raises(EditError, match="cannot be moved into itself"):
         shown.do(protocol.Move([shown.place("<Inverter")], shown.place("<Inverter"), 0))
-    assert inverter
 
 
 @pytest.mark.parametrize("index", range(5))
@@ -368,7 +367,8 @@ def test_set_an_attribute(page: Callable[..., Page]) -> None:
     shown = page('<Sleep msec="1"/>')
     result = shown.do(protocol.SetAttribute(shown.place("<Sleep"), "msec", 'one & "two"\n'))
     assert '<Sleep msec="one &amp; &quot;two&quot;&#10;"/>' in shown.text
-    assert "invalid" in result.notes[0] or "msec" in result.notes[0]
+    [note] = result.notes
+    assert note.startswith("the port 'msec' of <Sleep> has the type unsigned int")
     shown.do(protocol.SetAttribute(shown.place("<Sleep"), "_skipIf", "a > 1"))
     shown.do(protocol.SetAttribute(shown.place("<Sleep"), "msec", None))
     assert '<Sleep _skipIf="a > 1"/>' in shown.text
