@@ -39,12 +39,19 @@ def sleep_until(condition: Callable[[], Any]) -> None:
 
 
 @pytest.fixture(scope="module")
-def process() -> Iterator[PointRobotProcess]:
+def shared_process() -> Iterator[PointRobotProcess]:
     """A robot whose time is twice as fast as that of the machine."""
     robot = PointRobotProcess(sim_time=True, factor=2.0)
     robot.send(shift=1000 * NS_PER_S)
     yield robot
     robot.close()
+
+
+@pytest.fixture
+def process(shared_process: PointRobotProcess) -> Iterator[PointRobotProcess]:
+    """The robot of the module, whose messages are sent again after the test."""
+    yield shared_process
+    shared_process.send(silent=[], paused=False, disorder=False)
 
 
 @pytest.fixture(autouse=True)
@@ -91,7 +98,6 @@ def test_simulated_time_that_stops(
     assert "/clock: no message for 1." in drive_until_error(robot)
     assert stopped(process, session)
     assert "the robot stands until it advances again" in caplog.text
-    process.send(silent=[])
 
 
 def test_simulation_that_is_paused_goes_on(
@@ -128,7 +134,6 @@ def test_clock_in_wrong_order_is_no_jump(
     while robot.clock.now() < start + NS_PER_S:
         wait(robot, 0.02)
         times.append(robot.clock.now())
-    process.send(disorder=False)
     assert times == sorted(times)
 
 
