@@ -14,6 +14,7 @@ import pytest
 
 pytest.importorskip("pybullet")
 
+from btcore.clock import NS_PER_S
 from btcore_navigation import sensor_watch, stack
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.costmap import INSCRIBED
@@ -32,7 +33,6 @@ from btcore_sim.world import World
 from btcore_sim.world_description import WorldDescription, WorldObject
 
 TREES = Path(__file__).parents[3] / "trees"
-NS_PER_S = 1_000_000_000
 GREY = (200, 200, 200, 255)
 
 WALLS = {
