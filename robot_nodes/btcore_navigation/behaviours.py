@@ -172,7 +172,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
     def step(self, now: int) -> None:
         """Run one period at *now* (ns); without a goal, brake until the robot stands."""
         super().step(now)
-        if not self.busy:
+        if not self.is_busy:
             self._smoother.slow_to_stop(now, self.period)
 
     def start(self, handle: Handle[MotionGoal], now: int, previous: Handle[MotionGoal] | None) -> None:

@@ -262,7 +262,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
     def step(self, now: int) -> None:
         """Run one period at *now* (ns); without a goal, brake until the robot stands."""
         super().step(now)
-        if not self.busy:
+        if not self.is_busy:
             self._smoother.slow_to_stop(now, self.period)
 
     def start(self, handle: FollowPathHandle, now: int, previous: FollowPathHandle | None) -> None:
