@@ -20,8 +20,9 @@ from btcore.xml.edit.editor import Edit, EditError, apply_edits
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import parse_text
 from btcore.xml.read.scan import ScannedElement, scan
-from btcore_studio.edit.text_edits import invert_edits, rebase_edits
+from btcore_studio.edit.text_edits import rebase_edits
 from btcore_studio.edit.tree_editor import TreeEditor
+from tests.tools.btcore_studio.edit.inverse_edits import invert_edits
 
 ROOT = Path(__file__).parents[4]
 FOLDERS = ("trees", "tests/robot_nodes", "tests/monitor/captures", "ros2")

@@ -11,7 +11,6 @@ import pytest
 import btcore
 from btcore.errors import TreeError
 from btcore.xml.edit.editor import Edit, EditError, apply_edits
-from btcore_studio.edit.text_edits import invert_edits
 from btcore_studio.language import studio_protocol as protocol
 from btcore_studio.language.drawing import draw_document
 from btcore_studio.language.edit_commands import compute_edit, copy_nodes
@@ -30,6 +29,7 @@ from btcore_studio.language.studio_protocol import (
 )
 from btcore_studio.language.text_positions import TextPositions
 from btcore_studio.language.tree_reading import read_trees
+from tests.tools.btcore_studio.edit.inverse_edits import invert_edits
 from tests.tools.btcore_studio.edit.test_tree_editor import decorated, repository_texts
 
 ROOT = Path(__file__).parents[4]
