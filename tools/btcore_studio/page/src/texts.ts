@@ -59,6 +59,8 @@ export const texts = {
   gone: "This node is not in the text any more.",
   fixes: "Fixes of this line",
   noFixes: "There is no fix for this line.",
+  wouldAdd: (isError: boolean, problem: string, more: number) =>
+    `Adds ${isError ? "an error" : "a warning"}: ${problem}${more ? ` (and ${more} more)` : ""}`,
   moreProblems: (number: number) => `${count(number, "further problem")} not shown`,
   broken: (reason: string) => `The file has an error. The picture shows the part before it. ${reason}`,
   stale: (reason: string) => `The picture shows the last text that could be drawn. ${reason}`,
