@@ -136,7 +136,8 @@ function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; pr
   const published = diagnostics.value.get(node.place.uri);
   useEffect(() => look(null), [published]);
   const isLooked = outlook !== null && looked.current === typed.value;
-  const shown = isLooked ? outlook.problems : own;
+  const refused: Problem[] = isLooked && outlook.refusal ? [{ severity: 1, message: outlook.refusal }] : [];
+  const shown = isLooked ? [...refused, ...outlook.problems] : own;
   const isWrong = shown.some(({ severity }) => severity === 1);
   const marks = typed.value === null ? [] : marksOf(typed.value, isLooked ? typed.value : text, field.name, shown);
   const setting = (value: string): Command =>
@@ -189,7 +190,10 @@ function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; pr
       {field.choices.length > 0 && <datalist id={`${id}-choices`}>{field.choices.map((choice) => <option key={choice} value={choice} />)}</datalist>}
       {read !== undefined && read !== text && <output class="value">= {read}</output>}
       {wrote !== undefined && wrote !== read && <output class="value">→ {wrote}</output>}
-      {shown.length > 0 && <p class="errors" id={`${id}-errors`}>{shown.map((problem) => <span key={problem.message} class={problem.severity === 1 ? "error" : "warning"}>{problem.message}</span>)}</p>}
+      {shown.length > 0 && <p class="errors" id={`${id}-errors`}>{shown.map((problem) => {
+        const [found, ...hint] = problem.message.split("\n");
+        return <span key={problem.message} class={problem.severity === 1 ? "error" : "warning"}>{found} <em>{hint.join(" ")}</em></span>;
+      })}</p>}
       {field.about && <p class={`about ${isFocused.value ? "" : "folded"}`} id={`${id}-about`}>{field.about}</p>}
     </div>
   );

@@ -57,9 +57,11 @@ export function warningOf(outlook: Outlook | null): string {
   return outlook.refusal || (first ? texts.wouldAdd(first.severity === 1, first.message.split("\n", 1)[0]!, others.length) : "");
 }
 
+export const levelOf = (outlook: Outlook | null): "error" | "warning" =>
+  outlook?.refusal || outlook?.problems[0]?.severity === 1 ? "error" : "warning";
+
 /** What an operation would lead to. Screen readers read it when it appears. */
 export function Warning({ outlook }: { outlook: Outlook | null }) {
   const text = warningOf(outlook);
-  const isError = outlook?.refusal || outlook?.problems[0]?.severity === 1;
-  return <p class={`outlook ${isError ? "error" : "warning"}`} role="status">{text && `⚠ ${text}`}</p>;
+  return <p class={`outlook ${levelOf(outlook)}`} role="status">{text && `⚠ ${text}`}</p>;
 }
