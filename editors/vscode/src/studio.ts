@@ -1,9 +1,11 @@
 import { randomBytes } from "node:crypto";
+import * as path from "node:path";
 import * as vscode from "vscode";
 import { addBreakpoints, type DrawnNode, hasBreakpoints, keysOfBreakpoints, removeBreakpoints } from "./breakpoints";
 import { Changes, movePlaces, type Place, type VersionedEdit, type Versions } from "./changes";
 import { documentFor } from "./commands";
 import { LANGUAGE, REFRESH, type Server, type ServerMessage } from "./language";
+import { createFile } from "./new_files";
 import { folderOf, settings } from "./settings";
 
 export const VIEW_TYPE = "btcore.studio";
@@ -14,6 +16,7 @@ const FOR_SERVER = new Set([
   "btcore/palette",
   "btcore/node",
   "btcore/edit",
+  "btcore/leaf",
   "btcore/preview",
   "btcore/copy",
   "btcore/watch",
@@ -136,6 +139,10 @@ class Studio {
         return this.studios.reveal(params as unknown as Place, this.panel.viewColumn);
       case "studio/select":
         return this.studios.select(params as unknown as Place);
+      case "btcore/files":
+        return this.files();
+      case "btcore/create":
+        return this.create(String(params.name), String(params.text));
       case "btcore/breakpoints":
         return this.setBreakpoints(params.keys as string[]);
       default:
@@ -165,14 +172,29 @@ class Studio {
   private start(): object {
     this.studios.sendState(this);
     return {
-      folder: folderOf(this.document.uri),
+      folder: folderOf(this.document.uri).fsPath,
       uri: this.document.uri.toString(),
       tree: this.tree,
-      readOnly: vscode.workspace.fs.isWritableFileSystem(this.document.uri.scheme) === false,
+      readOnly: this.isReadOnly,
       live: true,
       address: settings().address,
       recording: null,
     };
+  }
+
+  private get isReadOnly(): boolean {
+    return vscode.workspace.fs.isWritableFileSystem(this.document.uri.scheme) === false;
+  }
+
+  /** Return the only file of the page, with its name relative to the folder. */
+  private files(): object[] {
+    const { uri } = this.document;
+    return [{ uri: uri.toString(), name: path.posix.relative(folderOf(uri).path, uri.path), unsaved: false }];
+  }
+
+  private async create(name: string, text: string): Promise<object> {
+    if (this.isReadOnly) throw new Error("the studio is read-only: nothing is changed");
+    return { uri: await createFile(folderOf(this.document.uri), name, text) };
   }
 
   private async apply(edit: VersionedEdit): Promise<void> {

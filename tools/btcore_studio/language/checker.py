@@ -13,6 +13,7 @@ from typing import Any, Final
 from btcore_studio.language.diagnostics import Report, merge, report_from_data
 from btcore_studio.language.node_models import NodeModel
 from btcore_studio.language.project import PROJECT_SUFFIX, DocumentKey, Project, SourceDocument
+from btcore_studio.language.symbols import stated_format
 from btcore_studio.language.worker import WorkerSettings
 
 LOAD_LIMIT_S: Final = 30.0
@@ -297,8 +298,11 @@ class Checker:
         for root, results in self._found.items():
             checked, reports = results.get(file, (None, []))
             if checked == version and root == file and is_included:
-                # The file alone does not show which keys its callers connect. Their checks do.
-                yield [report for report in reports if not report.outer_key]
+                # The file alone does not show which keys its callers connect, and in which format it is read
+                # if it states none. The checks of its callers do.
+                document = self._project.file(file) if isinstance(file, Path) else None
+                if document is None or stated_format(document.scan) is not None:
+                    yield [report for report in reports if not report.outer_key]
             elif checked == version:
                 yield reports
 

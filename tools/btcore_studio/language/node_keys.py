@@ -16,7 +16,7 @@ class KeyedNode(NamedTuple):
         uid: Number of the node.
         parent: Number of the parent, or 0.
         id: ID of the node.
-        name: Name of the node.
+        name: Name of the node; an empty name counts as the ID, which a drawing shows in its place.
         is_subtree: Whether the node calls a tree. The name of a call is not part of its key.
     """
 
@@ -45,7 +45,7 @@ def node_keys(nodes: Iterable[KeyedNode]) -> dict[int, str]:
     keys: dict[int, str] = {}
     seen: Counter[str] = Counter()
     for node in nodes:
-        label = "SubTree" if node.is_subtree else f"{node.id}\0{node.name}"
+        label = "SubTree" if node.is_subtree else f"{node.id}\0{node.name or node.id}"
         text = f"{keys.get(node.parent, '')}\0{label}"
         seen[text] += 1
         keys[node.uid] = blake2b(f"{text}\0{seen[text]}".encode(), digest_size=8).hexdigest()

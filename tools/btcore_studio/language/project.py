@@ -207,10 +207,11 @@ class Project:
         Returns:
             None if the file cannot be read as UTF-8.
         """
-        try:
-            path = real_path(path)
-        except ValueError:  # a NUL character or a lone surrogate
-            return None
+        if path not in self._on_disk:
+            try:
+                path = real_path(path)
+            except ValueError:  # a NUL character or a lone surrogate
+                return None
         for document in self._open.values():
             if document.path == path:
                 return document

@@ -388,6 +388,22 @@ def test_disable_and_enable(page: Callable[..., Page]) -> None:
     assert '<Sleep _skipIf="a > 1" msec="1"/><Sleep msec="2"/>' in shown.text
 
 
+def test_an_included_file_without_a_format_has_that_of_the_including_file(
+    project: Project, tmp_path: Path
+) -> None:
+    text = MAIN.format("<Sleep/>").replace(' BTCPP_format="4"', "")
+    shown = Page(project, text, (tmp_path / "a.xml").as_uri())
+    with pytest.raises(EditError, match="format 3"):
+        shown.do(protocol.Disable([shown.place("<Sleep")]))
+    main = '<root BTCPP_format="4"><include path="a.xml"/></root>'
+    project.open((tmp_path / "main.xml").as_uri(), main, 1)
+    assert shown.drawing().format == 4
+    shown.do(protocol.Disable([shown.place("<Sleep")]))
+    assert shown.drawing().nodes[0].disabled
+    project.open((tmp_path / "main.xml").as_uri(), main.replace("4", "3"), 2)
+    assert shown.drawing().format == 3
+
+
 # --- trees and models
 
 

@@ -352,9 +352,16 @@ def test_keys_of_an_included_file_may_be_written_by_its_callers(tmp_path: Path) 
         checked.checker.changed(checked.project.open(main.as_uri(), text, 1))
         await checked.until(part, ["W209", "W212"])
         await checked.until(main, ["W204"])
+        # Without a format, the file has that of the file that includes it.
+        text = tree.format("", "Küche", script.replace("<Script", '<AlwaysSuccess _skipif="1"/><Script'))
+        text = text.replace(' BTCPP_format="4"', "")
+        checked.checker.changed(checked.project.open(part.as_uri(), text, 1))
+        await checked.until(part, ["W212", "W209", "W212"])
         # The file is a program of its own if no other file includes it.
         text = tree.format("", "Haus", "<AlwaysSuccess/>")
         checked.checker.changed(checked.project.open(main.as_uri(), text, 2))
+        await checked.until(part, ["E009", "E201", "E101", "E201"])
+        checked.checker.changed(checked.project.open(part.as_uri(), part.read_text(encoding="utf-8"), 2))
         await checked.until(part, ["W209", "W201", "W212"])
         await checked.checker.close()
 

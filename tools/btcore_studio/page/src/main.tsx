@@ -376,7 +376,7 @@ async function begin(): Promise<void> {
     start.value = begun;
     tree.value = begun.tree;
     uri.value = begun.uri;
-    if (home.documents) files.value = await actions.request<SharedFile[]>("btcore/files", {});
+    files.value = await actions.request<SharedFile[]>("btcore/files", {});
   } catch (error) {
     showError(error);
   }

@@ -26,11 +26,13 @@ export const texts = {
   theme: "Colours",
   themes: { system: "System colours", light: "Light", dark: "Dark" },
   export: "Export",
-  exportAs: (format: string) => `Save the picture as a ${format} file`,
+  exportAs: {
+    svg: "Save the picture as an SVG file", png: "Save the picture as a PNG file",
+    pdf: "Print the picture; the browser's printer “Save as PDF” writes a PDF file",
+  },
   exportRefused: (reason: string) => `The picture was not saved: ${reason}`,
   tooLarge: "the picture is too large for a PNG file; save it as SVG",
-  exportSvg: "SVG",
-  exportPng: "PNG",
+  noPrinter: "VS Code does not print. Save it as SVG, or open the file with btcore studio in a browser.",
   panes: "Panes",
   paneNames: { left: "Nodes", right: "Form", text: "Text" },
   files: "Files",
@@ -232,7 +234,7 @@ export const treeTexts = {
   write: "Write",
   writeLeaf: "Write, with Python code",
   leafHint: "Python code is written into two new files: the node, and its test.",
-  leafWritten: (name: string, test: string) => `Wrote ${name} and ${test}. Start the studio with --plugin ${name} to load the node.`,
+  leafWritten: (name: string, test: string) => `Wrote ${name} and ${test}. To load the node, start the studio with --plugin ${name}; in VS Code, add it to the setting btcore.plugins.`,
   cancel: "Cancel",
 
   // the form
