@@ -328,6 +328,7 @@ class _Operation:
         self._notes: list[str] = []
         self._tolerated: frozenset[DiagnosticCode] = _UNFINISHED
         self._always_warns = False
+        self._adds_node = False
 
     def apply(self, command: AnyCommand) -> None:
         """Compute the edits."""
@@ -457,6 +458,7 @@ class _Operation:
     def _add(self, command: Add) -> None:
         parent = self._parent(command.parent)
         self._check_room(parent, 1)
+        self._adds_node = True
         new = new_element(parent.draft.reading, command.id)
         xml = f"<{new.tag}{new.attribute_text}/>"
         parent.draft.insert(parent.element, _index_in(parent, command.index), xml)
@@ -740,16 +742,21 @@ class _Operation:
         for error in draft.new(after.plans.diagnostics.errors, lambda: before.plans.diagnostics.errors):
             if error.code not in self._tolerated:
                 raise EditError(f"{error.message}: {error.hint}" if error.hint else error.message)
-            if error.code in _OF_TEXTS:
+            if error.code not in _OF_PASTED_NODES and not self._is_to_be_completed(draft, error):
                 self._notes.append(error.message)
         if self._always_warns or after.size <= MAX_CHECKED:
             new = draft.new(after.diagnostics.warnings, lambda: before.diagnostics.warnings)
             self._notes += [item.message for item in new[:_MAX_WARNINGS]]
 
+    def _is_to_be_completed(self, draft: _Draft, item: Diagnostic) -> bool:
+        """Return whether a diagnostic is about the attributes or missing children of a new node."""
+        is_missing = bool(item.attributes) or item.code in _UNFINISHED
+        return self._adds_node and is_missing and draft.marks(item)
+
     def problems(self, command: AnyCommand) -> list[Problem]:
         """Return the problems that the edits of the operation add.
 
-        A new node may lack children and ports. The text of an attribute keeps the problems that it has.
+        A new node is to be completed, in its form. The text of an attribute keeps the problems that it has.
         """
         attribute = command.name if isinstance(command, SetAttribute) else ""
         problems: dict[str, Problem] = {}
@@ -760,11 +767,8 @@ class _Operation:
             is_large = after.size > MAX_PREVIEWED
             found = _found_in(after, is_large)
             new = draft.new(found, partial(_found_in, draft.reading, is_large))
-            if isinstance(command, Add):
-                shown = [item for item in new if item.code not in _UNFINISHED or not draft.marks(item)]
-            else:
-                kept = [item for item in found if attribute in item.attributes and draft.marks(item)]
-                shown = [*kept, *new]
+            kept = [item for item in found if attribute in item.attributes and draft.marks(item)]
+            shown = [*kept, *(item for item in new if not self._is_to_be_completed(draft, item))]
             reports = [report_of(item) for item in shown[:_MAX_WARNINGS]]
             problems |= {report.message: report.problem() for report in reports}
         return sorted(problems.values(), key=lambda problem: problem.severity)
