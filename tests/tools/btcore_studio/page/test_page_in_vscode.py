@@ -11,13 +11,13 @@ from btcore_studio.language.studio_protocol import DocumentIdentifier, DrawingPa
 from btcore_studio.page_server.server import built_page
 
 URI = "file:///tree.xml"
-TREE = '<root BTCPP_format="4"><BehaviorTree ID="A"><Sequence><AlwaysSuccess/></Sequence></BehaviorTree></root>'
+TREE = '<root BTCPP_format="4"><BehaviorTree ID="A"><Inverter><Sleep/></Inverter></BehaviorTree></root>'
 EXTENSION = """
 window.drawings = 0;
 const post = (message) => window.postMessage({ jsonrpc: "2.0", ...message }, "*");
 const pause = (ms) => new Promise((resolve) => setTimeout(resolve, ms));
 const answers = {
-  "studio/start": () => ({ folder: "/", uri: URI, tree: null, readOnly: false, live: false, recording: null }),
+  "studio/start": () => ({ folder: "/", uri: URI, tree: null, readOnly: false }),
   "btcore/files": () => [{ uri: URI, name: "tree.xml", unsaved: false }],
   "btcore/palette": () => ({ items: [] }),
   "btcore/drawing": () => { window.drawings += 1; return DRAWING; },
@@ -47,7 +47,7 @@ def test_an_edit_is_drawn_once(browser: Any) -> None:
     page = browser.new_page()
     page.evaluate(f"() => {{ const URI = {URI!r}, DRAWING = {drawing}; {EXTENSION} }}")
     page.add_script_tag(path=built / "studio.js")
-    page.locator("main g[data-uid]", has_text="AlwaysSuccess").first.click()
+    page.locator("main g[data-uid]", has_text="Sleep").first.click()
     before = page.evaluate("drawings")
     page.keyboard.press("Delete")
     page.locator("footer .message", has_text="done").wait_for()
