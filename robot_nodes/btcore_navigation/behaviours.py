@@ -156,8 +156,8 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         self._costmap = local_costmap
         self._sensors = sensors or SensorWatch(robot, tree)
         self._clearance = ClearanceGrid()
-        self._min_clearance = min_clearance(robot.base, robot_radius)
-        base = robot.base
+        self._min_clearance = min_clearance(robot.base_info, robot_radius)
+        base = robot.base_info
         turning = parameters.rotational_acc_lim
         v, w = max(base.v_max, -base.v_min), parameters.max_rotational_vel
         limits = VelocityLimits(v, w, _MAX_ACCELERATION, _MAX_ACCELERATION, turning, turning)
@@ -283,7 +283,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         pose = odometry.pose
         if v == 0.0:
             clearance = self._clearance.distance_at(pose.x, pose.y)
-            return clearance < self._robot.base.radius - _GRID_ERROR
+            return clearance < self._robot.base_info.radius - _GRID_ERROR
         times = np.arange(1, round(self.parameters.simulate_ahead_time / _STEP_S) + 1) * _STEP_S
         along = np.minimum(abs(v) * times, remaining) * math.copysign(1.0, v)
         x, y = pose.x + math.cos(pose.yaw) * along, pose.y + math.sin(pose.yaw) * along
@@ -366,7 +366,7 @@ class BackUpBehaviour(MotionBehaviour[BackUpGoal]):
         return ""
 
     def _velocity(self, goal: BackUpGoal, remaining: float) -> tuple[float, float]:
-        return max(-abs(goal.speed), self._robot.base.v_min), 0.0
+        return max(-abs(goal.speed), self._robot.base_info.v_min), 0.0
 
 
 class DriveOnHeadingBehaviour(MotionBehaviour[DriveOnHeadingGoal]):
@@ -386,7 +386,7 @@ class DriveOnHeadingBehaviour(MotionBehaviour[DriveOnHeadingGoal]):
         return ""
 
     def _velocity(self, goal: DriveOnHeadingGoal, remaining: float) -> tuple[float, float]:
-        base = self._robot.base
+        base = self._robot.base_info
         return min(max(goal.speed, base.v_min), base.v_max), 0.0
 
 

@@ -224,7 +224,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         self._tree = tree
         self._costmap = local_costmap
         self._hold = hold
-        self._min_clearance = min_clearance(robot.base, robot_radius)
+        self._min_clearance = min_clearance(robot.base_info, robot_radius)
         self._blocked_clearance = round(self._min_clearance - _MAP_ERROR, 6)
         self._full_speed_clearance = round(self._min_clearance + _EXTRA_FULL_SPEED_CLEARANCE, 6)
         self._sensors = sensors or SensorWatch(
@@ -239,7 +239,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
                 v_down=abs(parameters.decel_lim_x),
                 w_up=parameters.acc_lim_theta,
                 w_down=abs(parameters.decel_lim_theta),
-            ).within(robot.base),
+            ).within(robot.base_info),
         )
         self._goals = GoalChecker(
             parameters.xy_goal_tolerance, parameters.yaw_goal_tolerance, parameters.stateful

@@ -2,9 +2,9 @@
 
 ``python tests/acceptance/studio.py --trials 9`` prints a line for each check, and exits with 1 if one fails:
 
-- A click on a node marks its line, and a click on a line its node. Folding, search and export work. A file
-  that is broken keeps its picture up to the fault. A change on disk is shown, and a change of the page is
-  saved. Nothing is requested elsewhere, and the console has no error.
+- A click on a node marks its line, and a click on a line its node. Folding, search, SVG and PDF work.
+  A file that is broken keeps its picture up to the fault. A change on disk is shown, and a change of the page
+  is saved. Nothing is requested elsewhere, and the console has no error.
 - A running tree is coloured, its entries are listed, and a breakpoint stops it at one node.
 - A recording of a run is shown at any tick, with the values of a leaf.
 - A tree of 1,000 nodes is shown in a few times the time in which Chromium opens its static SVG. With less
@@ -15,6 +15,7 @@
 
 import argparse
 import json
+import re
 import shutil
 import sys
 from collections.abc import Iterator
@@ -111,6 +112,23 @@ def large_tree(count: int = 1000) -> str:
     return f'<root BTCPP_format="4">{tree}</root>'
 
 
+def printed(page: Any) -> bytes:
+    """Return what the browser prints when it is to write a PDF."""
+    page.evaluate("window.print = () => {}")  # its dialog would wait for a person
+    page.click("text=PDF")
+    page.wait_for_selector(".paper", state="attached")
+    data: bytes = page.pdf(prefer_css_page_size=True)
+    page.wait_for_selector(".paper", state="detached")
+    return data
+
+
+def is_vector_page(pdf: bytes) -> bool:
+    """Return whether a PDF has a single page with texts and without images."""
+    patterns = rb"/Type /Page\b", rb"/Subtype /Image", rb"/Font "
+    pages, images, fonts = (len(re.findall(pattern, pdf)) for pattern in patterns)
+    return (pages, images) == (1, 0) and fonts > 0
+
+
 def check_file(browser: Any, folder: Path, pictures: Path | None) -> list[str]:
     """Return what is wrong with the page of a file."""
     file = folder / "rounds.xml"
@@ -144,6 +162,7 @@ def check_file(browser: Any, folder: Path, pictures: Path | None) -> list[str]:
         with page.expect_download() as download:
             page.click("text=SVG")
         expect("exported SVG", "Küche" in Path(download.value.path()).read_text(encoding="utf-8"))
+        expect("PDF of one page, without images", is_vector_page(printed(page)))
         page.click("text=Unfold")
         page.wait_for_selector(f"{CARDS}[data-uid='15']")
         # The page saves what is changed in the picture, and shows what is changed on disk.

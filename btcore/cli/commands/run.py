@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from btcore.cli import terminal
-from btcore.cli.command_run import CommandRun
+from btcore.cli.command_run import create_run
 from btcore.cli.node_libraries import NodeLibraries, load_libraries
 from btcore.cli.progress import Progress, log_to_console
 from btcore.cli.provider_command import ProviderCommand, command_providers, given_settings
@@ -162,7 +162,7 @@ class RunSession:
             changes.apply_to(run.tree, plans)
 
         resources, tick_limit = changes.resources, options.tick_limit
-        self.run = CommandRun(ctx, plans, settings, prepare, resources=resources, tick_limit=tick_limit)
+        self.run = create_run(ctx, plans, settings, prepare, resources=resources, tick_limit=tick_limit)
         self._options = options
         self._reloads: Reloads | None = None
         if options.watch:

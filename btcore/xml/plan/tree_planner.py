@@ -256,7 +256,7 @@ class TreePlanner:
         id = element.get("ID") or ""
         if not id:
             message, hint = f"the ID of the node is missing in <{tag}>", f'write <{tag} ID="…"/>'
-            self._report(MISSING_ID, message, element, hint=hint)
+            self._report(MISSING_ID, message, element, attribute="ID", hint=hint)
             return
         manifest = self._context.manifest(id)
         if manifest is None:
@@ -328,7 +328,8 @@ class TreePlanner:
             message = f"the ID of the tree is missing in <{tag}>"
             others = (tree_id for tree_id in self._definitions.by_id if tree_id != self._definition.id)
             fixes = [SetAttributes({"ID": other}) for other in islice(others, MAX_SUGGESTED_TREES)]
-            self._report(MISSING_ID, message, element, hint=f'write <{tag} ID="…"/>', fixes=fixes)
+            hint = f'write <{tag} ID="…"/>'
+            self._report(MISSING_ID, message, element, attribute="ID", hint=hint, fixes=fixes)
         elif self._dialect.checks_names:
             self._check_not_a_node(id, element)
         hint = "move them into the <BehaviorTree> that it calls, or remove them"

@@ -112,7 +112,12 @@ class Document:
         **mark: Unpack[Mark],
     ) -> Diagnostic:
         """Return a diagnostic about an element or one of its attributes; see `Diagnostic` and `Mark`."""
-        return self.source_map.span(element, **mark).diagnostic(code, message, self.file, hint, fixes)
+        found = self.source_map.span(element, **mark).diagnostic(code, message, self.file, hint, fixes)
+        if not (attribute := mark.get("attribute")):
+            return found
+        start = mark.get("column", 0) - 1
+        characters = (start, start + mark.get("width", 1)) if start >= 0 else (0, 0)
+        return found._replace(attributes=(attribute,), characters=characters)
 
 
 class CollectedDiagnostics(NamedTuple):

@@ -17,6 +17,7 @@ const FOR_SERVER = new Set([
   "btcore/node",
   "btcore/edit",
   "btcore/leaf",
+  "btcore/preview",
   "btcore/copy",
   "btcore/watch",
   "btcore/release",

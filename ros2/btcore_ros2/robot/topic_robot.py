@@ -77,7 +77,7 @@ class RobotScene:
         robot, battery = self._robot, self._robot.battery()
         body = Cylinder(
             frame=FOOTPRINT,
-            radius=robot.base.radius,
+            radius=robot.base_info.radius,
             length=BODY_HEIGHT,
             position=(0.0, 0.0, BODY_HEIGHT / 2),
             color=BODY_COLOR,
@@ -85,8 +85,8 @@ class RobotScene:
         return StaticScene(
             frame=MAP,
             parts=shapes or [body],
-            laser=laser_message(robot.laser),
-            footprint_radius=robot.base.radius,
+            laser=laser_message(robot.laser_info),
+            footprint_radius=robot.base_info.radius,
             battery=None if battery is None else battery.level,
             cameras=() if lens is None else [camera_message(lens)],
         )
@@ -155,12 +155,12 @@ class TopicRobot(Robot):
         self._image: CameraImage | None = None
 
     @property
-    def base(self) -> BaseInfo:
+    def base_info(self) -> BaseInfo:
         """The limits and the size of the base, from the description."""
         return self.description.base
 
     @property
-    def laser(self) -> LaserInfo:
+    def laser_info(self) -> LaserInfo:
         """The properties of the laser, from the first scan and the description."""
         assert self._scans is not None
         return self._scans.info
@@ -171,7 +171,7 @@ class TopicRobot(Robot):
         return self.description.head.info if self.description.head is not None else None
 
     @property
-    def torso(self) -> TorsoInfo | None:
+    def torso_info(self) -> TorsoInfo | None:
         """The limits of the torso, from the description."""
         return self.description.torso.info if self.description.torso is not None else None
 

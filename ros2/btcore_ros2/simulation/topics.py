@@ -148,7 +148,7 @@ class RobotTopics:
         if torso is not None:
             self._control(node, "torso_controller", (torso.joint,), lambda goal: robot.lift(*goal))
         add_task = robot.schedule.add_task
-        add_task(robot.laser.rate, Phase.SENSORS, self._publish_scan)
+        add_task(robot.laser_info.rate, Phase.SENSORS, self._publish_scan)
         add_task(robot.description.odometry.rate, Phase.SENSORS, self._publish_motion)
         add_task(BATTERY_RATE, Phase.SENSORS, self._publish_battery)
         add_task(CLOCK_RATE, Phase.SENSORS, self.publish_clock)
@@ -192,7 +192,7 @@ class RobotTopics:
             angle_min=scan.angle_min,
             angle_max=scan.angle_min + (len(scan.ranges) - 1) * scan.angle_increment,
             angle_increment=scan.angle_increment,
-            scan_time=1.0 / self._robot.laser.rate,
+            scan_time=1.0 / self._robot.laser_info.rate,
             range_min=scan.range_min,
             range_max=scan.range_max,
             # rclpy takes an array 15 times faster than numpy's

@@ -87,7 +87,7 @@ def test_scene_of_a_robot_without_a_model(
     static = robot.static_scene()
     assert [(part.kind, part.frame) for part in static.parts] == [("cylinder", "base_footprint")]
     assert static.laser is not None
-    assert static.laser.frame == robot.laser.frame
+    assert static.laser.frame == robot.laser_info.frame
     first, second = robot.moving_scene(), robot.moving_scene()
     assert first.scan is not None
     assert [frame[:2] for frame in first.frames if frame.parent in ("odom", "map")] == [
@@ -96,7 +96,7 @@ def test_scene_of_a_robot_without_a_model(
     ]
     # From now on, the pose of the odometry comes from the navigation.
     assert "map" not in [frame.parent for frame in second.frames]
-    assert robot.laser.frame in [frame.child for frame in second.frames]
+    assert robot.laser_info.frame in [frame.child for frame in second.frames]
     assert "/image" not in [subscription.topic_name for subscription in session.node.subscriptions]
 
 

@@ -78,7 +78,7 @@ def test_a_door_past_which_the_robot_is_carried_refuses_to_move(session: RosSess
     scenario = Scenario(0, 0, [], spare_boxes=1)
     world = World(scenario.add_to(load_world_description(str(path)), 1, 0.27))
     robot = SimulatedRobot(world)
-    events = scenario.begin(world, robot, robot.base.radius)
+    events = scenario.begin(world, robot, robot.base_info.radius)
     assert events is not None
     offer_services(session, Simulation(robot, world.description, events, (), None))
     robot.carry([Pose2D(x, 0.0, 0.0) for x in (-1.0, 0.0, 1.0)], 0.1)

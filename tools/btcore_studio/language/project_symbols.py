@@ -105,7 +105,9 @@ class ProjectSymbols:
         if earlier is not None and earlier.registry is registry and len(earlier._scripts) < MAX_KNOWN_SCRIPTS:
             self._scripts = earlier._scripts
         # The last symbols whose files were read.
-        self._earlier = earlier._earlier if earlier is not None and "files" not in vars(earlier) else earlier
+        self._earlier: ProjectSymbols | None = earlier
+        if earlier is not None and "files" not in vars(earlier):
+            self._earlier = earlier._earlier
         self.groups: list[list[str]] = self._find_groups()
         self._groups_of: dict[str, list[list[str]]] = {uri: [] for uri in documents}
         for group in self.groups:

@@ -381,6 +381,30 @@ class EditResult(Data, frozen=True):
     notes: list[str]
 
 
+# --- btcore/preview
+
+
+class ProblemData(Data, frozen=True):
+    """See `Diagnostic.attributes` and `Diagnostic.characters`."""
+
+    attributes: tuple[str, ...]
+    characters: tuple[int, int]
+
+
+class Problem(Data, frozen=True):
+    """A diagnostic of the protocol without its place: *severity* is 1 for an error, and 2 for a warning."""
+
+    severity: Literal[1, 2]
+    message: str
+    data: ProblemData
+
+
+class Preview(Data, frozen=True):
+    """The problems that an operation would add, errors first."""
+
+    problems: list[Problem]
+
+
 # --- btcore/leaf
 
 

@@ -11,7 +11,6 @@ from weakref import WeakKeyDictionary
 
 from btcore.blackboard.ports import Port, braced_key
 from btcore.diagnostic_codes import DOCUMENT_TOO_LARGE
-from btcore.diagnostics import Diagnostic
 from btcore.errors import RegistrationError, TreeError
 from btcore.lint.validate import validate_plans
 from btcore.registry.registry import Registry
@@ -26,7 +25,7 @@ from btcore.xml.models.model_file import (
 )
 from btcore.xml.plan.plan import Plans, plan
 from btcore.xml.read.dialect import EXPLICIT_TAGS
-from btcore.xml.read.document import Document
+from btcore.xml.read.document import CollectedDiagnostics, Document
 from btcore.xml.read.element import Element, encoded
 from btcore.xml.read.positions import LineIndex, SourceMap
 from btcore.xml.read.read import Sources, parse_text, read
@@ -37,7 +36,7 @@ from btcore_studio.language.project_symbols import symbols_of
 from btcore_studio.language.studio_protocol import Place, Position
 
 _MAX_KNOWN: Final = 4
-"""Maximum number of readings of a project that are kept: of the shown text, and of the text after an edit."""
+"""Maximum number of readings of a project that are kept: of the shown text, and of texts after edits."""
 _NO_TREES: Final = '<root BTCPP_format="4"/>'
 _TYPES_BY_CHILDREN: Final = (NodeType.ACTION, NodeType.DECORATOR, NodeType.CONTROL)
 # Memories of results, which follow from the project and the texts alone.
@@ -138,9 +137,9 @@ class TreeReading:
         return len(self.document.source_map.scan.elements)
 
     @cached_property
-    def warnings(self) -> tuple[Diagnostic, ...]:
-        """The warnings about the document and its includes, as far as the nodes are known."""
-        return validate_plans(self.plans, given=self._given).warnings
+    def diagnostics(self) -> CollectedDiagnostics:
+        """The errors and warnings about the document and its includes, as far as the nodes are known."""
+        return validate_plans(self.plans, given=self._given)
 
     def position(self, document: Document, offset: int) -> Position:
         """Return the position of an offset in the text of one of the documents."""
@@ -213,9 +212,11 @@ def read_trees(project: Project, source: SourceDocument) -> TreeReading:
     for reading in known:
         own = reading.source
         if own.uri == source.uri and own.text == source.text and reading.is_current(project):
-            return reading
-    reading = TreeReading(project, source)
-    known.insert(0, reading)
+            known.remove(reading)
+            break
+    else:
+        reading = TreeReading(project, source)
+    known.insert(0, reading)  # the last used is the first
     del known[_MAX_KNOWN:]
     return reading
 

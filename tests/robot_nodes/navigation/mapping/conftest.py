@@ -62,7 +62,7 @@ class MovedRobot(RecordingRobot):
         self.reported = Odometry(Pose2D(0.0, 0.0, 0.0), Twist2D(0.3, 0.0), 0)
 
     @property
-    def laser(self) -> LaserInfo:
+    def laser_info(self) -> LaserInfo:
         half = math.radians(110.0)
         return LaserInfo(RAYS, -half, 2 * half / (RAYS - 1), 0.05, 25.0, 10.0, 0.06, "base_laser_link")
 

@@ -38,12 +38,12 @@ class TransformLocaliser:
 
     def __init__(self, transforms: TransformTree) -> None:
         self.transforms = transforms
-        self.confident = True
-        self.searching = False
+        self.is_confident = True
+        self.is_searching = False
         self.searches = 0
 
     def pose(self) -> Pose2D | None:
-        return self.transforms.lookup("map", "base_footprint").to_pose() if self.confident else None
+        return self.transforms.lookup("map", "base_footprint").to_pose() if self.is_confident else None
 
     def step(self, now: int) -> None:
         """Do nothing: the pose is always known."""

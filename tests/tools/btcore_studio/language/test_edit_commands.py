@@ -14,7 +14,7 @@ from btcore.xml.edit.editor import Edit, EditError, apply_edits
 from btcore_studio.edit.text_edits import invert_edits
 from btcore_studio.language import studio_protocol as protocol
 from btcore_studio.language.drawing import draw_document
-from btcore_studio.language.edit_commands import compute_edit, copy_nodes
+from btcore_studio.language.edit_commands import compute_edit, copy_nodes, preview_edit
 from btcore_studio.language.node_form import form_of
 from btcore_studio.language.palette import palette_of
 from btcore_studio.language.project import Project, SourceDocument
@@ -516,6 +516,54 @@ def test_copied_nodes_bring_their_trees_and_models(page: Callable[..., Page]) ->
     # The parts that are there already are not pasted again.
     again = shown.do(protocol.Paste(shown.place("<Sequence"), 0, xml))
     assert len(again.edit.changes[URI]) == 1
+
+
+@pytest.mark.parametrize(
+    ("body", "command", "problems"),
+    [
+        (
+            "<Inverter>\n<Sleep msec='1'/></Inverter>",
+            lambda shown: protocol.Remove([shown.place("<Sleep")]),
+            [(1, "<Inverter> has no child", (), (0, 0))],
+        ),
+        # The warning of before names another line.
+        (
+            "<Sequence>\n<Fallback><AlwaysSuccess/><Sleep msec='1'/></Fallback></Sequence>",
+            lambda shown: protocol.Add(shown.place("<Sequence"), 0, "Sequence"),
+            [],
+        ),
+        (
+            "<Sequence/>",
+            lambda shown: protocol.Add(shown.place("<Sequence"), 0, "Sleep"),
+            [(2, "the port 'msec' of <Sleep> reads {msec}, which is never written", ("msec",), (0, 0))],
+        ),
+        (
+            "<Sequence><Script code='a:=&lt;1'/><Script code='a:=&lt;1'/></Sequence>",
+            lambda shown: protocol.SetAttribute(shown.place("<Script"), "code", "a&&: =<1"),
+            [(1, "invalid script in 'code' of <Script>: expected a value", ("code",), (3, 4))],
+        ),
+        # A field shows problems that remain.
+        (
+            "<Sequence><Script code='a:=&lt;1'/><Script code='a:=&lt;1'/></Sequence>",
+            lambda shown: protocol.SetAttribute(shown.place("<Script"), "code", "a :=<1"),
+            [(1, "invalid script in 'code' of <Script>: expected a value", ("code",), (4, 5))],
+        ),
+    ],
+)
+def test_a_preview_has_the_problems_that_an_operation_would_add(
+    page: Callable[..., Page],
+    body: str,
+    command: Callable[[Page], AnyCommand],
+    problems: list[tuple[object, ...]],
+) -> None:
+    shown = page(body)
+    before = shown.text
+    found = preview_edit(shown.project, command(shown)).problems
+    assert shown.text == before
+    assert [
+        (item.severity, item.message[: len(str(text))], item.data.attributes, item.data.characters)
+        for item, (_, text, *_) in zip(found, problems, strict=True)
+    ] == problems
 
 
 def test_paste_into_an_empty_document(page: Callable[..., Page]) -> None:

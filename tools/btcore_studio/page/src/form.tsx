@@ -111,10 +111,6 @@ function Fields({ node, form }: { node: DrawnNode; form: NodeForm }) {
   );
 }
 
-/** Whether a problem is about an attribute: messages have names in quotes or brackets. */
-const isAbout = ({ message }: Diagnostic, name: string) =>
-  [`'${name}'`, `[${name}]`, ` ${name}="`].some((quoted) => message.includes(quoted));
-
 function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; problems: Diagnostic[] }) {
   const input = useRef<HTMLInputElement & HTMLTextAreaElement>(null);
   const isFocused = useSignal(false);
@@ -131,7 +127,7 @@ function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; pr
     }
   }, [text]);
   const id = `field-${field.name}`;
-  const own = problems.filter((problem) => isAbout(problem, field.name));
+  const own = problems.filter(({ data }) => data?.attributes.includes(field.name));
   const commit = () => {
     const { value, dataset } = input.current!;
     // Enter and then leaving the field commit once.

@@ -13,12 +13,21 @@ export interface Place { uri: string; position: Position }
 
 // --- textDocument/publishDiagnostics
 
-export interface Diagnostic {
-  range: Range;
+export interface Problem {
   /** 1 error, 2 warning, 3 information, 4 hint. */
   severity?: 1 | 2 | 3 | 4;
-  code?: string | number;
   message: string;
+  data?: {
+    /** The attributes of the element that the problem is about. */
+    attributes: readonly string[];
+    /** The start and the end of the marked part of the attribute's value, in characters (Unicode); both 0: the whole value. */
+    characters: readonly [start: number, end: number];
+  };
+}
+
+export interface Diagnostic extends Problem {
+  range: Range;
+  code?: string | number;
 }
 
 // --- btcore/drawing: DrawingParams → Drawing
@@ -149,6 +158,10 @@ export interface EditResult {
   /** New warnings, and what a pasted text misses. */
   notes: string[];
 }
+
+// --- btcore/preview: EditParams → Preview: the problems that an operation would add.
+
+export interface Preview { problems: Problem[] }
 
 // --- btcore/leaf: Document & { id } → Leaf: the Python code of a node without code, and its test.
 
