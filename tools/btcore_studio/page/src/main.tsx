@@ -130,10 +130,12 @@ function edit(command: Command): Promise<EditResult | null> {
       const mark = home.mark();
       const result = await actions.request<EditResult>("btcore/edit", { command: moved, ...(versions && { versions }) });
       toSelect = result.select;
+      const before = requested;
       await home.apply(result.edit, mark);
       message.value = result.notes.join(" ");
       if (moved.kind === "set_model") waitForPalette(0);
-      await (running ?? redraw()); // a changed text is being drawn already
+      // A changed text is being drawn, or was drawn before VS Code replied.
+      await (requested === before ? redraw() : running);
       return result;
     } catch (error) {
       showError(error);
