@@ -4,6 +4,7 @@ import "../studio.css";
 import { effect, signal, untracked } from "@preact/signals";
 import { render } from "preact";
 import { Canvas } from "./canvas";
+import { ComparisonPage, loadComparison } from "./comparison";
 import { Dialog } from "./dialog";
 import { Mark } from "./documents";
 import { Breadcrumbs, Files } from "./files";
@@ -225,9 +226,14 @@ home.connection.on<DiskConflict>("btcore/disk", (conflict) => {
 });
 home.connection.on<{ message: string }>("window/showMessage", (params) => { message.value = params.message; });
 home.connection.on("workspace/semanticTokens/refresh", () => {
+  if (start.value?.versions) {
+    void loadComparison();
+    return;
+  }
   void redraw();
   waitForPalette(0);
 });
+home.connection.on("btcore/compared", () => void loadComparison());
 
 async function resolve(conflict: DiskConflict, keep: "disk" | "page"): Promise<void> {
   try {
@@ -332,6 +338,7 @@ function Notices() {
 }
 
 function Page() {
+  if (start.value?.versions) return <ComparisonPage versions={start.value.versions} />;
   return (
     <>
       <a class="skip" href="#picture">{texts.skip}</a>
@@ -378,14 +385,16 @@ async function begin(): Promise<void> {
     start.value = begun;
     tree.value = begun.tree;
     uri.value = begun.uri;
-    files.value = await actions.request<SharedFile[]>("btcore/files", {});
+    if (begun.versions) await loadComparison(begun.tree);
+    else files.value = await actions.request<SharedFile[]>("btcore/files", {});
   } catch (error) {
     showError(error);
   }
 }
 
 effect(() => {
-  document.title = uri.value ? `${fileName(uri.value)} – ${texts.title}` : texts.title;
+  const shown = fileName(uri.value || start.value?.versions?.findLast(Boolean) || "");
+  document.title = shown ? `${shown} – ${texts.title}` : texts.title;
   if (uri.value) waitForPalette(0);
 });
 effect(() => {

@@ -219,6 +219,44 @@ export interface Moment {
   problem: string;
 }
 
+// --- btcore/comparison { tree } → Comparison; only if the studio compares two versions of a file (see Start.versions).
+// The notification btcore/compared: one of the files has changed.
+
+export type Change = "added" | "removed" | "moved" | "changed";
+
+export interface Comparison {
+  /** The IDs of the trees that can be shown. */
+  trees: string[];
+  tree: string;
+  /** The drawings; null if a version has not the tree. */
+  old: Drawing | null;
+  new: Drawing | null;
+  /** For each version, why its text is not XML, or "". */
+  broken: [string, string];
+  /** The indices of each node that both drawings show. */
+  pairs: [old: number, new: number][];
+  differences: Difference[];
+}
+
+export interface Difference {
+  changes: Change[];
+  /** The tree in which the difference is; "" for the rest of the document. */
+  tree: string;
+  id: string;
+  name: string;
+  /** The number of nodes that were added or removed with it. */
+  count: number;
+  /** The name "" is the ID of the node itself. */
+  attributes: [name: string, old: string | null, new: string | null][];
+  /** If the node was moved, its places. Numbers of children begin with 1. */
+  spots: [Spot, Spot] | null;
+  /** The indices of the nodes in the drawings. */
+  old: number[];
+  new: number[];
+}
+
+export interface Spot { parent: string; number: number }
+
 // --- only in the browser: the shared files of all pages -------------------------------------------------------
 // The page's address is http://127.0.0.1:PORT/TOKEN/, with studio.js and studio.css beside it. "socket" beside it
 // is the WebSocket; each of its text messages is one message of JSON-RPC.
@@ -235,6 +273,8 @@ export interface Start {
   /** The address that is proposed. */
   address?: string;
   recording: Recording | null;
+  /** If two versions of a file are compared: their names; "" if there is no file. Then there is no document. */
+  versions?: [old: string, new: string] | null;
 }
 
 /** btcore/files: {} → SharedFile[]; the notification btcore/files has the same list, after a change. */

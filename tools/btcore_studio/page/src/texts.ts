@@ -1,7 +1,7 @@
 // Every English text of the page.
 
 import type { Target } from "./drop_targets";
-import type { DrawnNode } from "./protocol";
+import type { Change, Difference, DrawnNode, Spot } from "./protocol";
 import type { Structure } from "./tree";
 
 const count = (number: number, noun: string) => `${number} ${noun}${number === 1 ? "" : "s"}`;
@@ -279,4 +279,29 @@ export const treeTexts = {
   beginning: "Start",
   runningTo: (position: number) => `running to step ${position} …`,
   notReplayed: (problem: string) => `The recording cannot be run again from here on: ${problem}`,
+};
+
+/** Two versions of a file. */
+export const comparisonTexts = {
+  title: "Differences",
+  sides: ["Old", "New"] as const,
+  noFile: "no file",
+  noTree: (id: string) => (id ? `This version has no tree ${id}.` : "This version has no tree."),
+  changes: { added: "added", removed: "removed", moved: "moved", changed: "changed" },
+  list: (changes: readonly Change[]): string => changes.map((change) => comparisonTexts.changes[change]).join(", "),
+  picture: (side: string, tree: string) => `${side} version of the tree ${tree}`,
+  tree: "Tree",
+  treeOption: (id: string, number: number) => (number ? `${id} (${count(number, "difference")})` : id),
+  outside: "Outside of the trees",
+  equal: "The trees are equal. Comments, white space and the order of attributes are not compared.",
+  previous: "Previous difference (P)",
+  next: "Next difference (N)",
+  position: (index: number, number: number, { name, id, changes }: Difference) =>
+    `${index + 1}/${number} ${name || id}, ${comparisonTexts.list(changes)}`,
+  nodes: (number: number) => count(number, "node"),
+  type: "node type",
+  notSet: "not set",
+  child: ({ parent, number }: Spot) => `child ${number} of ${parent}`,
+  further: (number: number) => `${count(number, "further difference")} not listed`,
+  ended: "The comparison has ended: its process does not answer.",
 };
