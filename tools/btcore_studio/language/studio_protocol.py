@@ -363,9 +363,14 @@ AnyCommand = (
 
 
 class EditParams(Data, frozen=True):
-    """The operation to compute."""
+    """The operation to compute.
+
+    Attributes:
+        drawing: What to draw after the edit, so that the client need not request it.
+    """
 
     command: AnyCommand
+    drawing: DrawingParams | None = None
 
 
 class EditResult(Data, frozen=True):
@@ -374,11 +379,14 @@ class EditResult(Data, frozen=True):
     Attributes:
         select: The elements to select, in the text after the edit.
         notes: New warnings, and what a pasted text lacks.
+        drawing: The drawing after the edit; None if it was not requested, or if the edit changes no document
+            or others than the drawn document.
     """
 
     edit: WorkspaceEdit
     select: list[Place]
     notes: list[str]
+    drawing: Drawing | None = None
 
 
 # --- btcore/preview

@@ -75,13 +75,15 @@ class Page:
         return Place(self.uri, Position(at.line, at.character))
 
     def do(self, command: AnyCommand) -> EditResult:
-        """Apply an operation, check that its inverse restores the text, and return the result."""
-        result = compute_edit(self.project, command)
+        """Apply an operation, check its drawing and its inverse, and return the result."""
+        drawing = DrawingParams(DocumentIdentifier(self.uri))
+        result = compute_edit(self.project, command, drawing)
         before = self.text
         edits = edits_of(self.source, result)
         after = apply_edits(before, edits)
         assert apply_edits(after, invert_edits(before, edits)) == before
         self.show(after)
+        assert result.drawing == (None if after == before else self.drawing())
         return result
 
     def selected(self, result: EditResult) -> list[str]:

@@ -15,7 +15,8 @@ import { Blackboard, LiveControls } from "./live";
 import { Palette } from "./palette";
 import { checked, followProblems, Problems } from "./problems";
 import type {
-  Command, Diagnostic, DiskConflict, Drawing, EditResult, Live, Palette as PaletteData, Place, Preview, SharedFile, WorkspaceEdit,
+  Command, Diagnostic, DiskConflict, Drawing, DrawingParams, EditParams, EditResult, Live, Palette as PaletteData, Place, Preview,
+  SharedFile, WorkspaceEdit,
 } from "./protocol";
 import {
   actions, diagnostics, drawing, files, folded, isSamePlace, live, message, palette, reasonOf, selection, showError, start, tree, uri,
@@ -44,6 +45,8 @@ let requested = 0;
 let running: Promise<void> | null = null;
 /** How long the last drawing took. */
 let drawingMs = 0;
+/** Whether the drawing of a text that changes is here already. */
+let isDrawn = false;
 /** The places to select when they are drawn. */
 let toSelect: Place[] = [];
 
@@ -60,23 +63,31 @@ async function drawAll(): Promise<void> {
   }
 }
 
+const drawingParams = (): DrawingParams =>
+  ({ textDocument: { uri: uri.value }, tree: tree.value, folded: [...folded.value] });
+
 async function draw(): Promise<void> {
-  const [address, mark, wanted] = [uri.value, home.mark(), tree.value];
+  const mark = home.mark();
   const begun = performance.now();
   try {
-    await home.documents?.load(address);
-    const data = await actions.request<Drawing>("btcore/drawing", {
-      textDocument: { uri: address }, tree: wanted, folded: [...folded.value],
-    });
-    if (address !== uri.value || wanted !== tree.value) return;
-    sinceDrawing = mark;
-    drawing.value = data;
-    notice.value = data.broken && texts.broken(data.broken);
-    if (!mark.changes.size) selectPlaces(data);
+    // A text that is open is drawn without a wait, before the parts of the page show its change.
+    if (home.documents?.isOpen(uri.value) === false) await home.documents.load(uri.value);
+    const params = drawingParams();
+    const data = await actions.request<Drawing>("btcore/drawing", params);
+    if (params.textDocument.uri !== uri.value || params.tree !== tree.value) return;
+    show(data, mark);
     drawingMs = performance.now() - begun;
   } catch (error) {
     if (isConnected.value) notice.value = texts.stale(reasonOf(error));
   }
+}
+
+/** @param mark What changes from the drawn texts on. */
+function show(data: Drawing, mark: Mark): void {
+  sinceDrawing = mark;
+  drawing.value = data;
+  notice.value = data.broken && texts.broken(data.broken);
+  if (!mark.changes.size) selectPlaces(data);
 }
 
 function selectPlaces({ nodes }: Drawing): void {
@@ -129,14 +140,21 @@ function edit(command: Command): Promise<EditResult | null> {
     }
     try {
       const mark = home.mark();
-      const result = await actions.request<EditResult>("btcore/edit", { command: moved, ...(versions && { versions }) });
+      // VS Code may change the texts of the edit, and then draws them.
+      const params: EditParams = home.documents ? { command: moved, drawing: drawingParams() } : { command: moved };
+      const result = await actions.request<EditResult>("btcore/edit", versions ? { ...params, versions } : params);
       toSelect = result.select;
+      const isSame = JSON.stringify(params.drawing) === JSON.stringify(drawingParams());
+      const next = result.drawing && isSame && !mark.changes.size ? result.drawing : null;
       const before = requested;
-      await home.apply(result.edit, mark);
+      isDrawn = next !== null;
+      await home.apply(result.edit, mark).finally(() => { isDrawn = false; });
+      if (next) show(next, home.mark());
       message.value = result.notes.join(" ");
       if (moved.kind === "set_model") waitForPalette(0);
       // A changed text is being drawn, or was drawn before VS Code replied.
-      await (requested === before ? redraw() : running);
+      if (requested !== before) await running;
+      else if (!next) await redraw();
       return result;
     } catch (error) {
       showError(error);
@@ -260,7 +278,7 @@ home.onChange((address, origin) => {
   if (origin !== "remote") changed.add(address);
   clearTimeout(typingTimer);
   if (origin === "typing" && drawingMs > QUICK_MS) typingTimer = window.setTimeout(redraw, TYPING_WAIT_MS);
-  else void redraw();
+  else if (!isDrawn || running) void redraw();
   waitForPalette(PALETTE_WAIT_MS);
 });
 

@@ -130,7 +130,8 @@ export interface Field {
 
 // --- btcore/edit: EditParams → EditResult. An operation that cannot be applied is an error with the reason.
 
-export interface EditParams { command: Command; versions?: Drawing["versions"] }
+/** *drawing* is what to draw after the edit. */
+export interface EditParams { command: Command; drawing?: DrawingParams; versions?: Drawing["versions"] }
 
 export type Command =
   | { kind: "add"; parent: Place; index: number; id: string }
@@ -157,6 +158,8 @@ export interface EditResult {
   select: Place[];
   /** New warnings, and what a pasted text misses. */
   notes: string[];
+  /** Null if it was not requested, or if the edit changes no document or others than the drawn one. */
+  drawing: Drawing | null;
 }
 
 // --- btcore/preview: EditParams → Preview: the problems that an operation would add.
