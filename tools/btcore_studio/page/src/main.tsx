@@ -1,7 +1,7 @@
 // The page: its layout, and what its parts share.
 
 import "../studio.css";
-import { effect, signal, untracked } from "@preact/signals";
+import { batch, effect, signal, untracked } from "@preact/signals";
 import { render } from "preact";
 import { Canvas } from "./canvas";
 import { Dialog } from "./dialog";
@@ -10,7 +10,7 @@ import { Breadcrumbs, Files } from "./files";
 import { Form } from "./form";
 import type { Done } from "./history";
 import { BrowserHome, findHome, isConnected } from "./home";
-import { Blackboard, LiveControls } from "./live";
+import { Blackboard, call, drawnCall, LiveControls } from "./live";
 import { Palette } from "./palette";
 import { checked, followProblems, Problems } from "./problems";
 import type {
@@ -60,16 +60,19 @@ async function drawAll(): Promise<void> {
 }
 
 async function draw(): Promise<void> {
-  const [address, mark, wanted] = [uri.value, home.mark(), tree.value];
+  const [address, mark, wanted, below] = [uri.value, home.mark(), tree.value, call.value?.key ?? ""];
   const begun = performance.now();
   try {
     await home.documents?.load(address);
     const data = await actions.request<Drawing>("btcore/drawing", {
-      textDocument: { uri: address }, tree: wanted, folded: [...folded.value],
+      textDocument: { uri: address }, tree: wanted, folded: [...folded.value], call: below,
     });
     if (address !== uri.value || wanted !== tree.value) return;
     sinceDrawing = mark;
-    drawing.value = data;
+    batch(() => {
+      drawing.value = data;
+      drawnCall.value = below;
+    });
     notice.value = data.broken && texts.broken(data.broken);
     if (!mark.changes.size) selectPlaces(data);
     drawingMs = performance.now() - begun;
@@ -207,8 +210,8 @@ home.connection.on<{ uri: string; diagnostics: Diagnostic[] }>("textDocument/pub
   diagnostics.value = all;
 });
 home.connection.on<Live>("btcore/live", (state) => {
-  const keys = state.keys ?? live.value?.keys;
-  live.value = keys ? { ...state, keys } : state;
+  const { keys, calls } = live.value ?? {};
+  live.value = { ...(keys && { keys }), ...(calls && { calls }), ...state };
 });
 home.connection.on<SharedFile[]>("btcore/files", (list) => { files.value = list; });
 home.connection.on<DiskConflict>("btcore/disk", (conflict) => {
@@ -380,7 +383,7 @@ effect(() => {
   if (uri.value) waitForPalette(0);
 });
 effect(() => {
-  const shown = [uri.value, tree.value, folded.value];
+  const shown = [uri.value, tree.value, folded.value, call.value?.key];
   untracked(() => void (shown[0] && redraw()));
 });
 // The language server reads files of the disk; it gets the texts that others have changed.

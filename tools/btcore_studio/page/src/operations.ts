@@ -1,7 +1,7 @@
 // What can be done with the selected nodes: the same list for keys, the menu and the help.
 
 import type { Command, DrawnNode, EditResult, Place } from "./protocol";
-import { toggleBreakpoints } from "./live";
+import { chooseCall, toggleBreakpoints } from "./live";
 import { actions, drawing, live, message, reasonOf, selection, start, tree as shownTree } from "./state";
 import { modelForm, prompt, quick } from "./quick_state";
 import { canWrap, placeOfTree, type Structure } from "./tree";
@@ -320,7 +320,7 @@ export const operations: readonly Operation[] = [
   {
     id: "open", keys: "O", group: "tree", label: () => treeTexts.operation.open,
     refusal: () => cursor() >= 0 && node(cursor()).calls ? "" : treeTexts.refusal.noCall,
-    run: () => openTree(node(cursor()).calls),
+    run: () => openTree(node(cursor())),
   },
   {
     id: "text", keys: "Ctrl+Enter", group: "view", label: () => treeTexts.operation.text,
@@ -344,9 +344,10 @@ export const operations: readonly Operation[] = [
 
 const byId = new Map(operations.map((operation) => [operation.id, operation]));
 
-/** Show a tree alone. */
-export function openTree(id: string): void {
-  shownTree.value = id;
+/** Show the tree that a node calls alone. */
+export function openTree({ calls, key }: DrawnNode): void {
+  chooseCall(key);
+  shownTree.value = calls;
   selection.value = [];
 }
 
