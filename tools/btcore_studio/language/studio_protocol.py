@@ -71,12 +71,14 @@ class DrawingParams(DocumentParams, frozen=True):
     Attributes:
         tree: The ID of the tree; None for the main tree, or the first.
         folded: The keys of the nodes whose children are hidden.
+        call: The key of the running SubTree node whose tree this is; "" for a main tree.
         styled: Whether the drawing contains its style sheet and the descriptions of the nodes, so that it can
             be saved.
     """
 
     tree: str | None = None
     folded: frozenset[str] = frozenset()
+    call: str = ""
     styled: bool = False
 
 

@@ -1,7 +1,7 @@
 // The page: its layout, and what its parts share.
 
 import "../studio.css";
-import { effect, signal, untracked } from "@preact/signals";
+import { batch, effect, signal, untracked } from "@preact/signals";
 import { render } from "preact";
 import { Canvas } from "./canvas";
 import { ComparisonPage, loadComparison } from "./comparison";
@@ -11,7 +11,7 @@ import { Breadcrumbs, Files } from "./files";
 import { Form } from "./form";
 import type { Done } from "./history";
 import { BrowserHome, findHome, isConnected } from "./home";
-import { Blackboard, LiveControls } from "./live";
+import { Blackboard, call, drawnCall, LiveControls } from "./live";
 import { Palette } from "./palette";
 import { checked, followProblems, Problems } from "./problems";
 import type {
@@ -64,7 +64,7 @@ async function drawAll(): Promise<void> {
 }
 
 const drawingParams = (): DrawingParams =>
-  ({ textDocument: { uri: uri.value }, tree: tree.value, folded: [...folded.value] });
+  ({ textDocument: { uri: uri.value }, tree: tree.value, folded: [...folded.value], call: call.value?.key ?? "" });
 
 async function draw(): Promise<void> {
   const mark = home.mark();
@@ -75,7 +75,7 @@ async function draw(): Promise<void> {
     const params = drawingParams();
     const data = await actions.request<Drawing>("btcore/drawing", params);
     if (params.textDocument.uri !== uri.value || params.tree !== tree.value) return;
-    show(data, mark);
+    show(data, params, mark);
     drawingMs = performance.now() - begun;
   } catch (error) {
     if (isConnected.value) notice.value = texts.stale(reasonOf(error));
@@ -83,9 +83,12 @@ async function draw(): Promise<void> {
 }
 
 /** @param mark What changes from the drawn texts on. */
-function show(data: Drawing, mark: Mark): void {
+function show(data: Drawing, params: DrawingParams, mark: Mark): void {
   sinceDrawing = mark;
-  drawing.value = data;
+  batch(() => {
+    drawing.value = data;
+    drawnCall.value = params.call;
+  });
   notice.value = data.broken && texts.broken(data.broken);
   if (!mark.changes.size) selectPlaces(data);
 }
@@ -141,15 +144,16 @@ function edit(command: Command): Promise<EditResult | null> {
     try {
       const mark = home.mark();
       // VS Code may change the texts of the edit, and then draws them.
-      const params: EditParams = home.documents ? { command: moved, drawing: drawingParams() } : { command: moved };
+      const wanted = drawingParams();
+      const params: EditParams = home.documents ? { command: moved, drawing: wanted } : { command: moved };
       const result = await actions.request<EditResult>("btcore/edit", versions ? { ...params, versions } : params);
       toSelect = result.select;
-      const isSame = JSON.stringify(params.drawing) === JSON.stringify(drawingParams());
+      const isSame = JSON.stringify(wanted) === JSON.stringify(drawingParams());
       const next = result.drawing && isSame && !mark.changes.size ? result.drawing : null;
       const before = requested;
       isDrawn = next !== null;
       await home.apply(result.edit, mark).finally(() => { isDrawn = false; });
-      if (next) show(next, home.mark());
+      if (next) show(next, wanted, home.mark());
       message.value = result.notes.join(" ");
       if (moved.kind === "set_model") waitForPalette(0);
       // A changed text is being drawn, or was drawn before VS Code replied.
@@ -235,8 +239,8 @@ home.connection.on<{ uri: string; diagnostics: Diagnostic[] }>("textDocument/pub
   diagnostics.value = all;
 });
 home.connection.on<Live>("btcore/live", (state) => {
-  const keys = state.keys ?? live.value?.keys;
-  live.value = keys ? { ...state, keys } : state;
+  const { keys, calls } = live.value ?? {};
+  live.value = { ...(keys && { keys }), ...(calls && { calls }), ...state };
 });
 home.connection.on<SharedFile[]>("btcore/files", (list) => { files.value = list; });
 home.connection.on<DiskConflict>("btcore/disk", (conflict) => {
@@ -416,7 +420,7 @@ effect(() => {
   if (uri.value) waitForPalette(0);
 });
 effect(() => {
-  const shown = [uri.value, tree.value, folded.value];
+  const shown = [uri.value, tree.value, folded.value, call.value?.key];
   untracked(() => void (shown[0] && redraw()));
 });
 // The language server reads files of the disk; it gets the texts that others have changed.

@@ -37,6 +37,8 @@ export interface DrawingParams extends Document {
   tree: string | null;
   /** The keys of the nodes whose children are hidden. */
   folded: string[];
+  /** The key of the running SubTree node whose tree this is. The keys of the drawn nodes are then those of the nodes below it. */
+  call: string;
   /** Whether the drawing contains its style sheet and the descriptions of the nodes, so that it can be saved. */
   styled?: boolean;
 }
@@ -173,7 +175,10 @@ export interface Leaf { name: string; text: string; testName: string; test: stri
 // --- btcore/copy: { nodes: Place[] } → { xml }: the elements, with the models that they need.
 
 // --- btcore/watch { address } ("" ends it), btcore/breakpoints { keys }, btcore/release: → null.
-// The notification btcore/live has the state of the running tree; *keys* only if the nodes have changed.
+// The notification btcore/live has the state of the running tree; *keys* and *calls* only if the nodes have changed.
+
+/** A SubTree node of a running tree. The *size* nodes after it are below it. *path* has the names of the calls down to it. */
+export interface RunningCall { key: string; tree: string; path: string; size: number }
 
 export interface Live {
   address: string;
@@ -189,6 +194,7 @@ export interface Live {
   breakpoints: string[];
   stopped: string;
   keys?: string[];
+  calls?: RunningCall[];
 }
 
 // --- btcore/moment { position } → Moment; only if the studio shows a recording (see Start.recording).
@@ -196,6 +202,7 @@ export interface Live {
 export interface Recording {
   /** The keys of the nodes, in the order of *statuses* in each moment. */
   keys: string[];
+  calls: RunningCall[];
   /** The number of steps, and the position to show at first. */
   count: number;
   start: number;

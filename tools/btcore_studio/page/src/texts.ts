@@ -209,7 +209,7 @@ export const treeTexts = {
     { group: "page", keys: "?", text: "This list" },
   ] as const,
   mouse: "Mouse: drag a node to another place, or with Ctrl a copy. Ctrl+click and Shift+click select several nodes, Shift+drag all "
-    + "nodes in a rectangle. A double-click renames a node or shows a called tree; while a tree is watched, it sets a breakpoint. Touch: hold a node to drag it, or release it for the menu.",
+    + "nodes in a rectangle. A double-click renames a node or shows a called tree. Touch: hold a node to drag it, or release it for the menu.",
 
   // the palette
   palette: "Palette",
@@ -264,6 +264,8 @@ export const treeTexts = {
   continue: "Continue",
   blackboard: "Blackboard",
   seconds: (seconds: number) => `${seconds.toFixed(seconds < 10 ? 2 : seconds < 100 ? 1 : 0)} s`,
+  shownCall: "Call",
+  notRunning: (tree: string) => `The running tree does not call ${tree}. Show its main tree to see it run.`,
   missingNodes: (number: number) => number === 1
     ? "The file differs from the running tree: 1 of its nodes is not in this picture."
     : `The file differs from the running tree: ${number} of its nodes are not in this picture.`,
