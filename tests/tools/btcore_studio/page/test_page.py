@@ -129,6 +129,15 @@ def test_cursor_and_selection_follow_each_other(
     node(page, "dock").click()
     page.locator(".cm-activeLine", has_text="dock").wait_for()
     assert page.locator("main g.selected").count() == 1
+    # Tab indents, and leaves the text after Escape.
+    line(page, "<Sleep").click()
+    page.locator(".leave", has_text="Escape").wait_for()
+    page.keyboard.press("Home")
+    for keys, is_in_text in (("Tab", True), ("Escape Tab", False)):
+        for key in keys.split():
+            page.keyboard.press(key)
+        assert page.locator(".text .editor:focus").count() == is_in_text
+    line(page, "  " * 4 + "<Sleep").wait_for()
 
 
 def test_undo_in_a_field_is_first_that_of_its_text(
@@ -231,7 +240,11 @@ def test_breakpoints_are_beside_the_text(
 
 
 def test_new_files_and_trees(folder: Path, start_studio: StartStudio, open_page: OpenPage) -> None:
+    for number in range(80):
+        (folder / f"library_{number}.xml").write_text('<root BTCPP_format="4"/>')
     page = open_page(start_studio(folder, "tree.xml"))
+    # The long list of files leaves the list of trees its place.
+    assert page.locator(".files ul").last.evaluate("list => list.scrollHeight <= list.clientHeight")
     page.locator("button[aria-label='New file']").click()
     page.locator("dialog input").fill("new.xml")
     page.keyboard.press("Enter")

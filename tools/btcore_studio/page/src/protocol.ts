@@ -13,12 +13,21 @@ export interface Place { uri: string; position: Position }
 
 // --- textDocument/publishDiagnostics
 
-export interface Diagnostic {
-  range: Range;
+export interface Problem {
   /** 1 error, 2 warning, 3 information, 4 hint. */
   severity?: 1 | 2 | 3 | 4;
-  code?: string | number;
   message: string;
+  data?: {
+    /** The attributes of the element that the problem is about. */
+    attributes: readonly string[];
+    /** The start and the end of the marked part of the attribute's value, in characters (Unicode); both 0: the whole value. */
+    characters: readonly [start: number, end: number];
+  };
+}
+
+export interface Diagnostic extends Problem {
+  range: Range;
+  code?: string | number;
 }
 
 // --- btcore/drawing: DrawingParams → Drawing
@@ -28,6 +37,8 @@ export interface DrawingParams extends Document {
   tree: string | null;
   /** The keys of the nodes whose children are hidden. */
   folded: string[];
+  /** The key of the running SubTree node whose tree this is. The keys of the drawn nodes are then those of the nodes below it. */
+  call: string;
   /** Whether the drawing contains its style sheet and the descriptions of the nodes, so that it can be saved. */
   styled?: boolean;
 }
@@ -121,7 +132,8 @@ export interface Field {
 
 // --- btcore/edit: EditParams → EditResult. An operation that cannot be applied is an error with the reason.
 
-export interface EditParams { command: Command; versions?: Drawing["versions"] }
+/** *drawing* is what to draw after the edit. */
+export interface EditParams { command: Command; drawing?: DrawingParams; versions?: Drawing["versions"] }
 
 export type Command =
   | { kind: "add"; parent: Place; index: number; id: string }
@@ -148,7 +160,13 @@ export interface EditResult {
   select: Place[];
   /** New warnings, and what a pasted text misses. */
   notes: string[];
+  /** Null if it was not requested, or if the edit changes no document or others than the drawn one. */
+  drawing: Drawing | null;
 }
+
+// --- btcore/preview: EditParams → Preview: the problems that an operation would add.
+
+export interface Preview { problems: Problem[] }
 
 // --- btcore/leaf: Document & { id } → Leaf: the Python code of a node without code, and its test.
 
@@ -157,7 +175,10 @@ export interface Leaf { name: string; text: string; testName: string; test: stri
 // --- btcore/copy: { nodes: Place[] } → { xml }: the elements, with the models that they need.
 
 // --- btcore/watch { address } ("" ends it), btcore/breakpoints { keys }, btcore/release: → null.
-// The notification btcore/live has the state of the running tree; *keys* only if the nodes have changed.
+// The notification btcore/live has the state of the running tree; *keys* and *calls* only if the nodes have changed.
+
+/** A SubTree node of a running tree. The *size* nodes after it are below it. *path* has the names of the calls down to it. */
+export interface RunningCall { key: string; tree: string; path: string; size: number }
 
 export interface Live {
   address: string;
@@ -173,6 +194,7 @@ export interface Live {
   breakpoints: string[];
   stopped: string;
   keys?: string[];
+  calls?: RunningCall[];
 }
 
 // --- btcore/moment { position } → Moment; only if the studio shows a recording (see Start.recording).
@@ -180,6 +202,7 @@ export interface Live {
 export interface Recording {
   /** The keys of the nodes, in the order of *statuses* in each moment. */
   keys: string[];
+  calls: RunningCall[];
   /** The number of steps, and the position to show at first. */
   count: number;
   start: number;
