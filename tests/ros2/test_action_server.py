@@ -13,7 +13,8 @@ from test_msgs.action import Fibonacci
 
 from btcore_ros2.action_server import RosActionServer
 from btcore_ros2.session import RosSession
-from tests.ros2.action_client import LIMIT_S, ClientProcess
+from tests.ros2.action_client import ClientProcess
+from tests.ros2.conftest import LIMIT_S
 
 FIBONACCI = "test_msgs/action/Fibonacci"
 
