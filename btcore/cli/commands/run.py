@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from btcore.cli import terminal
-from btcore.cli.command_run import create_run
 from btcore.cli.node_libraries import NodeLibraries, load_libraries
 from btcore.cli.progress import Progress, log_to_console
-from btcore.cli.provider_command import ProviderCommand, command_providers, given_settings
+from btcore.cli.provider_command import ProviderCommand, command_providers, create_run, given_settings
 from btcore.cli.run_summary import print_leaf_error, print_summary, results_as_data
 from btcore.cli.tree_changes import TreeChanges
 from btcore.cli.tree_source import STDIN, TreeOptions, TreeReader, complete_tree, find_source
