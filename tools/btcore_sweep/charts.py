@@ -7,7 +7,6 @@ from typing import Final
 
 from btcore_sweep.sweep_statistics import LEVEL, SuccessRate
 
-
 _MAX_BINS: Final = 24
 
 
