@@ -6,8 +6,10 @@ errors that the operation would add are reasons, and a node may lack children wh
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import partial
+from functools import cached_property, partial
 from typing import Final, NamedTuple
+
+from msgspec.structs import replace
 
 from btcore.diagnostic_codes import (
     CONTROL_CHARACTER_IN_NAME,
@@ -41,7 +43,7 @@ from btcore_studio.edit.text_edits import compose_edits, offset_after
 from btcore_studio.edit.tree_editor import TreeEditor, is_disabled
 from btcore_studio.language.clipboard import copy_elements, read_clipping
 from btcore_studio.language.diagnostics import report_of
-from btcore_studio.language.drawing import child_limits
+from btcore_studio.language.drawing import child_limits, draw_document
 from btcore_studio.language.element_texts import NewElement, is_port, new_element, port_text, unindented
 from btcore_studio.language.project import Project, SourceDocument
 from btcore_studio.language.project_symbols import symbols_of
@@ -51,6 +53,7 @@ from btcore_studio.language.studio_protocol import (
     AnyCommand,
     ChangeType,
     Disable,
+    DrawingParams,
     Duplicate,
     EditResult,
     Enable,
@@ -97,19 +100,25 @@ _FORBIDDEN_CHARACTER: Final = re.compile("[\0-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff
 _ATTRIBUTE_NAME: Final = re.compile(r"[^\W\d][\w.:-]*")
 
 
-def compute_edit(project: Project, command: AnyCommand) -> EditResult:
+def compute_edit(project: Project, command: AnyCommand, drawing: DrawingParams | None = None) -> EditResult:
     """Return the edit of an operation on the documents of a project. The documents remain.
 
     Args:
         project: The project.
         command: The operation.
+        drawing: What to draw after the edit, or None.
 
     Raises:
         EditError: The operation cannot be applied; the message is the reason.
     """
     operation = _Operation(project)
     operation.apply(command)
-    return operation.result()
+    result = operation.result()
+    if drawing is None or [*result.edit.changes] != [drawing.text_document.uri]:
+        return result
+    return replace(
+        result, drawing=draw_document(project, operation.edited(drawing.text_document.uri), drawing)
+    )
 
 
 def copy_nodes(project: Project, places: Sequence[Place]) -> str:
@@ -157,17 +166,14 @@ class _Draft:
         self.text = reading.source.text[reading.source.mark_length :]
         self.edits: list[Edit] = []
         self.selected: list[int] = []
-        self._editor: TreeEditor | None = None
 
-    @property
+    @cached_property
     def editor(self) -> TreeEditor:
         """The editor of the present text."""
-        if self._editor is None:
-            is_read = not self.edits and not self.reading.is_empty
-            self._editor = TreeEditor(self.reading.document.source_map.scan if is_read else scan(self.text))
-        return self._editor
+        is_read = not self.edits and not self.reading.is_empty
+        return TreeEditor(self.reading.document.source_map.scan if is_read else scan(self.text))
 
-    @property
+    @cached_property
     def source(self) -> SourceDocument:
         """The document after the operation."""
         before = self.reading.source
@@ -246,7 +252,8 @@ class _Draft:
         self.selected = [offset_after(edits, offset) for offset in self.selected]
         self.edits = compose_edits(self.edits, edits)
         self.text = apply_edits(self.text, edits)
-        self._editor = None
+        for made in ("editor", "source"):
+            self.__dict__.pop(made, None)
 
     def apply_and_select(self, edits: Sequence[Edit], made: Edit) -> None:
         """Apply edits, and select the elements that *made*, one of the edits, inserts."""
@@ -709,6 +716,10 @@ class _Operation:
         draft.apply([draft.editor.insert(section, len(section.children), "\n".join(models))])
 
     # --- the result
+
+    def edited(self, uri: str) -> SourceDocument:
+        """Return a document after the operation."""
+        return self._drafts[uri].source
 
     def result(self) -> EditResult:
         """Return the edits, if they add no error that prevents the operation.
