@@ -418,7 +418,8 @@ def test_a_field_underlines_its_errors_while_typing(edit: Callable[[str], Editor
     described = str(field.get_attribute("aria-describedby")).split()[0]
     assert "expected a value" in str(editor.page.locator(f"#{described}").text_content())
     editor.press("Enter")
-    editor.page.locator(".problems", has_text="expected a value").wait_for()
+    problems = editor.page.locator(".problems")
+    editor.wait(lambda: "expected a value" in str(problems.text_content()), "the file is not checked")
     assert marked.all_text_contents() == ["+"]
     field.fill("lap := 1 + 2")
     editor.press("Enter")
