@@ -223,7 +223,8 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
     def _wait_for_sensors(self, handle: Handle[MotionGoal], elapsed: int, now: int) -> bool:
         """Brake if a sensor has an outage, and return whether it has.
 
-        *elapsed* (ns) is the time since the last step. Without collision checks, only the odometry is needed.
+        A goal without collision checks needs the odometry only. *elapsed* (ns) is the time since the last
+        step.
         """
         odometry_outage = self._sensors.odometry_outage(now)
         outage = odometry_outage

@@ -207,9 +207,9 @@ class ObstacleLayer:
         resolution: float,
         default_value: int,
         *,
-        min_range: float = 0.0,
-        max_range: float = 2.5,
-        raytrace_range: float = 3.0,
+        min_range: float,
+        max_range: float,
+        raytrace_range: float,
     ) -> None:
         self.default_value = default_value
         self.restart(shape)

@@ -128,16 +128,6 @@ def test_waiting_goal_that_is_cancelled_is_not_taken(rig: ServerRig) -> None:
     assert rig.server.take() is None
 
 
-def test_take_newest_aborts_older_goals(rig: ServerRig) -> None:
-    numbers = [rig.send(order) for order in (1, 2, 3)]
-    goal = rig.server.take_newest()
-    assert goal.request.order == 3
-    for number in numbers[:2]:
-        rig.expect_result(number, GoalStatus.STATUS_ABORTED)
-    goal.canceled()  # replaced, not cancelled by the client
-    rig.expect_result(numbers[2], GoalStatus.STATUS_ABORTED)
-
-
 def test_close_ends_goals(rig: ServerRig) -> None:
     """The last test: afterwards there is no server."""
     numbers = [rig.send(1), rig.send(2)]

@@ -252,7 +252,7 @@ def test_a_laser_beside_the_robot_determines_the_side_of_a_wall_that_is_seen() -
 
 def test_people_shorten_beams_and_at_a_wrong_pose_beams_pass_through_walls() -> None:
     field_map, true = l_shaped(), Pose2D(3.0, 5.0, 0.7)
-    visibility = RayCaster(field_map)
+    visibility = RayCaster(field_map, 25.0)
     points = seen_from(field_map, true)
     right, wrong = visibility.agreement([true, Pose2D(5.5, 8.0, -2.0)], EYE, points)
     assert (right.hit_share, right.through_share) == (1.0, 0.0)

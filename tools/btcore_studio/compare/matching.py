@@ -1,8 +1,8 @@
 """Find which elements of two versions of trees are the same node.
 
-The versions are texts that anyone may have edited, so that this is a guess. First, nodes are matched that are
-unmistakable: equal branches that occur once, and nodes with the same ID and name. Then children of matched
-nodes are matched by their order, and the others by their parents and children.
+Nodes have no identity in a text, so that this is a guess. First, unmistakable nodes are matched: equal
+branches that occur once, and nodes with the same ID and name. Then children of matched nodes are matched by
+their order, and the others by their parents and children.
 """
 
 from bisect import bisect_left
@@ -118,12 +118,15 @@ class Matching:
             if other is None:
                 continue
             # Nodes may have been inserted between a node and its parent, or removed there.
-            self._pair_lists(self._free_below(element), self._free_below(other), self._contents.__getitem__)
-            for label in (_label, _renamed_label, _typed_label):
+            is_top = element is self._old_order[0]
+            if not is_top:
                 self._pair_lists(
-                    self._free(element.node_children()), self._free(other.node_children()), label
+                    self._free_below(element), self._free_below(other), self._contents.__getitem__
                 )
-            if element is not self._old_order[0]:
+            for label in (_label, _renamed_label, _typed_label, _changed_label):
+                below, other_below = element.node_children(), other.node_children()
+                self._pair_lists(self._free(below), self._free(other_below), label)
+            if not is_top:
                 self._pair_lists(self._free_below(element), self._free_below(other), _label)
 
     def _pair_lists(self, old: Sequence[Element], new: Sequence[Element], label: Label) -> None:
@@ -139,6 +142,8 @@ class Matching:
                 ):
                     if label(first) is not None and first not in self.new_of and second not in self.old_of:
                         self._pair_branch(first, second)
+        if label is _changed_label:
+            return
         rest = defaultdict(list)
         for second in reversed(self._free(new)):
             rest[label(second)].append(second)
@@ -231,7 +236,14 @@ def _label(element: Element) -> Hashable:
 
 
 def _renamed_label(element: Element) -> Hashable:
-    return None if element.tag == TREE else node_id(element)
+    """Return the label of a node whose name alone may have changed."""
+    others = (item for item in attributes_of(element).items() if item[0] != "name")
+    return None if element.tag == TREE else (node_id(element), frozenset(others))
+
+
+def _changed_label(element: Element) -> Hashable:
+    """Return the label of a node without a name, whose attributes may have changed."""
+    return None if element.tag == TREE or _name(element) else node_id(element)
 
 
 def _typed_label(element: Element) -> Hashable:

@@ -63,6 +63,7 @@ class StudioOptions(LibraryOptions):
     "--compare",
     nargs=2,
     metavar="OLD NEW",
+    shell_complete=complete_tree,
     help="Show two versions of a file side by side, until the page is closed.",
 )
 @click.option(

@@ -440,6 +440,13 @@ def test_what_is_not_possible_says_why(edit: Callable[[str], Editor]) -> None:
     assert "exactly one root" in item.locator("small").inner_text()
     editor.press("Escape")
     assert editor.canvas.evaluate("canvas => canvas === document.activeElement")
+    # Letters that miss a field of the form are no operations.
+    editor.page.locator(".form").click(position={"x": 12, "y": 3})
+    editor.press("e", "Delete", "i")
+    assert not editor.page.locator(".quick").count()
+    editor.press("Control+z")
+    editor.wait(lambda: editor.message == "Nothing to undo.")
+    assert editor.labels == list(ALL)
 
 
 def test_the_picture_is_a_tree_for_screen_readers(edit: Callable[[str], Editor]) -> None:

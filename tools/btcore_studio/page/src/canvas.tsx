@@ -65,9 +65,11 @@ export function Canvas() {
         onContextMenu={contextMenu} onDblClick={doubleClick}
       />
       <EmptyTree />
-      <CallChoice />
       <Controls />
-      <div class="canvas-notes" role="status">{notes.value.map((note) => <p key={note}>{note}</p>)}</div>
+      <div class="canvas-notes">
+        <CallChoice />
+        <div role="status">{notes.value.map((note) => <p key={note}>{note}</p>)}</div>
+      </div>
       <Quick />
       <Menu />
       <Help />

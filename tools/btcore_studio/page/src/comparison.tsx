@@ -59,7 +59,7 @@ class Side {
     this.selection.value = key === undefined ? [] : [key];
   }
 
-  /** Scroll by a distance that is no wish of the user. */
+  /** Scroll this picture by the page, and not by the user. */
   scrollBy(left: number, top: number): void {
     const frame = this.view?.frame;
     if (!frame) return;
@@ -74,7 +74,7 @@ class Side {
     this.lead();
   }
 
-  /** Scroll the other picture so that it shows what is in the middle of this one: each common node pulls, the nearest most. */
+  /** Scroll the other picture to what is in the middle of this one: by the offsets of the common nodes, weighted by nearness. */
   lead(): void {
     const [view, other] = [this.view, this.other.view];
     if (!view || !other) return;
@@ -136,7 +136,7 @@ export async function loadComparison(tree: string | null = comparison.peek()?.tr
   }
 }
 
-/** Zoom both pictures equally, so that both are visible as a whole; if *isReadable*, only as far as texts can be read. */
+/** Zoom both pictures equally, so that both are visible as a whole; with *isReadable*, at least so that texts can be read. */
 function fit(isReadable: boolean): void {
   const views = sides.filter((side) => side.drawing.peek()).flatMap((side) => side.view ?? []);
   for (const view of views) if (!isReadable) view.fit();
@@ -144,7 +144,7 @@ function fit(isReadable: boolean): void {
   if (zooms.length) leader().zoomTo(Math.min(...zooms));
 }
 
-/** Select a node in both pictures. *number* is the side that the user looks at. */
+/** Select a node in both pictures. *number* is the side whose picture the other follows. */
 function select(number: 0 | 1, index: number, partner: number, isRevealing: boolean): void {
   const side = sides[number];
   batch(() => {
