@@ -143,15 +143,22 @@ FAST_NOW: Final[dict[type, Callable[[], int]]] = {SystemClock: time.monotonic_ns
 class TickSchedule:
     """The due times of periodic ticks, which are *period* (s) apart; the first tick is at *now* (ns).
 
-    Missed ticks are not made up for: after a delay of more than a period, the next tick is due at once, and
-    the following due times count from this tick.
+    Missed ticks are not made up for. After a delay of more than a period, the next tick is due at once, and
+    the following due times count from this tick; if the schedule *keeps_multiples*, the next tick is due at
+    the next multiple of the period from the start.
+
+    Attributes:
+        due: When the next tick is due (ns).
+        missed_ticks: The number of multiples that a delay has skipped.
     """
 
-    def __init__(self, period: float, now: int) -> None:
+    def __init__(self, period: float, now: int, keeps_multiples: bool = False) -> None:
         if not 0 <= period < inf:  # also False for NaN
             raise ValueError(f"invalid period {period!r}: use a number of seconds between ticks, 0 or more")
         self.period_ns = round(period * NS_PER_S)
         self.due = now
+        self.missed_ticks = 0
+        self._keeps_multiples = keeps_multiples
 
     def next(self, now: int) -> int:
         """Return the due time (ns) of the next tick.
@@ -162,5 +169,11 @@ class TickSchedule:
             now: The current time (ns).
         """
         if now >= self.due:
-            self.due = max(self.due + self.period_ns, now)
+            self.due += self.period_ns
+            if self._keeps_multiples and now >= self.due:
+                missed = (now - self.due) // self.period_ns + 1
+                self.missed_ticks += missed
+                self.due += missed * self.period_ns
+            else:
+                self.due = max(self.due, now)
         return self.due

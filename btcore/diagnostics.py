@@ -36,6 +36,9 @@ class Diagnostic(NamedTuple):
         width: The number of characters to mark.
         fixes: Changes of the document that remove the problem, the best first.
         outer_key: The key of an entry that a calling tree or the program may write instead; "" = none.
+        attributes: The attributes of the element that the problem is about: the marked one, or missing ones.
+        characters: The start and the end of the marked part of the attribute's value, from 0, where a
+            reference such as `&amp;` is one character; (0, 0) = the whole value.
 
     Examples:
         >>> import btcore
@@ -58,6 +61,8 @@ class Diagnostic(NamedTuple):
     width: int = 1
     fixes: tuple[Fix, ...] = ()
     outer_key: str = ""
+    attributes: tuple[str, ...] = ()
+    characters: tuple[int, int] = (0, 0)
 
     @property
     def is_error(self) -> bool:

@@ -1,6 +1,6 @@
 """What commands of other packages need to run a tree or a program with the providers of a run.
 
-A command of class `ProviderCommand` has the options of all providers. `CommandRun` opens the providers of the
+A command of class `ProviderCommand` has the options of all providers. `create_run` opens the providers of the
 types that the program wants, such as a robot, and advances the time of the robot's world until the program
 ends:
 
@@ -8,7 +8,7 @@ ends:
     @click.pass_context
     def patrol(ctx: click.Context, /, settings: GivenSettings) -> int:
         program = TreelessProgram("Patrol")
-        with CommandRun(ctx, program, settings, prepare).want(Robot) as run:
+        with create_run(ctx, program, settings, prepare).want(Robot) as run:
             run.tick_to_end()
         return run.exit_code
 """
@@ -19,9 +19,8 @@ import click
 from rich.text import Text
 
 from btcore.cli import terminal
-from btcore.cli.command_run import CommandRun
 from btcore.cli.node_libraries import load_libraries
-from btcore.cli.provider_command import ProviderCommand, command_providers
+from btcore.cli.provider_command import ProviderCommand, command_providers, create_run
 from btcore.cli.run_summary import END_REASON_TEXT, print_reports
 from btcore.cli.terminal import print_json
 from btcore.registry.registry import Registry
@@ -29,10 +28,10 @@ from btcore.runs.run import Run, TreelessProgram
 from btcore.runs.settings import GivenSettings
 
 __all__ = [
-    "CommandRun",
     "GivenSettings",
     "ProviderCommand",
     "TreelessProgram",
+    "create_run",
     "load_nodes",
     "print_json",
     "print_result",

@@ -1,13 +1,13 @@
 """Reloading the tree of `btcore run --watch` whenever its file is saved."""
 
 from btcore.cli import terminal
-from btcore.cli.command_run import CommandRun
 from btcore.cli.progress import Progress
 from btcore.cli.run_summary import print_leaf_error
 from btcore.cli.tree_source import TreeReader
 from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.loading.hot_reload import FileWatcher, rebuild_tree
 from btcore.registry.resources import fits
+from btcore.runs.run import Run
 from btcore.status import Status
 
 
@@ -24,7 +24,7 @@ class Reloads:
     """
 
     def __init__(
-        self, run: CommandRun, tree_reader: TreeReader, file_watcher: FileWatcher, progress: Progress
+        self, run: Run, tree_reader: TreeReader, file_watcher: FileWatcher, progress: Progress
     ) -> None:
         self.printed_error: NodeExecutionError | None = None
         self._run = run

@@ -2,9 +2,28 @@
 
 import json
 import sys
+from typing import Protocol
 
+from btcore.errors import BtcoreError
 from btcore.escaping import escape_controls
 from btcore.runs.run_end import EndReason, RunEnd
+from btcore.runs.settings import Settings
+
+
+class RunPrinter(Protocol):
+    """What prints the messages of a run."""
+
+    def print_warning(self, message: str) -> None:
+        """Print a warning of a provider."""
+        ...
+
+    def print_error(self, error: BtcoreError) -> None:
+        """Print what a provider raised when it was closed."""
+        ...
+
+    def print_unused(self, settings_class: type[Settings], reason: str) -> None:
+        """Warn that the settings of a class have no effect: no provider uses them, for *reason*."""
+        ...
 
 
 class Report(dict[str, object]):
@@ -12,15 +31,13 @@ class Report(dict[str, object]):
 
     Args:
         run_end: The end of the run.
-
-    Attributes:
-        print_warning: Prints the warnings, by default on stderr.
+        printer: Prints the warnings; without it, they go to stderr.
     """
 
-    def __init__(self, run_end: RunEnd | None = None) -> None:
+    def __init__(self, run_end: RunEnd | None = None, printer: RunPrinter | None = None) -> None:
         super().__init__()
         self._run_end = run_end or RunEnd()
-        self.print_warning = _print_warning
+        self._printer = printer
 
     @property
     def end_reason(self) -> EndReason | None:
@@ -29,7 +46,10 @@ class Report(dict[str, object]):
 
     def warn(self, message: str) -> None:
         """Print a warning."""
-        self.print_warning(message)
+        if self._printer is None:
+            print(f"warning: {escape_controls(message)}", file=sys.stderr)
+        else:
+            self._printer.print_warning(message)
 
     def __setitem__(self, heading: str, values: object) -> None:
         """Set the results under *heading*.
@@ -52,7 +72,3 @@ class Report(dict[str, object]):
         """
         before = self.get(heading)
         self[heading] = {**before, **values} if isinstance(before, dict) else values
-
-
-def _print_warning(message: str) -> None:
-    print(f"warning: {escape_controls(message)}", file=sys.stderr)

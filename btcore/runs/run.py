@@ -14,15 +14,15 @@ from btcore.clock import NS_PER_S, Clock
 from btcore.engine.leaf import StatefulAction
 from btcore.errors import BtcoreError, NodeExecutionError, OutputError, ProviderError, TreeError
 from btcore.exit_codes import ExitCode
-from btcore.loading.instantiate import create_leaf_tree, instantiate, list_resources
-from btcore.loading.load import check_registry, paused_garbage_collection
+from btcore.loading.instantiate import create_leaf_tree, instantiate, resources_as_sequence
+from btcore.loading.load import paused_garbage_collection, registry_or_standard
 from btcore.registry.registry import Registry
 from btcore.registry.resources import Resources, TypeRef
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.choice import Choice
 from btcore.runs.opening import RunProviders
 from btcore.runs.providers import Provider
-from btcore.runs.report import Report
+from btcore.runs.report import Report, RunPrinter
 from btcore.runs.run_end import EndReason, RunEnd
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
 from btcore.runs.tick_loop import OnTick, Reloader, TickLoop, Until
@@ -69,7 +69,7 @@ def _plan(source: object, nodes: Registry | None, tree: str | None) -> Plans | T
     """Plan the tree of a file, and check plans for errors. A program is returned unchanged."""
     if isinstance(source, (str, PathLike)):
         with paused_garbage_collection():
-            source = plan_document(parse_file(source), check_registry(nodes), tree)
+            source = plan_document(parse_file(source), registry_or_standard(nodes), tree)
     if isinstance(source, Plans):
         source.diagnostics.raise_errors()
     elif not isinstance(source, TreelessProgram):
@@ -108,6 +108,8 @@ class Run:
         clock: The clock; default the clock of a provider, or the first of *resources* that is a clock;
             without one, the system's clock, or a simulated clock with `RunSettings.fast`.
         tick_limit: As in `btcore.load`.
+        printer: Prints the messages of the run. Without it, warnings go to stderr, and the errors of closed
+            providers are raised.
 
     Attributes:
         settings: The settings by their classes.
@@ -146,6 +148,7 @@ class Run:
         blackboard: Blackboard | None = None,
         clock: Clock | None = None,
         tick_limit: float | None = None,
+        printer: RunPrinter | None = None,
     ) -> None:
         sources: Sequence[object] = [source]
         if isinstance(source, Sequence) and not isinstance(source, (str, Plans)):  # plans are a tuple
@@ -161,12 +164,13 @@ class Run:
         self.settings = GivenSettings(settings)
         self.run_settings = self.settings.of(RunSettings)
         self._end = RunEnd()
-        self.report = Report(self._end)
+        self._printer = printer
+        self.report = Report(self._end, printer)
         self.elapsed_s = 0.0
         self.wall_s = 0.0
         available = providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)
         self._providers = RunProviders(
-            available, self.settings, leaf_types, list_resources(resources), clock, self.report
+            available, self.settings, leaf_types, resources_as_sequence(resources), clock, self.report
         )
         self._loop = TickLoop(self.run_settings)
         self._signals = EndingSignals()
@@ -215,17 +219,11 @@ class Run:
             providers.open_after_tree(self.tree, stack)
             stack.callback(self._halt)
             for settings_class, reason in providers.find_unused_settings().items():
-                self.warn_unused(settings_class, reason)
+                if self._printer is None:
+                    warnings.warn(f"{settings_class.__name__} have no effect: {reason}", stacklevel=3)
+                else:
+                    self._printer.print_unused(settings_class, reason)
             self._stack = stack.pop_all()
-
-    def warn_unused(self, settings_class: type[Settings], reason: str) -> None:
-        """Warn that settings were given, but have no effect.
-
-        Args:
-            settings_class: The class of the settings.
-            reason: Why no provider uses them.
-        """
-        warnings.warn(f"{settings_class.__name__} have no effect: {reason}", stacklevel=3)
 
     @property
     def trees(self) -> list[Tree]:
@@ -397,18 +395,6 @@ class Run:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        self._close(kind, error, trace)
-        if error is None and self.closing_errors:
-            raise self._join_closing_errors()
-
-    def _close(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Halt the trees and close the providers, whose errors are then the `closing_errors`.
-
-        Raises:
-            NodeExecutionError: A leaf raised an exception when it was halted.
-        """
         self._has_exited = True
         earlier_signal = self._signals.number
         self._end.note_exit(error, earlier_signal)
@@ -419,6 +405,12 @@ class Run:
                 raise
             # The first signal has ended the waits of the providers.
             self._end.signal = self._signals.number
+        finally:
+            if self._printer is not None:
+                for closing_error in self.closing_errors:
+                    self._printer.print_error(closing_error)
+        if error is None and self.closing_errors and self._printer is None:
+            raise self._join_closing_errors()
 
     @property
     def closing_errors(self) -> list[BtcoreError]:
@@ -459,4 +451,4 @@ class Run:
     @property
     def missed_ticks(self) -> int:
         """The number of ticks that did not take place because an earlier tick was in progress."""
-        return self._loop.missed_ticks
+        return self._loop.schedule.missed_ticks

@@ -1,15 +1,15 @@
 """Ticking trees at a fixed rate on their clock, until the run ends.
 
 Ticks are due at multiples of 1/rate from the start, also after a late tick: the sensors and controllers of a
-robot have such times, too. In a `TickSchedule`, a late tick delays all later ticks. If a node needs an
-earlier tick, because its delay has elapsed or a thread has woken its tree, this tree gets an additional tick.
+robot have such times, too. If a node needs an earlier tick, because its delay has elapsed or a thread has
+woken its tree, this tree gets an additional tick.
 """
 
 import threading
 from collections.abc import Callable, Sequence
 from typing import Final, Literal, Protocol
 
-from btcore.clock import NS_PER_S, POLL_INTERVAL_S, Clock
+from btcore.clock import NS_PER_S, POLL_INTERVAL_S, Clock, TickSchedule
 from btcore.errors import EndOfTimeError, NodeExecutionError
 from btcore.runs.settings import RunSettings
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
@@ -61,24 +61,25 @@ class TickLoop:
         trees: The trees, in the order in which they are ticked; they have the same clock.
         is_paused: Whether no tick takes place.
         status: The joint status of the trees after the last tick.
-        missed_ticks: The number of ticks that did not take place because an earlier tick was in progress.
+        schedule: When all trees are ticked, and the number of missed ticks.
     """
 
     def __init__(self, settings: RunSettings) -> None:
         self._settings = settings
-        self._period_ns = round(NS_PER_S / settings.rate)
         self._clock: Clock  # of the trees; set by `start`
         self._start_ns = 0
-        self._due_ns = 0  # when all trees are ticked next
         self._end_ns: int | None = None
         self._unfinished: list[Tree] = []
-        self._error: NodeExecutionError | None = None  # of a leaf; it ends all trees, until a reload
+        self._error: NodeExecutionError | None = None  # of a leaf; it ends all trees, until one is replaced
         self._wake_event = threading.Event()
         self._is_stopping = False
         self.trees: list[Tree] = []
         self.is_paused = False
         self.status: Status = IDLE
-        self.missed_ticks = 0
+        self.schedule = self._create_schedule(0)
+
+    def _create_schedule(self, now: int) -> TickSchedule:
+        return TickSchedule(1 / self._settings.rate, now, keeps_multiples=True)
 
     @property
     def elapsed_ns(self) -> int:
@@ -88,13 +89,14 @@ class TickLoop:
     def start(self) -> None:
         """Begin the time of the loop; all trees are ticked, also those that have ended before."""
         self._clock = self.trees[0].clock
-        self._start_ns = self._due_ns = self._clock.now()
+        self._start_ns = self._clock.now()
+        self.schedule = self._create_schedule(self._start_ns)
         duration = self._settings.duration
         self._end_ns = None if duration is None else self._start_ns + round(duration * NS_PER_S)
         self._unfinished = self.trees
+        self._error = None
         self._is_stopping = False
         self.status = IDLE
-        self.missed_ticks = 0
         for tree in self.trees:
             tree.context.wake_event = self._wake_event
             # The end of an earlier loop, such as by a signal, has no effect on this one.
@@ -109,50 +111,36 @@ class TickLoop:
             NodeExecutionError: A leaf raised an exception, and no other tree has replaced its tree.
         """
         end_statuses = _STATUSES_THAT_END[until]
-        end = self._tick_to_end(end_statuses, on_tick, reloader)
-        while end == "done" and reloader is not None:
-            reloader.on_end(self._error)
-            end = self._wait_for_reload(reloader) or self._tick_to_end(end_statuses, on_tick, reloader)
-        if self._error is not None:
-            raise self._error
-        return end
-
-    def _tick_to_end(
-        self, end_statuses: Sequence[Status], on_tick: OnTick | None, reloader: Reloader | None
-    ) -> LoopEnd:
-        """Tick until all trees are done, a leaf raises an exception, which is kept, or the loop ends."""
-        self._error = None
         end = self._find_end()
         while end is None:
-            if self.is_paused:
+            if self.is_paused and not self._is_done:
                 self.trees[0].context.wait_real_time(POLL_INTERVAL_S)
-                self._due_ns = max(self._due_ns, self._clock.now())  # ticks of the pause are not missed
+                self.schedule.due = max(
+                    self.schedule.due, self._clock.now()
+                )  # no tick of the pause is missed
             elif trees := self._take_due_trees():
                 try:
                     self._tick(trees, end_statuses, on_tick)
                 except NodeExecutionError as error:
                     self._error = error
-                if not self._is_stopping and (self._error is not None or not self._unfinished):
-                    return "done"
-            elif reloader is None or not reloader.reload():
-                times = [tree.context.first_deadline(self._due_ns) for tree in self._unfinished]
-                if reloader is not None:
-                    times.append(self._clock.now() + _POLL_INTERVAL_NS)
-                end = self._wait(times)
+                if self._is_done and not self._is_stopping:
+                    if reloader is None:
+                        end = "done"
+                    else:
+                        reloader.on_end(self._error)
+            else:
+                was_replaced = reloader is not None and reloader.reload()
+                if not was_replaced:
+                    end = self._wait(reloader is not None)
             end = end or self._find_end()
+        if self._error is not None:
+            raise self._error
         return end
 
-    def _wait_for_reload(self, reloader: Reloader) -> LoopEnd | None:
-        """Wait until a tree was replaced, and return None, or the reason if the loop ends before.
-
-        Real time passes, and with it a simulator that owns the clock. In simulated time nothing can happen
-        any more: it advances to the end of the duration at once.
-        """
-        end = self._find_end()
-        while end is None and not reloader.reload():
-            times = [] if self._settings.fast else [self._clock.now() + _POLL_INTERVAL_NS]
-            end = self._wait(times) or self._find_end()
-        return end
+    @property
+    def _is_done(self) -> bool:
+        """Whether no tree is ticked any more, until one is replaced."""
+        return self._error is not None or not self._unfinished
 
     def _find_end(self) -> LoopEnd | None:
         """Return why the loop ends between two ticks, or None."""
@@ -163,8 +151,10 @@ class TickLoop:
 
     def _take_due_trees(self) -> list[Tree]:
         """Return all unfinished trees if they are due, else those that were woken."""
+        if self._is_done:
+            return []
         woken = [tree for tree in self._unfinished if tree.context.consume_wake_up()]
-        return self._unfinished if self._clock.now() >= self._due_ns else woken
+        return self._unfinished if self._clock.now() >= self.schedule.due else woken
 
     def _tick(self, trees: Sequence[Tree], end_statuses: Sequence[Status], on_tick: OnTick | None) -> None:
         for tree in trees:
@@ -173,18 +163,19 @@ class TickLoop:
         self.status = _join_statuses(self.trees)
         if on_tick is not None:
             on_tick(self.status)
-        late = self._clock.now() - self._due_ns
-        if late >= 0:  # else the tick was an additional one
-            missed = late // self._period_ns
-            self.missed_ticks += missed
-            self._due_ns += (missed + 1) * self._period_ns
+        self.schedule.next(self._clock.now())
 
-    def _wait(self, times: list[int]) -> LoopEnd | None:
-        """Wait until the first of *times* (ns), a wake-up or the end of the duration.
+    def _wait(self, polls: bool) -> LoopEnd | None:
+        """Wait until a tree is due or woken, until the end of the duration or, with *polls*, for a moment.
 
         Returns:
             "end_of_time" if the time of the clock ends before, otherwise None.
         """
+        due = self.schedule.due
+        times = [] if self._is_done else [tree.context.first_deadline(due) for tree in self._unfinished]
+        # Without ticks nothing happens in simulated time: it advances to the end of the duration at once.
+        if polls and not (self._is_done and self._settings.fast):
+            times.append(self._clock.now() + _POLL_INTERVAL_NS)
         if self._end_ns is not None:
             times.append(self._end_ns)
         if not times:
@@ -197,7 +188,7 @@ class TickLoop:
         if is_early and self._wake_event.is_set():
             self._wake_event.clear()  # before the trees are asked: a later wake-up sets it again
         elif is_early:  # the clock has ended the wait, as that of a simulation in lockstep may
-            self._due_ns = self._clock.now()
+            self.schedule.due = self._clock.now()
         return None
 
     def step(self) -> None:
@@ -210,10 +201,11 @@ class TickLoop:
         """Tick *tree* in place of the first, and at once."""
         first, *others = self.trees
         self.trees = [tree, *others]
+        self._error = None
         self._unfinished = [tree, *(other for other in self._unfinished if other is not first)]
         if first.context.wake_event is self._wake_event:  # the loop has started
             tree.context.wake_event = self._wake_event
-            self._due_ns = tree.clock.now()
+            self.schedule.due = tree.clock.now()
 
     def stop(self) -> None:
         """End the loop before the next tick, and let the present one repeat no more nodes.

@@ -156,8 +156,8 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         self._costmap = local_costmap
         self._sensors = sensors or SensorWatch(robot, tree)
         self._clearance = ClearanceGrid()
-        self._min_clearance = min_clearance(robot.base, robot_radius)
-        base = robot.base
+        self._min_clearance = min_clearance(robot.base_info, robot_radius)
+        base = robot.base_info
         turning = parameters.rotational_acc_lim
         v, w = max(base.v_max, -base.v_min), parameters.max_rotational_vel
         limits = VelocityLimits(v, w, _MAX_ACCELERATION, _MAX_ACCELERATION, turning, turning)
@@ -172,7 +172,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
     def step(self, now: int) -> None:
         """Run one period at *now* (ns); without a goal, brake until the robot stands."""
         super().step(now)
-        if not self.busy:
+        if not self.is_busy:
             self._smoother.slow_to_stop(now, self.period)
 
     def start(self, handle: Handle[MotionGoal], now: int, previous: Handle[MotionGoal] | None) -> None:
@@ -191,7 +191,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         goal = handle.goal
         elapsed, self._last = now - self._last, now
         odometry = self._robot.odometry()
-        if self._waits_for_sensors(handle, elapsed, now):
+        if self._wait_for_sensors(handle, elapsed, now):
             return
         self._travelled = self._progress(odometry)
         handle.feedback = BehaviourFeedback(self._travelled)
@@ -220,10 +220,11 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         """Return how far to move (rad or m, not negative)."""
         return abs(goal.dist)
 
-    def _waits_for_sensors(self, handle: Handle[MotionGoal], elapsed: int, now: int) -> bool:
-        """Brake and return True if a sensor has an outage; *elapsed* (ns) is the time since the last step.
+    def _wait_for_sensors(self, handle: Handle[MotionGoal], elapsed: int, now: int) -> bool:
+        """Brake if a sensor has an outage, and return whether it has.
 
-        A goal without collision checks needs the odometry only.
+        A goal without collision checks needs the odometry only. *elapsed* (ns) is the time since the last
+        step.
         """
         odometry_outage = self._sensors.odometry_outage(now)
         outage = odometry_outage
@@ -283,7 +284,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         pose = odometry.pose
         if v == 0.0:
             clearance = self._clearance.distance_at(pose.x, pose.y)
-            return clearance < self._robot.base.radius - _GRID_ERROR
+            return clearance < self._robot.base_info.radius - _GRID_ERROR
         times = np.arange(1, round(self.parameters.simulate_ahead_time / _STEP_S) + 1) * _STEP_S
         along = np.minimum(abs(v) * times, remaining) * math.copysign(1.0, v)
         x, y = pose.x + math.cos(pose.yaw) * along, pose.y + math.sin(pose.yaw) * along
@@ -366,7 +367,7 @@ class BackUpBehaviour(MotionBehaviour[BackUpGoal]):
         return ""
 
     def _velocity(self, goal: BackUpGoal, remaining: float) -> tuple[float, float]:
-        return max(-abs(goal.speed), self._robot.base.v_min), 0.0
+        return max(-abs(goal.speed), self._robot.base_info.v_min), 0.0
 
 
 class DriveOnHeadingBehaviour(MotionBehaviour[DriveOnHeadingGoal]):
@@ -386,7 +387,7 @@ class DriveOnHeadingBehaviour(MotionBehaviour[DriveOnHeadingGoal]):
         return ""
 
     def _velocity(self, goal: DriveOnHeadingGoal, remaining: float) -> tuple[float, float]:
-        base = self._robot.base
+        base = self._robot.base_info
         return min(max(goal.speed, base.v_min), base.v_max), 0.0
 
 

@@ -10,7 +10,7 @@ import click
 from btcore import Run, RunSettings
 from btcore.escaping import escape_controls
 from btcore.field_options import add_options
-from btcore.program_runner import CommandRun, GivenSettings, ProviderCommand, TreelessProgram, print_json
+from btcore.program_runner import GivenSettings, ProviderCommand, TreelessProgram, create_run, print_json
 from btcore_robot.control.keyboard import (
     HELP,
     KeyboardTeleop,
@@ -65,7 +65,7 @@ def drive(
             run.resources.extend(mappers)
         program.keep_running = KeyboardTeleop(robot, source).step
 
-    run = CommandRun(ctx, program, settings, prepare).want(Robot)
+    run = create_run(ctx, program, settings, prepare).want(Robot)
     if map_to is not None:
         # What puts the map into the frame of a simulated world.
         from btcore_robot.occupancy_map import OccupancyMap
@@ -101,7 +101,7 @@ def _mapper(run: Run, robot: Robot) -> "Mapper":
     frames.step(robot.clock.now())
     mapper = Mapper(robot, tree, start=start, keepout=keepout)
     robot.schedule.add_task(frames.RATE, Phase.TRANSFORMS, frames.step)
-    robot.schedule.add_task(robot.laser.rate, Phase.LOCALISER, mapper.step)
+    robot.schedule.add_task(robot.laser_info.rate, Phase.LOCALISER, mapper.step)
     return mapper
 
 

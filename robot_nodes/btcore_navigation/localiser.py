@@ -1,6 +1,7 @@
 """The localiser: adaptive Monte Carlo localisation as in Nav2, with pose validation and relocalisation."""
 
 import math
+from enum import Enum, auto
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,6 +60,14 @@ _MIN_CLUSTER_DEVIATION = (0.1, 0.05)  # m, rad: the least standard deviation of 
 _MIN_WEIGHT = 0.01  # of a hypothesis that is displayed
 
 
+class _State(Enum):
+    TRACKING = auto()
+    DOUBTING = auto()
+    """A scan has contradicted the pose: the robot stands while the map is searched for a better pose."""
+    SEARCHING = auto()
+    """The pose is unknown: the robot turns while the map is searched."""
+
+
 class Localiser:
     """The robot's pose on a map, estimated from laser and odometry. `step` is a task for the schedule.
 
@@ -69,19 +78,19 @@ class Localiser:
     contradicts the corrected pose, the cluster's pose replaces it.
 
     Each scan is also compared with the pose. If the scan contradicts the pose (see `PoseValidator`), the pose
-    is in doubt, and the whole map is searched. If another pose explains the scan better, the robot is `lost`.
-    The localiser is then `searching` until a single pose has passed the comparison with several scans. People
-    and objects that are not on the map cause at most a doubt, which is dismissed within a second.
+    is in doubt, and the whole map is searched. If another pose explains the scan better, the robot is lost:
+    `is_searching` is then True until a single pose has passed the comparison with several scans. People and
+    objects that are not on the map cause at most a doubt, which is dismissed within a second.
 
     Without recent odometry the pose is unknown. When the odometry arrives again, the robot may have been
     moved in the meantime, or the odometry may have started anew. Either the last pose or the pose by odometry
     is assumed, whichever explains the scan better, and the assumed pose is in doubt until the search of the
     whole map has confirmed it.
 
-    The navigation must stop the robot while `confident` is False. While `searching` is True, the navigation
-    must turn the robot on the spot (for instance at 0.5 rad/s), because rooms that look alike in one
-    direction differ in another direction. The robot may drive on once `confident` is True again. Until then,
-    `pose` returns the last estimate, which may be wrong.
+    The navigation must stop the robot while `is_confident` is False. While `is_searching` is True, the
+    navigation must turn the robot on the spot (for instance at 0.5 rad/s), because rooms that look alike in
+    one direction differ in another direction. The robot may drive on once `is_confident` is True again. Until
+    then, `pose` returns the last estimate, which may be wrong.
 
     Each scan sets the transform between `map` and `odom` in *tree*, with the scan's stamp. The transform
     stays valid for `transform_tolerance` (s) after that stamp.
@@ -94,6 +103,11 @@ class Localiser:
 
     Attributes:
         parameters: The parameters of the filter.
+        map_to_odom: The pose of `odom` in `map`.
+        particles: The x, y (m) and yaw (rad) of every particle in the map, shape `(n, 3)`.
+        weights: The particles' weights, shape `(n,)`; the sum is 1.
+        covariance: The covariance of x, y and yaw over the heaviest cluster of particles.
+        stamp: The stamp (ns) of the last scan that was processed.
     """
 
     def __init__(
@@ -112,48 +126,44 @@ class Localiser:
         self._tree = tree
         self._scans = TransformFilter[LaserScan](tree, ODOM_FRAME)
         self._random = random
-        self._least_range = max(robot.laser.range_min, settings.laser_min_range)
-        self._most_range = min(robot.laser.range_max, settings.laser_max_range)
+        self._least_range = max(robot.laser_info.range_min, settings.laser_min_range)
+        self._most_range = min(robot.laser_info.range_max, settings.laser_max_range)
         self._alphas = (settings.alpha1, settings.alpha2, settings.alpha3, settings.alpha4)
         self._use_map(field_map)
         self.map_to_odom = Transform()
-        """The pose of `odom` in `map`."""
         self._known_pose: tuple[Transform, Odometry | None, Pose2D]
         self._known_pose = (self.map_to_odom, None, Pose2D(0.0, 0.0, 0.0))
         self.particles: NDArray[np.float64] = np.zeros((0, 3))
-        """The x, y (m) and yaw (rad) of every particle in the map, shape `(n, 3)`."""
         self.weights: NDArray[np.float64] = np.zeros(0)
-        """The particles' weights, shape `(n,)`; the sum is 1."""
         self.covariance: NDArray[np.float64] = np.zeros((3, 3))
-        """The covariance of x, y and yaw over the heaviest cluster of particles."""
         self.stamp = 0
-        """The stamp (ns) of the last scan that was processed."""
-        self.lost = False
-        """Whether the estimated pose is known to be wrong."""
-        self.searching = False
-        """Whether the whole map is being searched: the robot has to turn on the spot."""
-        self._doubting = False
+        self._state = _State.TRACKING
         self._before_outage: Pose2D | None = None
         """The last pose before an outage of the odometry, until a scan after the outage is processed."""
         self._odometry_began: int | None = None
         """The stamp (ns) of the first odometry after an outage."""
-        self._dismissed: int | None = None
+        self._doubt_dismissed_at: int | None = None
         self._updated_at: Pose2D | None = None
         self._updates = 0
-        self._confirmed = False
+        self._is_confirmed = False
+        """Whether a scan has confirmed the pose since it was set or found."""
         if settings.set_initial_pose:
             self.set_pose(Pose2D(settings.initial_pose_x, settings.initial_pose_y, settings.initial_pose_yaw))
         else:
             self.reinitialise_global_localisation()
 
     @property
-    def confident(self) -> bool:
+    def is_confident(self) -> bool:
         """Whether the pose is reliable enough to drive.
 
-        It is not while the robot is lost, while the pose is being searched for or is in doubt, and during an
-        outage of the odometry.
+        It is not while the pose is being searched for or is in doubt, and during an outage of the odometry.
         """
-        return not (self.lost or self.searching or self._doubting or self._before_outage is not None)
+        return self._state is _State.TRACKING and self._before_outage is None
+
+    @property
+    def is_searching(self) -> bool:
+        """Whether the whole map is being searched: the robot has to turn on the spot."""
+        return self._state is _State.SEARCHING
 
     @property
     def is_contradicted(self) -> bool:
@@ -176,23 +186,15 @@ class Localiser:
         If the pose is unknown, the new map is searched for it.
         """
         self._use_map(field_map)
-        if self.searching:
+        if self.is_searching:
             self.reinitialise_global_localisation()
         else:
             self.set_pose(self.pose())
 
     def _use_map(self, field_map: OccupancyMap) -> None:
-        settings = self.parameters
-        self._field = LikelihoodField(
-            field_map,
-            sigma_hit=settings.sigma_hit,
-            z_hit=settings.z_hit,
-            z_rand=settings.z_rand,
-            max_distance=settings.laser_likelihood_max_dist,
-            range_max=self._most_range,
-        )
-        self._visibility = RayCaster(field_map, self._most_range, self._robot.laser)
-        self._surfaces = SignedDistanceField(field_map, self._robot.laser, self._visibility)
+        self._field = LikelihoodField(field_map, self.parameters, self._most_range)
+        self._visibility = RayCaster(field_map, self._most_range, self._robot.laser_info)
+        self._surfaces = SignedDistanceField(field_map, self._robot.laser_info, self._visibility)
         self._validator = PoseValidator(self._surfaces, self._visibility)
         self._relocaliser = Relocaliser(SearchSpace(field_map), self._surfaces, self._visibility)
         self._free = np.argwhere(field_map.free)
@@ -246,11 +248,12 @@ class Localiser:
             if self._before_outage is not None:
                 self._assume_pose(self._before_outage, points, laser_xy, odometry)
                 self._before_outage = None
-            if self.searching:
+            if self.is_searching:
                 self._search(points, laser_xy, odometry)
             else:
                 self._validate(scan, points, laser_xy, odometry)
-                self._track(scan, points, laser, odometry)
+                if self._state is _State.TRACKING:
+                    self._track(scan, points, laser, odometry)
         self._publish()
 
     def _estimate(self, odometry: Pose2D) -> Pose2D:
@@ -268,17 +271,17 @@ class Localiser:
         self._set_estimate(pose, odometry)
         self._updated_at = None
         self._updates = 0
-        self._confirmed = False
+        self._is_confirmed = False
         self._validator.reset()
         self._relocaliser.restart()
-        self._dismissed = None
-        self.lost = self.searching = self._doubting = False
+        self._doubt_dismissed_at = None
+        self._state = _State.TRACKING
 
     def _assume_pose(
         self, before: Pose2D, points: NDArray[np.float64], laser_xy: tuple[float, float], odometry: Pose2D
     ) -> None:
         """Assume a pose after an outage of the odometry, and begin a doubt. *before* is the last pose."""
-        if self.searching:
+        if self.is_searching:
             self._relocaliser.restart()
             return
         poses = [self._estimate(odometry), before]
@@ -288,10 +291,10 @@ class Localiser:
         views = self._visibility.agreement(matched, laser_xy, points)
         best = matched[0] if views[0].score >= views[1].score else matched[1]
         self._settle(best, odometry, np.diag(np.square(INITIAL_DEVIATION)))
-        self._doubting = True
+        self._state = _State.DOUBTING
 
     def _begin_search(self) -> None:
-        self.searching, self._doubting = True, False
+        self._state = _State.SEARCHING
         self._validator.reset()
 
     def _search(self, points: NDArray[np.float64], laser_xy: tuple[float, float], odometry: Pose2D) -> None:
@@ -318,14 +321,15 @@ class Localiser:
     ) -> None:
         """Compare the scan with the pose: begin a doubt, or examine a doubt that has begun."""
         estimate = self._estimate(odometry)
-        doubtful = self._validator.is_pose_doubtful(scan, points, laser_xy, odometry, estimate)
-        if self._dismissed is not None:
-            is_recent = self.stamp - self._dismissed < DOUBT_PAUSE_NS
-            if is_recent and self._validator.fit < MIN_FIT and not self._validator.scan_jumped:
+        self._validator.add_scan(scan, points, laser_xy, odometry, estimate)
+        if self._doubt_dismissed_at is not None:
+            is_recent = self.stamp - self._doubt_dismissed_at < DOUBT_PAUSE_NS
+            if is_recent and self._validator.fit < MIN_FIT and not self._validator.has_scan_jumped:
                 return
-            self._dismissed = None
-        if doubtful or self._doubting:
-            self._doubting = True
+            self._doubt_dismissed_at = None
+        if self._validator.is_doubtful:
+            self._state = _State.DOUBTING
+        if self._state is _State.DOUBTING:
             self._relocaliser.process_scan(points, laser_xy, odometry, self.stamp)
             if self._relocaliser.hypotheses:
                 self._resolve_doubt(laser_xy)
@@ -340,9 +344,8 @@ class Localiser:
         if present.score >= best.score - LOST_LEAD and present.score >= MIN_PRESENT_SCORE:
             self._relocaliser.restart()
             self._validator.reset()
-            self._doubting, self._dismissed = False, self.stamp
+            self._state, self._doubt_dismissed_at = _State.TRACKING, self.stamp
         else:
-            self.lost = True
             self._begin_search()
 
     def _track(
@@ -350,8 +353,6 @@ class Localiser:
     ) -> None:
         """Move and weigh the particles when the robot has moved enough, and correct the pose."""
         settings, last = self.parameters, self._updated_at
-        if self.searching or self._doubting:
-            return
         if last is not None:
             if not (
                 abs(odometry.x - last.x) > settings.update_min_d
@@ -396,15 +397,15 @@ class Localiser:
         """
         estimate, open_points = self._estimate(odometry), points
         # People in the way would pull the match: leave out the beams that they shorten.
-        if self._confirmed and self._surfaces.fit(estimate, points) < MIN_FIT:
+        if self._is_confirmed and self._surfaces.fit(estimate, points) < MIN_FIT:
             open_points = points[self._visibility.unobstructed_beams(estimate, laser_xy, points)]
         carried = self._surfaces.match(
             estimate, open_points, laser_xy, deviation=ODOMETRY_DEVIATION, scales=ODOMETRY_SCALES
         )
         if carried.share >= MIN_FIT:
-            self._confirmed = True
+            self._is_confirmed = True
             return carried.pose
-        if self._confirmed:
+        if self._is_confirmed:
             present = self._visibility.agreement([carried.pose], laser_xy, points[::2])[0]
             if not contradicts_pose(present):
                 return carried.pose

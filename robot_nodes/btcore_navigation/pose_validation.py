@@ -69,7 +69,7 @@ class PoseValidator:
     change between two scans.
 
     Attributes:
-        scan_jumped: Whether most beams changed between two scans.
+        has_scan_jumped: Whether most beams changed between two scans.
     """
 
     def __init__(self, surfaces: SignedDistanceField, visibility: RayCaster) -> None:
@@ -82,7 +82,7 @@ class PoseValidator:
         """Forget the previous scans' results and start again with a pose that is taken as valid."""
         self._fits: deque[float] = deque(maxlen=AVERAGED_SCANS)
         self._contradictions = 0
-        self.scan_jumped = False
+        self.has_scan_jumped = False
 
     @property
     def is_contradicted(self) -> bool:
@@ -94,15 +94,20 @@ class PoseValidator:
         """The share (0 … 1) of beams that end on occupied cells, the mean over `AVERAGED_SCANS` scans."""
         return sum(self._fits) / len(self._fits) if self._fits else 1.0
 
-    def is_pose_doubtful(
+    @property
+    def is_doubtful(self) -> bool:
+        """Whether the last scans make the pose doubtful."""
+        return self.fit < MIN_FIT and (self.has_scan_jumped or self.is_contradicted)
+
+    def add_scan(
         self,
         scan: LaserScan,
         points: NDArray[np.float64],
         laser: tuple[float, float],
         odometry: Pose2D,
         pose: Pose2D,
-    ) -> bool:
-        """Return whether a scan makes the estimated pose doubtful.
+    ) -> None:
+        """Compare a scan with the estimated pose and with the previous scan.
 
         Args:
             scan: The newest scan.
@@ -117,17 +122,13 @@ class PoseValidator:
             farther, nearer = changed_beam_shares(before[0], scan, turn)
             both_ways = min(farther, nearer) > MIN_SHARE_EACH_WAY
             if farther + nearer > (MAX_CHANGED_SHARE_BOTH_WAYS if both_ways else MAX_CHANGED_SHARE):
-                self.scan_jumped = True
+                self.has_scan_jumped = True
         self._fits.append(self._surfaces.fit(pose, points))
-        if self.fit >= MIN_FIT:
-            self._contradictions = 0
-            return False
         # The slower check by ray casting is needed only for a bad fit.
-        if contradicts_pose(self._visibility.agreement([pose], laser, points)[0]):
+        if self.fit < MIN_FIT and contradicts_pose(self._visibility.agreement([pose], laser, points)[0]):
             self._contradictions += 1
         else:
             self._contradictions = 0
-        return self.scan_jumped or self.is_contradicted
 
 
 def contradicts_pose(view: ScanAgreement) -> bool:

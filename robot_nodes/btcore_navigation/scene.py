@@ -90,7 +90,7 @@ class NavigationScene:
         if here is None or placed is None:
             return []
         messages = [pose_rows("estimate", "estimate", _rows([here]))]
-        if self._start is None and self._servers.localiser.confident:
+        if self._start is None and self._servers.localiser.is_confident:
             self._start = placed
         if self._start is not None:
             reckoned = (self._start * Transform.from_pose(self._servers.robot.odometry().pose)).to_pose()
@@ -142,9 +142,9 @@ class NavigationScene:
 
     def _notes(self) -> dict[str, str]:
         localiser = self._servers.localiser
-        if localiser.searching:
+        if localiser.is_searching:
             state = "**lost**: turns, and searches the map"
-        elif localiser.confident:
+        elif localiser.is_confident:
             state = "sure"
         else:
             state = "**in doubt**: stands still"

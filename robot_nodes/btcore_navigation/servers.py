@@ -52,7 +52,7 @@ class PoseSource(Protocol):
     """The stamp (ns) of the last scan that was processed."""
 
     @property
-    def confident(self) -> bool:
+    def is_confident(self) -> bool:
         """Whether the pose is reliable enough for the robot to drive."""
 
     @property
@@ -60,7 +60,7 @@ class PoseSource(Protocol):
         """Whether the last scans contradict the pose, even if no other pose is known to be better."""
 
     @property
-    def searching(self) -> bool:
+    def is_searching(self) -> bool:
         """Whether the robot has to turn on the spot, so that it scans in all directions."""
 
     def pose(self) -> Pose2D | None:
@@ -223,7 +223,7 @@ class Servers(NavigationServers):
     @property
     def is_recovering(self) -> bool:
         """Whether a recovery behaviour has a goal that has not ended."""
-        return any(server.busy for server in self._recoveries())
+        return any(server.is_busy for server in self._recoveries())
 
     @property
     def is_pose_contradicted(self) -> bool:

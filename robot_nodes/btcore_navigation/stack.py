@@ -87,7 +87,7 @@ class Navigation:
         global_costmap: The costmap of the planner.
         local_costmap: The costmap of the controller and of the recoveries.
         servers: The action servers.
-        localises: Whether scans correct the pose. While it is False, the pose counts as unknown.
+        is_localising: Whether scans correct the pose. While it is False, the pose counts as unknown.
         navigate_to_pose: The server for goals with a single pose.
         navigate_through_poses: The server for goals with several poses.
 
@@ -110,7 +110,7 @@ class Navigation:
         self.map = map
         self._waypoints = waypoints
         configured = parameters or NavigationParameters()
-        self.parameters = parameters = configured.for_robot(robot.base)
+        self.parameters = parameters = configured.for_robot(robot.base_info)
         for name in ("global_costmap", "local_costmap"):
             radius, least = getattr(configured, name).given_radius, getattr(parameters, name).robot_radius
             if 0.0 < radius < least:
@@ -123,7 +123,7 @@ class Navigation:
         limits = parameters.controller
         self.sensors = SensorWatch(robot, self.transforms, limits.scan_timeout, limits.odometry_timeout)
         self.localiser = self._create_localiser(random)
-        self.localises = True
+        self.is_localising = True
         self.global_costmap = self._create_global_costmap()
         local_parameters = parameters.local_costmap
         self.local_costmap = LocalCostmap(
@@ -181,7 +181,7 @@ class Navigation:
                 hold=self.goals_wait,
                 keep_waiting=self.keep_waiting,
                 check_goal=planner.check_goal,
-                slowest=_DETOUR_SPEED * min(parameters.controller.max_vel_x, robot.base.v_max),
+                slowest=_DETOUR_SPEED * min(parameters.controller.max_vel_x, robot.base_info.v_max),
             )
 
         self.navigate_to_pose = navigator(named.default_nav_to_pose_bt_xml, TO_POSE, False)
@@ -269,7 +269,7 @@ class Navigation:
         return self._is_battery_empty()
 
     def _is_localised(self) -> bool:
-        return self.localises and self._processed_scans >= INITIAL_SCANS and self.localiser.confident
+        return self.is_localising and self._processed_scans >= INITIAL_SCANS and self.localiser.is_confident
 
     def _is_battery_empty(self) -> bool:
         battery = self.robot.battery()
@@ -285,7 +285,7 @@ class Navigation:
         """
         if self._is_battery_empty():
             return Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS, "the battery is empty"
-        if not self.localises:
+        if not self.is_localising:
             return (
                 Nav2ErrorCode.NAVIGATE_TF_ERROR,
                 "the robot's pose is unknown: the localisation is not active",
@@ -308,7 +308,7 @@ class Navigation:
         add_task, parameters, servers = self.robot.schedule.add_task, self.parameters, self.servers
         add_task(frames.RATE, Phase.TRANSFORMS, frames.step)
         add_task(WATCH_RATE, Phase.TRANSFORMS, self.sensors.report)
-        add_task(self.robot.laser.rate, Phase.LOCALISER, self._localise)
+        add_task(self.robot.laser_info.rate, Phase.LOCALISER, self._localise)
         add_task(parameters.local_costmap.update_frequency, Phase.COSTMAPS, self._update_local)
         add_task(parameters.global_costmap.update_frequency, Phase.COSTMAPS, self._update_global)
         add_task(PLANNER_RATE, Phase.PLANNER, servers.compute_path.step)
@@ -328,12 +328,12 @@ class Navigation:
 
     def _localise(self, now: int) -> None:
         before = self.localiser.stamp
-        if self.localises:
+        if self.is_localising:
             self.localiser.step(now)
         self._processed_scans += self.localiser.stamp != before
         is_confident = not self.must_wait()
         self._odometry_was_missing |= self.sensors.odometry_outage(now) is not None
-        if self.localiser.searching and self.localises:
+        if self.localiser.is_searching and self.is_localising:
             self._look_around(now)
         else:
             self._gave_up = None
@@ -347,7 +347,7 @@ class Navigation:
         elif self._was_confident and not is_confident:
             self.navigate_to_pose.restart_goal()
             self.navigate_through_poses.restart_goal()
-        self._was_searching = self.localiser.searching
+        self._was_searching = self.localiser.is_searching
         self._was_confident = is_confident
 
     def _look_around(self, now: int) -> None:
@@ -357,7 +357,7 @@ class Navigation:
             self._searched = 0
         if self._gave_up is not None or self.sensors.outage(now) is not None:
             return
-        self._searched += round(NS_PER_S / self.robot.laser.rate)
+        self._searched += round(NS_PER_S / self.robot.laser_info.rate)
         if self._searched > SEARCH_LIMIT_S * NS_PER_S:
             log.warning("the robot stops looking around: %s", _LOST)
             self._gave_up = now

@@ -397,11 +397,11 @@ class Robot(Protocol, metaclass=_RobotType):
         """The schedule of periodic tasks, which run while a caller waits on `clock`."""
 
     @property
-    def base(self) -> BaseInfo:
+    def base_info(self) -> BaseInfo:
         """The limits and the size of the base; they do not change."""
 
     @property
-    def laser(self) -> LaserInfo:
+    def laser_info(self) -> LaserInfo:
         """The properties of the laser; they do not change."""
 
     @property
@@ -414,7 +414,7 @@ class Robot(Protocol, metaclass=_RobotType):
         return None
 
     @property
-    def torso(self) -> TorsoInfo | None:
+    def torso_info(self) -> TorsoInfo | None:
         """The limits of the torso, or None for a robot without a lifting torso."""
         return None
 
@@ -436,7 +436,7 @@ class Robot(Protocol, metaclass=_RobotType):
         """Command the base to drive. Repeat the command within its timeout as long as the base should drive.
 
         The base follows the command within its limits; if it has to reduce the speed it keeps the radius of
-        the curve. It stops when no command has arrived for `base.command_timeout` seconds.
+        the curve. It stops when no command has arrived for `base_info.command_timeout` seconds.
 
         Several sources may send commands. A command is ignored if a command of a higher priority arrived
         within the last 0.5 s.
@@ -485,7 +485,7 @@ class Robot(Protocol, metaclass=_RobotType):
         """Fill the battery at once, as if it had been charged. Without a battery the call has no effect."""
 
     def lift(self, height: float) -> None:
-        """Move the torso to *height* (m), limited to `torso`.
+        """Move the torso to *height* (m), limited to `torso_info`.
 
         Without a lifting torso the call has no effect.
         """

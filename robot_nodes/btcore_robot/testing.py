@@ -40,7 +40,7 @@ def check_robot(make_robot: Callable[[], Robot], *, drives: bool = True) -> None
 
 def check_info(robot: Robot) -> None:
     """Check that the robot's properties are plausible, and that its clock advances."""
-    base, laser = robot.base, robot.laser
+    base, laser = robot.base_info, robot.laser_info
     assert isinstance(robot, Robot), "the robot does not have all methods of the protocol"
     assert base.v_min <= 0.0 < base.v_max, "a base drives forward: v_max is above 0, v_min is 0 or below"
     assert min(base.w_max, base.v_rate, base.w_rate) > 0.0, "speed and acceleration limits are above 0"
@@ -60,7 +60,7 @@ def check_info(robot: Robot) -> None:
 def check_scan(robot: Robot) -> None:
     """Check that scans have the required shape and conventions, and that new scans arrive."""
     first = wait_for_scan(robot, 2.0)
-    info = robot.laser
+    info = robot.laser_info
     assert first.ranges.dtype == np.float32, "ranges are float32"
     assert first.ranges.shape == (info.rays,), "a scan has as many ranges as the laser has rays"
     assert first.angle_min == info.angle_min, "a scan's angle_min is the laser's"
@@ -101,7 +101,7 @@ def check_frames(robot: Robot) -> None:
     frames = robot.frames()
     parents = {frame.child: frame.parent for frame in frames}
     assert len(parents) == len(frames), "a frame occurs once as a child: it has one parent"
-    required = [robot.laser.frame, *(sonar.frame for sonar in robot.sonars())]
+    required = [robot.laser_info.frame, *(sonar.frame for sonar in robot.sonars())]
     if robot.camera_info is not None:
         required.append(robot.camera_info.frame)
     for name in required:
@@ -207,7 +207,7 @@ def check_head(robot: Robot) -> None:
 
 def check_torso(robot: Robot) -> None:
     """Check that the torso, if there is one, moves to a commanded height and stays within its limits."""
-    torso = robot.torso
+    torso = robot.torso_info
     if torso is None:
         robot.lift(0.1)
         assert robot.torso_height() is None, "a robot without torso limits has no torso height"
@@ -232,7 +232,7 @@ def check_standing(robot: Robot) -> None:
 def check_driving(robot: Robot) -> None:
     """Check that *v* is in m/s, and that a positive *v* drives the robot forward, along +x of the base."""
     start = robot.odometry()
-    v = min(0.1, robot.base.v_max)
+    v = min(0.1, robot.base_info.v_max)
     twist = drive_for(robot, (v, 0.0), 1.0)
     end = robot.odometry()
     assert end.stamp > start.stamp, "new odometry comes with later stamps"
@@ -247,7 +247,7 @@ def check_driving(robot: Robot) -> None:
 def check_turning(robot: Robot) -> None:
     """Check that *w* is in rad/s, and that a positive *w* turns the robot to the left."""
     start = robot.odometry().pose.yaw
-    w = min(0.5, robot.base.w_max)
+    w = min(0.5, robot.base_info.w_max)
     twist = drive_for(robot, (0.0, w), 1.0)
     assert math.isclose(twist.w, w, rel_tol=0.2), (
         f"{w:g} rad/s were commanded, but odometry reports {twist.w:.3f}"
@@ -258,17 +258,17 @@ def check_turning(robot: Robot) -> None:
 
 def check_limits(robot: Robot) -> None:
     """Check that the robot turns no faster than its limit when more is commanded."""
-    twist = drive_for(robot, (0.0, 10.0 * robot.base.w_max), 2.0)
-    assert abs(twist.w) <= 1.1 * robot.base.w_max, (
-        f"w_max is {robot.base.w_max:g} rad/s, but odometry reports {twist.w:.2f}"
+    twist = drive_for(robot, (0.0, 10.0 * robot.base_info.w_max), 2.0)
+    assert abs(twist.w) <= 1.1 * robot.base_info.w_max, (
+        f"w_max is {robot.base_info.w_max:g} rad/s, but odometry reports {twist.w:.2f}"
     )
 
 
 def check_timeout(robot: Robot) -> None:
     """Check that a command expires after the base's `command_timeout`."""
-    twist = drive_for(robot, (0.0, min(0.5, robot.base.w_max)), 0.5)
+    twist = drive_for(robot, (0.0, min(0.5, robot.base_info.w_max)), 0.5)
     assert not is_standing(twist), "the robot was commanded to turn, but it stands"
-    twist = drive_for(robot, None, robot.base.command_timeout + 1.0)
+    twist = drive_for(robot, None, robot.base_info.command_timeout + 1.0)
     assert is_standing(twist), (
         f"the last command is older than command_timeout, but the robot still has {twist}"
     )
@@ -276,7 +276,7 @@ def check_timeout(robot: Robot) -> None:
 
 def check_stop(robot: Robot) -> None:
     """Check that `stop()` stops the robot, whatever the priority of the last command."""
-    robot.drive(0.0, min(0.5, robot.base.w_max), priority=100)
+    robot.drive(0.0, min(0.5, robot.base_info.w_max), priority=100)
     wait(robot, 0.1)
     robot.stop()
     twist = drive_for(robot, None, 1.0)
@@ -285,7 +285,7 @@ def check_stop(robot: Robot) -> None:
 
 def check_priority(robot: Robot) -> None:
     """Check that the robot follows the source of commands with the higher priority."""
-    w = min(0.5, robot.base.w_max)
+    w = min(0.5, robot.base_info.w_max)
     for _ in range(10):
         robot.drive(0.0, w, priority=90)
         robot.drive(0.0, -w, priority=10)
@@ -295,7 +295,7 @@ def check_priority(robot: Robot) -> None:
 
 def check_commanded_velocity(robot: Robot) -> None:
     """Check that the commanded velocity is reported until it expires."""
-    w = min(0.3, robot.base.w_max)
+    w = min(0.3, robot.base_info.w_max)
     assert robot.commanded_velocity() == Twist2D(0.0, 0.0), (
         "commanded_velocity() is zero before the first command"
     )
@@ -304,7 +304,7 @@ def check_commanded_velocity(robot: Robot) -> None:
     assert robot.commanded_velocity() == Twist2D(0.0, w), (
         f"w = {w:g} was commanded, but commanded_velocity() returned {robot.commanded_velocity()}"
     )
-    wait(robot, robot.base.command_timeout + 0.1)
+    wait(robot, robot.base_info.command_timeout + 0.1)
     assert robot.commanded_velocity() == Twist2D(0.0, 0.0), (
         "commanded_velocity() is zero for an expired command"
     )
@@ -320,7 +320,7 @@ def check_battery(robot: Robot) -> None:
         return
     assert 0.0 <= before.level <= 100.0, f"a battery's level is in percent (0 to 100), not {before.level}"
     assert before.stamp <= robot.clock.now(), "a battery's stamp is not in the future"
-    drive_for(robot, (0.0, min(0.3, robot.base.w_max)), 1.0)
+    drive_for(robot, (0.0, min(0.3, robot.base_info.w_max)), 1.0)
     after = robot.battery()
     assert after is not None, "battery() returned None after it had returned a level"
     assert after.level < before.level, f"1 s of turning did not discharge the battery at {before.level:g} %"

@@ -219,12 +219,12 @@ class SimulatedRobot(Robot):
         return self.world.schedule
 
     @property
-    def base(self) -> BaseInfo:
+    def base_info(self) -> BaseInfo:
         """The base's limits and size."""
         return self.description.base
 
     @property
-    def laser(self) -> LaserInfo:
+    def laser_info(self) -> LaserInfo:
         """The laser's geometry and range."""
         return self.description.laser.info
 
@@ -239,7 +239,7 @@ class SimulatedRobot(Robot):
         return self._camera.info if self._camera is not None else None
 
     @property
-    def torso(self) -> TorsoInfo | None:
+    def torso_info(self) -> TorsoInfo | None:
         """The torso's limits, or None if the torso cannot be lifted."""
         return self.description.torso.info if self.description.torso else None
 
@@ -326,7 +326,7 @@ class SimulatedRobot(Robot):
         self.battery_model.fill()
 
     def lift(self, height: float) -> None:
-        """Move the torso to *height* (m), limited to `torso`, at the maximum speed of the torso."""
+        """Move the torso to *height* (m), limited to `torso_info`, at the maximum speed of the torso."""
         torso = self.description.torso
         if torso is not None:
             height = min(max(height, torso.info.lift_min), torso.info.lift_max)
@@ -388,9 +388,9 @@ class SimulatedRobot(Robot):
             + scene_messages.robot_parts(self.world, self.physics_body),
             meshes=scene_messages.world_meshes(self.world)
             + scene_messages.robot_meshes(self.world, self.physics_body),
-            laser=laser_message(self.laser),
+            laser=laser_message(self.laser_info),
             places=scene_messages.waypoint_data(self.world),
-            footprint_radius=self.base.radius,
+            footprint_radius=self.base_info.radius,
             battery=self.battery_model.level,
             cameras=() if lens is None else [camera_message(lens)],
         )

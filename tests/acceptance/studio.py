@@ -2,11 +2,12 @@
 
 ``python tests/acceptance/studio.py --trials 9`` prints a line for each check, and exits with 1 if one fails:
 
-- A click on a node marks its line, and a click on a line its node. Folding, search and export work. A file
-  that is broken keeps its picture up to the fault. A change on disk is shown, and a change of the page is
-  saved. Nothing is requested elsewhere, and the console has no error.
+- A click on a node marks its line, and a click on a line its node. Folding, search, SVG and PDF work.
+  A file that is broken keeps its picture up to the fault. A change on disk is shown, and a change of the page
+  is saved. Nothing is requested elsewhere, and the console has no error.
 - A running tree is coloured, its entries are listed, and a breakpoint stops it at one node.
 - A recording of a run is shown at any tick, with the values of a leaf.
+- Of two versions, what was changed, added, removed and moved is marked.
 - A tree of 1,000 nodes is shown in a few times the time in which Chromium opens its static SVG. With less
   than seven trials this is only reported.
 
@@ -15,6 +16,7 @@
 
 import argparse
 import json
+import re
 import shutil
 import sys
 from collections.abc import Iterator
@@ -54,6 +56,15 @@ ROUNDS = """<root BTCPP_format="4" main_tree_to_execute="Rounds">
   </BehaviorTree>
 </root>
 """
+_REST = '        <Sleep name="rest" msec="700"/>\n'
+_VISIT = '        <SubTree ID="Visit" place="{room}"/>\n'
+_OPEN = '<Sleep name="open it" msec="400"/>'
+_GREET = '      <ForceSuccess>\n        <AlwaysFailure name="greet"/>\n      </ForceSuccess>\n'
+EDITS = (
+    (_OPEN, f'<RetryUntilSuccessful num_attempts="3">{_OPEN}</RetryUntilSuccessful>'),
+    (_VISIT + _REST, _REST.replace("700", "900") + _VISIT),
+    (_GREET, ""),
+)
 RATIO = 4.0
 """The page of 1,000 nodes may take so many times as long as its SVG alone."""
 FEW_TRIALS = 7
@@ -71,10 +82,10 @@ addEventListener('DOMContentLoaded', () => {
 
 
 @contextmanager
-def start_studio(*arguments: str) -> Iterator[str]:
-    """Start `btcore studio`, and yield the address of its page."""
+def start_studio(*arguments: str, folder: Path | None = None) -> Iterator[str]:
+    """Start `btcore studio`, by default in the current folder, and yield the address of its page."""
     command = [sys.executable, "-m", "btcore", "studio", "--json", *arguments]
-    with Popen(command, stdout=PIPE, text=True, env=environment()) as process:
+    with Popen(command, stdout=PIPE, text=True, env=environment(), cwd=folder) as process:
         try:
             assert process.stdout is not None
             yield json.loads(process.stdout.readline())["url"]
@@ -111,6 +122,23 @@ def large_tree(count: int = 1000) -> str:
     return f'<root BTCPP_format="4">{tree}</root>'
 
 
+def printed(page: Any) -> bytes:
+    """Return what the browser prints when it is to write a PDF."""
+    page.evaluate("window.print = () => {}")  # its dialog would wait for a person
+    page.click("text=PDF")
+    page.wait_for_selector(".paper", state="attached")
+    data: bytes = page.pdf(prefer_css_page_size=True)
+    page.wait_for_selector(".paper", state="detached")
+    return data
+
+
+def is_vector_page(pdf: bytes) -> bool:
+    """Return whether a PDF has a single page with texts and without images."""
+    patterns = rb"/Type /Page\b", rb"/Subtype /Image", rb"/Font "
+    pages, images, fonts = (len(re.findall(pattern, pdf)) for pattern in patterns)
+    return (pages, images) == (1, 0) and fonts > 0
+
+
 def check_file(browser: Any, folder: Path, pictures: Path | None) -> list[str]:
     """Return what is wrong with the page of a file."""
     file = folder / "rounds.xml"
@@ -144,6 +172,7 @@ def check_file(browser: Any, folder: Path, pictures: Path | None) -> list[str]:
         with page.expect_download() as download:
             page.click("text=SVG")
         expect("exported SVG", "Küche" in Path(download.value.path()).read_text(encoding="utf-8"))
+        expect("PDF of one page, without images", is_vector_page(printed(page)))
         page.click("text=Unfold")
         page.wait_for_selector(f"{CARDS}[data-uid='15']")
         # The page saves what is changed in the picture, and shows what is changed on disk.
@@ -222,6 +251,31 @@ def check_recording(browser: Any, folder: Path, pictures: Path | None) -> list[s
     return wrong
 
 
+def check_versions(browser: Any, folder: Path, pictures: Path | None) -> list[str]:
+    """Return what is wrong with the page of two versions of a file."""
+    old, new = folder / "old/rounds.xml", folder / "rounds.xml"
+    old.parent.mkdir()
+    old.write_text(ROUNDS, encoding="utf-8")
+    edited = ROUNDS.replace("lap := 3", "lap := 4")
+    for before, after in EDITS:
+        edited = edited.replace(before, after)
+    new.write_text(edited, encoding="utf-8")
+    wrong: list[str] = []
+    with start_studio("--compare", "old/rounds.xml", "rounds.xml", folder=folder) as url:
+        page = open_page(browser, url, wrong)
+        page.wait_for_selector(".differences li:nth-child(3)")
+        for classes, number in (("changed", 4), ("added", 1), ("removed", 2), ("moved", 2)):
+            if page.locator(f"{CARDS}.{classes}").count() != number:
+                wrong.append(f"{number} nodes are {classes}")
+        page.keyboard.press("n")
+        page.wait_for_selector(f"{CARDS}.selected.changed:has-text('choose') >> nth=1")
+        if pictures is not None:
+            page.set_viewport_size({"width": 1440, "height": 470})
+            page.screenshot(path=pictures / "studio_comparison.png")
+        page.close()
+    return wrong
+
+
 def measure(browser: Any, url: str) -> float:
     """Return the time in ms from the request of *url* until its drawing is on the screen."""
     context = browser.new_context(viewport={"width": 1440, "height": 900})
@@ -274,6 +328,7 @@ def main() -> int:
             ("a running tree", check_run(browser, Path(name), options.pictures)),
             ("a recording", check_recording(browser, Path(name), options.pictures)),
             ("a file", check_file(browser, Path(name), options.pictures)),
+            ("versions", check_versions(browser, Path(name), options.pictures)),
             ("speed", check_speed(browser, Path(name), options.trials)),
         ):
             print(f"studio: {title}: {'; '.join(found) or 'passed'}")

@@ -294,7 +294,7 @@ WITHOUT = {
     "btcore.builds.compiled_modules": "raises an exception without the compiled build",
     "btcore.logs.Gap": "part of a damaged file",
     "btcore_monitor.logs.read_fbl": "no code of the project writes files of format 3's logger",
-    "btcore.program_runner.CommandRun": PROGRAM,
+    "btcore.program_runner.create_run": PROGRAM,
     "btcore.field_options.FiniteRange": PROGRAM,
     "btcore.program_runner.TreelessProgram": PROGRAM,
     "btcore.program_runner.ProviderCommand": PROGRAM,

@@ -75,7 +75,7 @@ class RecordingRobot(Robot):
 
     def see(self, *ranges: float, angle_min: float = 0.0, angle_increment: float = 0.1) -> None:
         """Set the newest scan to these ranges (m)."""
-        info = self.laser
+        info = self.laser_info
         self.newest_scan = LaserScan(
             np.array(ranges, dtype=np.float32),
             self._clock.time,
@@ -95,11 +95,11 @@ class RecordingRobot(Robot):
         return self._clock
 
     @property
-    def base(self) -> BaseInfo:
+    def base_info(self) -> BaseInfo:
         return BaseInfo(-0.2, 1.0, 2.09, 1.0, 2.09, 0.25, 0.27)
 
     @property
-    def laser(self) -> LaserInfo:
+    def laser_info(self) -> LaserInfo:
         return LaserInfo(1, 0.0, 0.1, 0.05, 25.0, 10.0, 0.0, "base_laser_link")
 
     @property
@@ -110,7 +110,7 @@ class RecordingRobot(Robot):
         unrotated = (0.0, 0.0, 0.0, 1.0)
         return [
             TransformStamped(
-                self.laser.frame, "base_footprint", (0.2, 0.0, 0.1), unrotated, self._clock.time
+                self.laser_info.frame, "base_footprint", (0.2, 0.0, 0.1), unrotated, self._clock.time
             ),
             TransformStamped("head_2_link", "base_footprint", (0.125, 0.0, 1.0), unrotated, self._clock.time),
         ]

@@ -89,7 +89,7 @@ class PlainRobot(Robot):
     def step(self, seconds: float) -> None:
         goal = self.commanded_velocity()
         self.level -= (0.5 * math.hypot(goal.v, goal.w) + 0.01) * seconds
-        v_step, w_step = self.base.v_rate * seconds, self.base.w_rate * seconds
+        v_step, w_step = self.base_info.v_rate * seconds, self.base_info.w_rate * seconds
         v = self.twist.v + min(max(goal.v - self.twist.v, -v_step), v_step)
         w = self.twist.w + min(max(goal.w - self.twist.w, -w_step), w_step)
         self.twist = Twist2D(v, w)
@@ -103,11 +103,11 @@ class PlainRobot(Robot):
         return self.tasks
 
     @property
-    def base(self) -> BaseInfo:
+    def base_info(self) -> BaseInfo:
         return BaseInfo(-0.5, 0.5, 1.0, 1.0, 2.0, 0.5, 0.2)
 
     @property
-    def laser(self) -> LaserInfo:
+    def laser_info(self) -> LaserInfo:
         return LaserInfo(4, -1.5, 1.0, 0.1, 10.0, 10.0, 0.0, "laser")
 
     @property
@@ -119,7 +119,8 @@ class PlainRobot(Robot):
             return
         self.rank, self.commanded_at = priority, self.time
         self.goal = Twist2D(
-            min(max(v, self.base.v_min), self.base.v_max), min(max(w, -self.base.w_max), self.base.w_max)
+            min(max(v, self.base_info.v_min), self.base_info.v_max),
+            min(max(w, -self.base_info.w_max), self.base_info.w_max),
         )
 
     def stop(self) -> None:
@@ -127,11 +128,11 @@ class PlainRobot(Robot):
         self.goal, self.commanded_at = Twist2D(0.0, 0.0), self.time
 
     def commanded_velocity(self) -> Twist2D:
-        lapsed = self.time - self.commanded_at > self.base.command_timeout * SECOND
+        lapsed = self.time - self.commanded_at > self.base_info.command_timeout * SECOND
         return Twist2D(0.0, 0.0) if lapsed else self.goal
 
     def scan(self) -> LaserScan | None:
-        info = self.laser
+        info = self.laser_info
         ranges = np.array([1.0, np.inf, -np.inf, 2.0], dtype=np.float32)
         return LaserScan(
             ranges,
@@ -179,7 +180,7 @@ class PlainRobot(Robot):
         self.level = 100.0
 
     @property
-    def torso(self) -> TorsoInfo | None:
+    def torso_info(self) -> TorsoInfo | None:
         return TorsoInfo(0.0, 0.3, 0.1)
 
     def lift(self, height: float) -> None:
@@ -192,7 +193,7 @@ class PlainRobot(Robot):
 class BareRobot(PlainRobot):
     """A robot without the methods for optional equipment."""
 
-    torso, camera_info = Robot.torso, Robot.camera_info
+    torso_info, camera_info = Robot.torso_info, Robot.camera_info
     sonars, battery, recharge, lift, torso_height = (
         Robot.sonars,
         Robot.battery,
@@ -295,8 +296,8 @@ class Unstoppable(PlainRobot):
         pass
 
     @property
-    def base(self) -> BaseInfo:
-        return replace(super().base, command_timeout=1.0)
+    def base_info(self) -> BaseInfo:
+        return replace(super().base_info, command_timeout=1.0)
 
     def step(self, seconds: float) -> None:
         if self.rank == 100:

@@ -100,7 +100,7 @@ def meet() -> Iterator[Callable[..., Any]]:
         scenario = Scenario(people, 0, [parse_event(text) for text in events], spare_boxes)
         worlds.append(World(scenario.add_to(load_world_description(name), seed, 0.27), seed=seed))
         body = SimulatedRobot(worlds[-1], faults=[parse_fault(faults)] if faults else [])
-        begun = scenario.begin(worlds[-1], body, body.base.radius)
+        begun = scenario.begin(worlds[-1], body, body.base_info.radius)
         assert begun is not None
         return body, begun
 
@@ -272,7 +272,7 @@ def test_a_kidnapped_robot_is_clear_and_far_away_with_unchanged_odometry(
     assert (happened["event"], happened["t"]) == ("kidnap", 2.0)
     after = body.true_pose()
     assert math.dist((before.x, before.y), (after.x, after.y)) > FAR
-    assert body.world.description.clearance_at(after.x, after.y) >= body.base.radius + CLEAR - 0.05
+    assert body.world.description.clearance_at(after.x, after.y) >= body.base_info.radius + CLEAR - 0.05
     assert math.dist((odometry.x, odometry.y), (body.odometry().pose.x, body.odometry().pose.y)) < 0.06
     assert body.distance - way < 0.06
     assert (body.contacts.collisions, body.contacts.grazes) == (0, 0)
@@ -306,7 +306,7 @@ def test_a_carried_robot_sees_the_way_but_its_wheels_do_not_turn(meet: Callable[
     assert len(set(scans)) > 0.9 * len(scans)
     assert (
         min(body.world.description.clearance_at(place.x, place.y) for place in places)
-        > body.base.radius - 0.05
+        > body.base_info.radius - 0.05
     )
     left = [name for name in wheels if "wheel" in name and "left" in name]
     assert [body.joint_positions()[name] for name in left] == pytest.approx(
@@ -406,7 +406,7 @@ def test_a_door_opens_and_closes_at_its_times(tmp_path: Path) -> None:
     scenario = Scenario(0, 0, [parse_event(f"door:kitchen:{action}") for action in ("close@5", "open@0.5")])
     world = World(scenario.add_to(load_world_description(str(path)), 1, 0.27), seed=1)
     body = SimulatedRobot(world)
-    events = scenario.begin(world, body, body.base.radius)
+    events = scenario.begin(world, body, body.base_info.radius)
     go(body, 4.8, 0.0)
     assert world.door_opening("kitchen") == 1.0
     go(body, 4.8, 0.0)

@@ -51,7 +51,7 @@ def test_a_minimal_description_gives_a_robot_without_optional_parts(tmp_path: Pa
 
     body = robot_at(description=load_robot_description(write(tmp_path, bare)))
     body.lift(0.3)
-    assert (body.torso, body.torso_height(), body.camera_info, body.camera()) == (None, None, None, None)
+    assert (body.torso_info, body.torso_height(), body.camera_info, body.camera()) == (None, None, None, None)
     assert body.sonars() == ()
     assert body.description.odometry.scale_sigma == 0.0
     names = {frame.child for frame in body.frames()}

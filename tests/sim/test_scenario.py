@@ -17,7 +17,7 @@ def trace(seed: int, seconds: int = 12) -> str:
     scenario = Scenario(3, 2, [parse_event("box:2-12"), parse_event("carry:8")])
     world = World(scenario.add_to(load_world_description("aws_house"), seed, 0.27), seed=seed)
     body = SimulatedRobot(world)
-    events = scenario.begin(world, body, body.base.radius)
+    events = scenario.begin(world, body, body.base_info.radius)
     seen = sha256()
     for tick in range(1, seconds * 10 + 1):
         body.drive(0.1, 0.1)

@@ -129,7 +129,7 @@ def test_the_torso_lifts_at_its_speed_and_stays_within_its_limits(robot_at: Robo
     body.lift(9.0)
     steer(body, 4.0, None)
     assert body.torso_height() == pytest.approx(0.35, abs=0.002)
-    assert body.torso.lift_max == 0.35
+    assert body.torso_info.lift_max == 0.35
 
 
 def test_the_camera_has_the_place_of_the_data_sheet(robot_at: RobotAt, steer: Steer) -> None:

@@ -150,7 +150,7 @@ def test_the_localiser_is_given_the_start_pose(yard: Path, start: str | None) ->
         assert (pose.x, pose.y, pose.yaw) == pytest.approx((true.x, true.y, true.yaw), abs=0.01)
         body.world.wait_until(2_000_000_000, threading.Event())
         assert found.estimate() is not None
-        assert not found.localiser.searching
+        assert not found.localiser.is_searching
 
 
 def test_a_robot_can_navigate_in_a_closed_room_outside_the_start_area(yard: Path) -> None:

@@ -106,13 +106,17 @@ class Document:
         code: DiagnosticCode,
         message: str,
         element: Element,
-        *,
         hint: str = "",
         fixes: Sequence[Fix] = (),
         **mark: Unpack[Mark],
     ) -> Diagnostic:
         """Return a diagnostic about an element or one of its attributes; see `Diagnostic` and `Mark`."""
-        return self.source_map.span(element, **mark).diagnostic(code, message, self.file, hint, fixes)
+        found = self.source_map.span(element, **mark).diagnostic(code, message, self.file, hint, fixes)
+        if not (attribute := mark.get("attribute")):
+            return found
+        start = mark.get("column", 0) - 1
+        characters = (start, start + mark.get("width", 1)) if start >= 0 else (0, 0)
+        return found._replace(attributes=(attribute,), characters=characters)
 
 
 class CollectedDiagnostics(NamedTuple):
@@ -169,13 +173,12 @@ class DiagnosticCollector:
         code: DiagnosticCode,
         message: str,
         element: Element,
-        *,
         hint: str = "",
         fixes: Sequence[Fix] = (),
         **mark: Unpack[Mark],
     ) -> None:
         """Add a diagnostic about an element of *document*; see `Document.diagnostic`."""
-        self.add(document.diagnostic(code, message, element, hint=hint, fixes=fixes, **mark))
+        self.add(document.diagnostic(code, message, element, hint, fixes, **mark))
 
     def add(self, diagnostic: Diagnostic) -> None:
         """Add *diagnostic*, unless it was added before, or MAX_PER_CODE diagnostics with its code were.

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 from btcore.diagnostic_codes import DiagnosticCode
 from btcore.diagnostics import Diagnostic
-from btcore.fixes import Fix
+from btcore.fixes import Fix, SetAttributes
 from btcore.xml.read.element import Element, ElementPart
 from btcore.xml.read.scan import Scan, ScannedAttribute, ScannedElement, scan, value_offsets
 from btcore.xml.read.tinyxml2_compat import decode
@@ -30,7 +30,10 @@ class SourceSpan(NamedTuple):
     ) -> Diagnostic:
         """Return a diagnostic about this range; see `Diagnostic`."""
         line, column, width, source = self
-        return Diagnostic(code, message, file, line, column, hint, source, width, tuple(fixes))
+        missing = [name for fix in fixes if isinstance(fix, SetAttributes) for name, _ in fix.values]
+        attributes = tuple(dict.fromkeys(missing))
+        place = (file, line, column)
+        return Diagnostic(code, message, *place, hint, source, width, tuple(fixes), attributes=attributes)
 
 
 class LineIndex:
@@ -131,16 +134,16 @@ class SourceMap:
         elif attribute_place is not None:
             start, end = attribute_place.value_start, attribute_place.value_end
             if column:
-                start = self._character(attribute_place, column)
-                end = start + width
+                start, end = self._characters_of(attribute_place, column, width)
             elif start == end:  # an empty value: show its quotes
                 start, end = start - 1, end + 1
         return self._line_index.span(start, end - start)
 
-    def _character(self, attribute: ScannedAttribute, number: int) -> int:
-        """Return the offset of character *number* (from 1) of the value of an attribute."""
+    def _characters_of(self, attribute: ScannedAttribute, column: int, width: int) -> tuple[int, int]:
+        """Return the offsets of the start and the end of *width* characters of a value, from *column* on."""
         offsets = self._characters.get(attribute.start)
         if offsets is None:
             offsets = self._characters[attribute.start] = value_offsets(self._text, attribute)
-        last = max(attribute.value_start, attribute.value_end - 1)
-        return min(offsets[number - 1], last) if number <= len(offsets) else last
+        last = len(offsets) - 1  # the end of the value
+        first = max(0, min(column, last) - 1)
+        return offsets[first], offsets[min(first + width, last)]

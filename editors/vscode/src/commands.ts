@@ -35,7 +35,7 @@ async function executeOnTree(name: string, more: string[], document: vscode.Text
   if (!document) return;
   if (document.isDirty) await document.save();
   const options = typeof tree === "string" ? ["--tree", tree] : [];
-  await execute(name, [...options, ...libraryOptions(), ...more, "--", document.uri.fsPath], folderOf(document.uri));
+  await execute(name, [...options, ...libraryOptions(), ...more, "--", document.uri.fsPath], folderOf(document.uri).fsPath);
 }
 
 /** Replace the text of a document in format 3 by its conversion to format 4, as one edit that can be undone. */
@@ -45,7 +45,7 @@ async function convert(output: vscode.OutputChannel, document: vscode.TextDocume
   const args = ["convert", ...libraryOptions(), "--", document.uri.fsPath];
   const version = document.version;
   try {
-    const limits = { cwd: folderOf(document.uri), maxBuffer: 64 << 20, timeout: 60_000 };
+    const limits = { cwd: folderOf(document.uri).fsPath, maxBuffer: 64 << 20, timeout: 60_000 };
     const { stdout, stderr } = await promisify(execFile)(settings().command, args, limits);
     output.append(stderr);
     if (document.version !== version) throw new Error("the text was changed in the meantime");

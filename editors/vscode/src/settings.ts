@@ -37,7 +37,7 @@ export function libraryOptions(): string[] {
   return trusted ? [...plugins.flatMap((plugin) => ["--plugin", plugin]), ...options] : options;
 }
 
-/** Return the folder in which commands run: paths in the settings are relative to it. */
-export function folderOf(uri: vscode.Uri): string {
-  return vscode.workspace.getWorkspaceFolder(uri)?.uri.fsPath ?? vscode.Uri.joinPath(uri, "..").fsPath;
+/** Return the folder of a document's workspace, in which commands run: paths in the settings are relative to it. */
+export function folderOf(uri: vscode.Uri): vscode.Uri {
+  return vscode.workspace.getWorkspaceFolder(uri)?.uri ?? vscode.Uri.joinPath(uri, "..");
 }

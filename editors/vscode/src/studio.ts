@@ -1,9 +1,11 @@
 import { randomBytes } from "node:crypto";
+import * as path from "node:path";
 import * as vscode from "vscode";
 import { addBreakpoints, type DrawnNode, hasBreakpoints, keysOfBreakpoints, removeBreakpoints } from "./breakpoints";
 import { Changes, movePlaces, type Place, type VersionedEdit, type Versions } from "./changes";
 import { documentFor } from "./commands";
 import { LANGUAGE, REFRESH, type Server, type ServerMessage } from "./language";
+import { createFile } from "./new_files";
 import { folderOf, settings } from "./settings";
 
 export const VIEW_TYPE = "btcore.studio";
@@ -14,6 +16,8 @@ const FOR_SERVER = new Set([
   "btcore/palette",
   "btcore/node",
   "btcore/edit",
+  "btcore/leaf",
+  "btcore/preview",
   "btcore/copy",
   "btcore/watch",
   "btcore/release",
@@ -37,10 +41,13 @@ interface Live {
   address: string;
   wanted: string[];
   keys?: string[];
+  calls?: unknown[];
 }
 
 interface Drawing {
+  tree: string;
   nodes: DrawnNode[];
+  trees: { id: string; isMain: boolean }[];
   versions?: Versions;
 }
 
@@ -68,7 +75,7 @@ function pageHtml(webview: vscode.Webview, folder: vscode.Uri): string {
 class Studio {
   private readonly disposables: vscode.Disposable[] = [];
   /** The last drawing of the page. */
-  private drawing: Drawing = { nodes: [] };
+  private drawing: Drawing = { tree: "", nodes: [], trees: [] };
   tree: string | null = null;
   /** The documents of each command that can be undone or redone, since the last other change. */
   private steps: { undo: string[][]; redo: string[][] } = { undo: [], redo: [] };
@@ -135,6 +142,10 @@ class Studio {
         return this.studios.reveal(params as unknown as Place, this.panel.viewColumn);
       case "studio/select":
         return this.studios.select(params as unknown as Place);
+      case "btcore/files":
+        return this.files();
+      case "btcore/create":
+        return this.create(String(params.name), String(params.text));
       case "btcore/breakpoints":
         return this.setBreakpoints(params.keys as string[]);
       default:
@@ -156,6 +167,7 @@ class Studio {
     if (method === "btcore/drawing") {
       this.tree = (params as { tree: string | null }).tree;
       this.drawing = { ...(result as Drawing), versions };
+      this.studios.sendBreakpoints();
       return this.drawing;
     }
     return withVersions(result, versions);
@@ -164,14 +176,29 @@ class Studio {
   private start(): object {
     this.studios.sendState(this);
     return {
-      folder: folderOf(this.document.uri),
+      folder: folderOf(this.document.uri).fsPath,
       uri: this.document.uri.toString(),
       tree: this.tree,
-      readOnly: vscode.workspace.fs.isWritableFileSystem(this.document.uri.scheme) === false,
+      readOnly: this.isReadOnly,
       live: true,
       address: settings().address,
       recording: null,
     };
+  }
+
+  private get isReadOnly(): boolean {
+    return vscode.workspace.fs.isWritableFileSystem(this.document.uri.scheme) === false;
+  }
+
+  /** Return the only file of the page, with its name relative to the folder. */
+  private files(): object[] {
+    const { uri } = this.document;
+    return [{ uri: uri.toString(), name: path.posix.relative(folderOf(uri).path, uri.path), unsaved: false }];
+  }
+
+  private async create(name: string, text: string): Promise<object> {
+    if (this.isReadOnly) throw new Error("the studio is read-only: nothing is changed");
+    return { uri: await createFile(folderOf(this.document.uri), name, text) };
   }
 
   private async apply(edit: VersionedEdit): Promise<void> {
@@ -245,14 +272,12 @@ class Studio {
     addBreakpoints(changed.filter(({ key }) => wanted.has(key)));
   }
 
-  /** Return the nodes that a running tree may have: of the main tree, and of the shown tree. */
+  /** Return the nodes that a running tree may have: of the shown tree, and of the main tree. */
   async nodes(): Promise<DrawnNode[]> {
-    const textDocument = { uri: this.document.uri.toString() };
-    const trees = this.tree === null ? [null] : [null, this.tree];
-    const drawings = await Promise.all(
-      trees.map((tree) => this.studios.server.request<Drawing>("btcore/drawing", { textDocument, tree, folded: [] })),
-    );
-    return drawings.flatMap(({ nodes }) => nodes);
+    const { nodes, tree, trees } = this.drawing;
+    if (this.tree === null || trees.some(({ id, isMain }) => isMain && id === tree)) return nodes;
+    const params = { textDocument: { uri: this.document.uri.toString() }, tree: null, folded: [] };
+    return [...nodes, ...(await this.studios.server.request<Drawing>("btcore/drawing", params)).nodes];
   }
 }
 
@@ -261,6 +286,12 @@ function editable(address: string): vscode.Uri {
   const uri = vscode.Uri.parse(address, true);
   if (uri.scheme !== "file" || !EDITABLE.test(uri.path)) throw new Error(`The studio does not change ${address}.`);
   return uri;
+}
+
+/** Open a document as one of the language server. */
+async function openTree(uri: vscode.Uri): Promise<void> {
+  const document = await vscode.workspace.openTextDocument(uri);
+  if (document.languageId !== LANGUAGE) await vscode.languages.setTextDocumentLanguage(document, LANGUAGE);
 }
 
 /** Return a result whose edits have the versions of the texts for which they were made. */
@@ -304,7 +335,7 @@ export class Studios implements vscode.CustomTextEditorProvider {
   /** Fill the editor that VS Code opens for a document. */
   async resolveCustomTextEditor(document: vscode.TextDocument, panel: vscode.WebviewPanel): Promise<void> {
     // A document without a tree gets its first tree in the studio.
-    if (document.languageId !== LANGUAGE) await vscode.languages.setTextDocumentLanguage(document, LANGUAGE);
+    await openTree(document.uri);
     const studio = new Studio(document, panel, this);
     const uri = document.uri.toString();
     studio.tree = this.wantedTrees.get(uri) ?? null;
@@ -358,6 +389,8 @@ export class Studios implements vscode.CustomTextEditorProvider {
 
   /** Apply an edit of several documents as one step of undo. */
   async apply({ changes, versions }: VersionedEdit): Promise<void> {
+    // The language server learns of a change only if the document has its language.
+    await Promise.all(Object.keys(changes).map((address) => openTree(editable(address))));
     for (let trial = 0; trial < MAX_EDIT_TRIALS; trial++) {
       const edit = new vscode.WorkspaceEdit();
       for (const [address, edits] of Object.entries(changes)) {
@@ -419,7 +452,7 @@ export class Studios implements vscode.CustomTextEditorProvider {
 
   private receive({ method, params }: ServerMessage): void {
     if (method === "textDocument/publishDiagnostics") this.diagnostics.set((params as { uri: string }).uri, params);
-    else if (method === "btcore/live") this.live = { keys: this.live?.keys, ...(params as Live) };
+    else if (method === "btcore/live") this.live = { keys: this.live?.keys, calls: this.live?.calls, ...(params as Live) };
     this.notify(method, params);
   }
 
@@ -437,11 +470,10 @@ export class Studios implements vscode.CustomTextEditorProvider {
     this.changes.note(event);
     this.open.forEach((studio) => studio.changed());
     this.notify("studio/changed", { uri: event.document.uri.toString() });
-    this.sendBreakpoints();
   }
 
   /** Set breakpoints in the running tree before the nodes whose lines have one in the margin, after a pause. */
-  private sendBreakpoints(): void {
+  sendBreakpoints(): void {
     clearTimeout(this.typing);
     this.typing = setTimeout(() => void this.sendKeys().catch(() => undefined), TYPING_PAUSE_MS);
   }

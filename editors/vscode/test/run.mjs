@@ -1,6 +1,6 @@
 // Tests of the extension's logic: VS Code is a stub, btcore's processes are real. BTCORE names the command.
 import assert from "node:assert/strict";
-import { mkdtempSync, readdirSync, readFileSync, rmSync, writeFileSync } from "node:fs";
+import { mkdtempSync, readdirSync, readFileSync, rmSync, symlinkSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import path from "node:path";
 import { fileURLToPath, pathToFileURL } from "node:url";
@@ -259,6 +259,33 @@ test("every command can be undone and repeated, to the byte", async () => {
     page.close();
   }
   assert.deepEqual([...done].sort(), [...KINDS].sort());
+});
+
+test("the page writes a leaf into new files below the folder only", async () => {
+  const page = await openFile("leaf.xml", XML);
+  const ports = [{ name: "goal", direction: "in", type: "int", default: "1", about: "Where." }];
+  await page.draw();
+  await page.edit({ kind: "set_model", uri: page.uri, id: "OpenDoor", type: "Action", ports });
+  const [{ uri, name }] = await page.ask("btcore/files", {});
+  assert.deepEqual([uri, name], [page.uri, "leaf.xml"]);
+  const leaf = await page.ask("btcore/leaf", { textDocument: { uri: page.uri }, id: "OpenDoor" });
+  const create = (name, text = leaf.text) => page.ask("btcore/create", { name, text });
+  const created = await create(leaf.name);
+  assert.equal(created.uri, vscode.Uri.file(path.join(folder, "open_door_node.py")).toString());
+  assert.match(readFileSync(path.join(folder, "open_door_node.py"), "utf8"), /def open_door\(\n {4}goal: /);
+  await create(leaf.testName, leaf.test);
+  const outside = mkdtempSync(path.join(tmpdir(), "btcore-outside-"));
+  after(() => rmSync(outside, { recursive: true }));
+  symlinkSync(outside, path.join(folder, "link"));
+  symlinkSync(path.join(outside, "x_node.py"), path.join(folder, "dangling_node.py"));
+  const refused = {
+    "open_door_node.py": /exists/, "dangling_node.py": /exists/, "link/a_node.py": /out of the folder/, "none/a_node.py": /no folder 'none'/,
+    "../a_node.py": /without '\.\.'/, "a\\..\\b_node.py": /without '\.\.'/, "/tmp/a_node.py": /relative/, "C:a_node.py": /relative/, "~a_node.py": /relative/,
+    ".git/a_node.py": /hidden/, "a.py": /must end/, "a\0_node.py": /control/, "": /length/,
+  };
+  for (const [name, reason] of Object.entries(refused)) await assert.rejects(create(name), { message: reason }, name);
+  assert.deepEqual(readdirSync(outside), []);
+  page.close();
 });
 
 test("an edit of several files is one step", async () => {

@@ -1,7 +1,7 @@
 // A stand-in for VS Code's module `vscode`: it keeps what the extension registers, for the test to call.
 import { spawn } from "node:child_process";
 import { EventEmitter as Hub, once } from "node:events";
-import { readFileSync, writeFileSync } from "node:fs";
+import { existsSync, readFileSync, writeFileSync } from "node:fs";
 import path from "node:path";
 import { createMessageConnection, StreamMessageReader, StreamMessageWriter } from "vscode-jsonrpc/node.js";
 
@@ -56,6 +56,7 @@ export class EventEmitter {
 export class WorkspaceEdit {
   edits = [];
   replace(uri, range, text) { this.edits.push({ uri, range, text }); }
+  createFile(uri, { contents }) { this.edits.push({ uri, contents }); }
 }
 export const TaskScope = { Workspace: 2 };
 export const ViewColumn = { One: 1, Beside: -2 };
@@ -115,6 +116,10 @@ export const workspace = {
   },
   applyEdit: async ({ edits }) => {
     const documents = new Map();
+    const created = edits.filter(({ contents }) => contents);
+    if (created.some(({ uri }) => existsSync(uri.fsPath))) return false;
+    created.forEach(({ uri, contents }) => writeFileSync(uri.fsPath, contents));
+    if (created.length) return true;
     for (const edit of edits) {
       const document = await workspace.openTextDocument(edit.uri);
       documents.set(document, [...(documents.get(document) ?? []), edit]);

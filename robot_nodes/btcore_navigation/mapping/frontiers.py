@@ -22,7 +22,7 @@ from btcore_navigation.grid_search import (
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import Pose2D
 
-__all__ = ["Frontier", "find_frontiers", "frontier_mask"]
+__all__ = ["Frontier", "find_frontiers", "frontier_mask", "is_unknown_nearby"]
 
 MIN_LENGTH = 0.35
 """The minimum length (m) of a frontier; a shorter frontier is usually the shadow of a chair's leg."""
@@ -39,6 +39,8 @@ EXCLUSION_RADIUS = 0.5
 """The radius (m) around an excluded position within which nothing counts as a frontier."""
 WALL_CELLS = 2
 """The distance (cells) from occupied cells within which unknown cells count as the inside of a wall."""
+NEARBY = 0.3
+"""The distance (m) in x and in y within which `is_unknown_nearby` looks for unknown space."""
 _LENGTH_BONUS = 0.3  # m of travel that a metre of frontier is worth
 _MAX_BONUS = 2.0  # m
 _VIEW_RADIUS = 0.6  # m around a frontier's position that the robot looks at
@@ -149,13 +151,15 @@ def is_unknown_nearby(map: OccupancyMap, position: tuple[float, float]) -> bool:
 
     Args:
         map: The map, with free, unknown and occupied cells.
-        position: The position (x, y in m) in the frame map. Near means within 0.3 m in x and in y.
+        position: The position (x, y in m) in the frame map. Near means within `NEARBY`.
     """
     row, col = map.cell(*position)
-    reach = round(_VIEW_RADIUS / 2 / map.resolution)
-    low_row, low_col = max(0, row - 3 * reach), max(0, col - 3 * reach)
+    reach = round(NEARBY / map.resolution)
+    # Whether a cell is in the mask depends on its neighbours, and on walls near them.
+    size = reach + 1 + WALL_CELLS
+    low_row, low_col = max(0, row - size), max(0, col - size)
     part = OccupancyMap(
-        map.cells[low_row : row + 3 * reach + 1, low_col : col + 3 * reach + 1],
+        map.cells[low_row : row + size + 1, low_col : col + size + 1],
         map.resolution,
         (map.origin[0] + low_col * map.resolution, map.origin[1] + low_row * map.resolution),
         map.keepout,

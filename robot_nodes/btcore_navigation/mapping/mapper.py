@@ -72,7 +72,7 @@ class Mapper:
     Without recent odometry the pose is unknown. When the odometry arrives again, the robot may have been
     moved, or the odometry may have started anew. Either the robot has stood since, or it has moved as the
     odometry reports; the match with the previous key scans decides. If neither pose matches, the mapper is
-    `searching` until a later scan matches.
+    `is_searching` until a later scan matches.
 
     With each scan the transform from `map` to `odom` is published in *tree*. A mapper has the same
     attributes as a `Localiser`, so that navigation can use either.
@@ -88,11 +88,10 @@ class Mapper:
         odometry_limit: The age (s) from which on the odometry has an outage.
 
     Attributes:
-        lost: Always False.
         is_contradicted: Always False.
     """
 
-    lost = is_contradicted = False
+    is_contradicted = False
 
     def __init__(
         self,
@@ -111,9 +110,9 @@ class Mapper:
         self._frames = frames
         self._scans = TransformFilter[LaserScan](tree, frames[1])
         self._start = pose_to_row(start) if start is not None else np.zeros(3)
-        self._grid = LogOddsGrid(resolution, robot.base.radius, keepout)
+        self._grid = LogOddsGrid(resolution, robot.base_info.radius, keepout)
         self._loop_detector = LoopClosureDetector() if loops else None
-        self.searching = False
+        self.is_searching = False
         """Whether the robot has to turn, because no scan since an outage of the odometry matches the map."""
         self._odometry_limit = odometry_limit
         self._interrupted = False
@@ -139,7 +138,7 @@ class Mapper:
         """The number of loops closed so far."""
 
     @property
-    def confident(self) -> bool:
+    def is_confident(self) -> bool:
         """Whether the pose is known: from the first key scan on (after five scans), except during outages."""
         return self.graph is not None and not self._interrupted
 
@@ -228,7 +227,7 @@ class Mapper:
             match = self._match_recent(candidate, self._step_to(candidate), OUTAGE_UNCERTAINTY)
             if match is not None and (best is None or match.score > best[0]):
                 best = match.score, correction, candidate
-        self.searching = best is None
+        self.is_searching = best is None
         if best is not None:
             self._interrupted = False
             self._correction, self._last_odometry = best[1], best[2].odometry

@@ -52,7 +52,7 @@ class ForceWatcher(Component):
         view = TopView((-REACH, -REACH), (REACH, REACH), (480, 480))
         view.points(_ahead_up(self._points))
         assert self.context.robot is not None
-        view.robot(Pose2D(0.0, 0.0, math.pi / 2), self.context.robot.base.radius)
+        view.robot(Pose2D(0.0, 0.0, math.pi / 2), self.context.robot.base_info.radius)
         colours = {}
         for arrow in self.strongest:
             colour = tuple(round(230 * part) for part in arrow.colour[:3])

@@ -13,10 +13,10 @@ from btcore.errors import SettingsError
 from btcore.escaping import escape_controls
 from btcore.field_options import add_options
 from btcore.program_runner import (
-    CommandRun,
     GivenSettings,
     ProviderCommand,
     TreelessProgram,
+    create_run,
     print_json,
     print_result,
 )
@@ -160,7 +160,7 @@ def run_components(
         results = create(BookRunner(context))
         run.resources.extend(results.shown)
 
-    run = CommandRun(ctx, TreelessProgram(name), settings, prepare, clock=clock)
+    run = create_run(ctx, TreelessProgram(name), settings, prepare, clock=clock)
     with run.want(*([Robot] if embodied else [])):
         run.tick_to_end()
         report = dict(results.report())

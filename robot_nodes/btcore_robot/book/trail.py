@@ -55,7 +55,7 @@ class Trail:
             colour = colours.get(self.states[index], (120, 120, 120))
             view.line(positions[index - 1 : index + 1], colour, 3)
         if self.poses:
-            view.robot(self.poses[-1], self._robot.base.radius)
+            view.robot(self.poses[-1], self._robot.base_info.radius)
         view.legend(colours, title)
         return view
 

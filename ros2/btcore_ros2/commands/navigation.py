@@ -5,10 +5,10 @@ import click
 from btcore import RunSettings
 from btcore.field_options import add_options
 from btcore.program_runner import (
-    CommandRun,
     GivenSettings,
     ProviderCommand,
     TreelessProgram,
+    create_run,
     print_result,
 )
 from btcore_robot.robot import Phase
@@ -49,7 +49,7 @@ def _run(ctx: click.Context, session: RosSession, settings: GivenSettings, *, na
     program = TreelessProgram("Navigation")
     # With spare boxes the simulated robot has the events of btcore ros2 sim.
     resources = [session, SpareBoxes(SPARE_BOXES)]
-    with CommandRun(ctx, program, settings, resources=resources).want(Navigation) as run:
+    with create_run(ctx, program, settings, resources=resources).want(Navigation) as run:
         stack = run.find(Navigation)
         assert stack is not None
         robot = stack.robot

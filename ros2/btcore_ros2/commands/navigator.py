@@ -9,7 +9,7 @@ import click
 from btcore import Run
 from btcore.clock import NS_PER_S
 from btcore.field_options import FiniteRange, add_options
-from btcore.program_runner import CommandRun, GivenSettings, ProviderCommand, TreelessProgram
+from btcore.program_runner import GivenSettings, ProviderCommand, TreelessProgram, create_run
 from btcore_ros2.providers import RosSettings, open_session
 
 if TYPE_CHECKING:
@@ -74,7 +74,7 @@ def navigator(
 
         server = NavigatorServer(session, to_pose, through_poses, plugins=plugins, rate=tick_frequency)
         session.node.get_logger().info("waiting for goals of navigate_to_pose and navigate_through_poses")
-        with CommandRun(ctx, TreelessProgram("Navigator"), settings, resources=[session]) as run:
+        with create_run(ctx, TreelessProgram("Navigator"), settings, resources=[session]) as run:
             stopped = threading.Event()
             run.run_until_signal(lambda: _serve(server, run, stopped), stopped.set)
     return run.exit_code

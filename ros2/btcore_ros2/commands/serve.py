@@ -16,10 +16,10 @@ from btcore.escaping import escape_controls
 from btcore.extras import install_command
 from btcore.field_options import FiniteRange, add_options
 from btcore.program_runner import (
-    CommandRun,
     GivenSettings,
     ProviderCommand,
     TreelessProgram,
+    create_run,
     load_nodes,
 )
 from btcore.suggestions import did_you_mean
@@ -97,7 +97,7 @@ def serve(
         source = _TreeSource(ctx, session, trees, plugins)
         wanted = LoadedTrees(source.read_files(), source.nodes).check()
         uses_parameter = _set_port(settings, session)
-        run = CommandRun(ctx, TreelessProgram("Waiting"), settings, resources=[session]).want(*wanted)
+        run = create_run(ctx, TreelessProgram("Waiting"), settings, resources=[session]).want(*wanted)
         with _explain_port(uses_parameter), run:
             robot = run.find(Robot)
             if robot is not None and robot.clock is not session.clock:

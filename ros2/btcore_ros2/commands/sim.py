@@ -8,10 +8,10 @@ import msgspec
 from btcore import RunSettings
 from btcore.field_options import FiniteRange, add_options
 from btcore.program_runner import (
-    CommandRun,
     GivenSettings,
     ProviderCommand,
     TreelessProgram,
+    create_run,
     print_json,
     print_result,
 )
@@ -68,7 +68,7 @@ def _run(
 
     program = TreelessProgram("Simulation")
     resources = [session, SpareBoxes(SPARE_BOXES)]
-    run = CommandRun(ctx, program, settings, resources=resources).want(Simulation)
+    run = create_run(ctx, program, settings, resources=resources).want(Simulation)
     server: LockstepServer | None = None
     with run:
         simulated = run.find(Simulation)

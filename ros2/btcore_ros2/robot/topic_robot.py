@@ -77,7 +77,7 @@ class RobotScene:
         robot, battery = self._robot, self._robot.battery()
         body = Cylinder(
             frame=FOOTPRINT,
-            radius=robot.base.radius,
+            radius=robot.base_info.radius,
             length=BODY_HEIGHT,
             position=(0.0, 0.0, BODY_HEIGHT / 2),
             color=BODY_COLOR,
@@ -85,8 +85,8 @@ class RobotScene:
         return StaticScene(
             frame=MAP,
             parts=shapes or [body],
-            laser=laser_message(robot.laser),
-            footprint_radius=robot.base.radius,
+            laser=laser_message(robot.laser_info),
+            footprint_radius=robot.base_info.radius,
             battery=None if battery is None else battery.level,
             cameras=() if lens is None else [camera_message(lens)],
         )
@@ -155,12 +155,12 @@ class TopicRobot(Robot):
         self._image: CameraImage | None = None
 
     @property
-    def base(self) -> BaseInfo:
+    def base_info(self) -> BaseInfo:
         """The limits and the size of the base, from the description."""
         return self.description.base
 
     @property
-    def laser(self) -> LaserInfo:
+    def laser_info(self) -> LaserInfo:
         """The properties of the laser, from the first scan and the description."""
         assert self._scans is not None
         return self._scans.info
@@ -171,7 +171,7 @@ class TopicRobot(Robot):
         return self.description.head.info if self.description.head is not None else None
 
     @property
-    def torso(self) -> TorsoInfo | None:
+    def torso_info(self) -> TorsoInfo | None:
         """The limits of the torso, from the description."""
         return self.description.torso.info if self.description.torso is not None else None
 
@@ -357,9 +357,9 @@ class TopicRobot(Robot):
     def _receive_description(self, message: Any) -> None:
         joints = _urdf_of(message).joints
         for joint in joints:
-            if not joint.moves:
+            if not joint.is_movable:
                 self._frames.set(joint.child, joint.parent, joint.origin, None)
-        self._moving_joints = {joint.name: joint for joint in joints if joint.moves}
+        self._moving_joints = {joint.name: joint for joint in joints if joint.is_movable}
         for name in self._joints:
             self._place_link(name)
 
@@ -381,7 +381,11 @@ class TopicRobot(Robot):
         placed = {frame.child for frame in frames} | {FOOTPRINT, self.description.base_frame}
         for joint in self._model_joints:
             if joint.child not in placed:
-                pose = joint.pose(self._joints.get(joint.name, (0.0, 0))[0]) if joint.moves else joint.origin
+                pose = (
+                    joint.pose(self._joints.get(joint.name, (0.0, 0))[0])
+                    if joint.is_movable
+                    else joint.origin
+                )
                 parent = FOOTPRINT if joint.parent == self.description.base_frame else joint.parent
                 frames.append(Frame(joint.child, parent, pose.position, pose.quaternion))
         return frames

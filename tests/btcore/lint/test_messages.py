@@ -30,3 +30,25 @@ def test_tree_with_warning_raises_in_tick(palette: Registry, document: Callable[
     tree.blackboard["a"] = 1
     with pytest.raises(NodeExecutionError):
         tree.tick_once()
+
+
+@pytest.mark.parametrize(
+    ("node", "attributes", "characters"),
+    [
+        ('<Sleep msec="fast"/>', ("msec",), (0, 0)),
+        ('<Script code="a := 1 &amp;&amp; &amp;&amp; 2"/>', ("code",), (10, 11)),
+        ('<AlwaysSuccess _skipIf="1 &amp;&amp; &apos;true&apos;"/>', ("_skipIf",), (2, 4)),
+        ('<SetBlackboard value="1"/>', ("output_key",), (0, 0)),
+        ("<SubTree/>", ("ID",), (0, 0)),
+        ("<Action/>", ("ID",), (0, 0)),
+        ("<Unknown/>", (), (0, 0)),
+    ],
+)
+def test_a_diagnostic_names_the_attributes_that_it_is_about(
+    check: Checker, node: str, attributes: tuple[str, ...], characters: tuple[int, int]
+) -> None:
+    try:
+        (found,) = check.found(node)
+    except btcore.TreeError as error:
+        (found,) = error.diagnostics
+    assert (found.attributes, found.characters) == (attributes, characters)

@@ -120,11 +120,11 @@ class FloorRobot(Robot):
         return self._schedule
 
     @property
-    def base(self) -> BaseInfo:
+    def base_info(self) -> BaseInfo:
         return self.info
 
     @property
-    def laser(self) -> LaserInfo:
+    def laser_info(self) -> LaserInfo:
         step = math.radians(220.0) / 665
         return LaserInfo(666, -math.radians(110.0), step, 0.05, 25.0, 10.0, self._sigma, "base_laser_link")
 
@@ -185,7 +185,7 @@ class FloorRobot(Robot):
     def _update_scan(self, now: int) -> None:
         if self.laser_failed:
             return
-        info = self.laser
+        info = self.laser_info
         angles = info.angle_min + info.angle_increment * np.arange(info.rays) + self.pose.yaw
         cos, sin = np.cos(angles), np.sin(angles)
         x = self.pose.x + LASER_X * math.cos(self.pose.yaw)

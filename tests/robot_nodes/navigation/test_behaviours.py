@@ -64,7 +64,7 @@ def test_back_up_goes_straight_back() -> None:
 def test_back_up_commands_no_more_than_the_bases_backward_speed() -> None:
     rig = rig_on_floor()
     run_to_end(rig, rig.back_up.send_goal(BackUpGoal(0.5, 0.5)))
-    assert min(v for _, v, _ in rig.robot.commands) >= rig.robot.base.v_min
+    assert min(v for _, v, _ in rig.robot.commands) >= rig.robot.base_info.v_min
 
 
 def test_drive_on_heading_ends_at_its_distance() -> None:

@@ -68,7 +68,7 @@ def test_speeds_and_accelerations_stay_within_the_limits() -> None:
     assert v.max() <= limits.max_vel_x
     assert np.abs(w).max() <= limits.max_vel_theta
     periods = np.diff(times)
-    base = rig.robot.base
+    base = rig.robot.base_info
     assert (np.abs(np.diff(v)) <= min(limits.acc_lim_x, base.v_rate) * periods + 1e-9).all()
     assert (np.abs(np.diff(w)) <= min(limits.acc_lim_theta, base.w_rate) * periods + 1e-9).all()
 

@@ -29,7 +29,7 @@ class HouseRig:
         frames = FrameBroadcaster(self.body, tree)
         self.localiser = Localiser(self.body, rasterise(world.description), tree, np.random.default_rng(1))
         self.body.schedule.add_task(FrameBroadcaster.RATE, Phase.TRANSFORMS, frames.step)
-        self.body.schedule.add_task(self.body.laser.rate, Phase.LOCALISER, self.localiser.step)
+        self.body.schedule.add_task(self.body.laser_info.rate, Phase.LOCALISER, self.localiser.step)
 
     def drive(self, v: float, w: float, seconds: float):
         """Drive with a velocity; return the errors (m, rad) at 10 Hz."""
@@ -58,7 +58,7 @@ def test_the_pose_is_accurate_to_centimetres(rig: HouseRig) -> None:
     errors = np.concatenate(
         [rig.drive(*leg) for leg in ((0.0, 0.5, 13.0), (0.3, 0.0, 3.0), (0.2, 0.5, 13.0), (0.0, -0.5, 6.0))]
     )
-    assert rig.localiser.confident
+    assert rig.localiser.is_confident
     assert np.median(errors[:, 0]) < 0.05
     assert errors[:, 0].max() < 0.15
     assert errors[:, 1].max() < 0.08
@@ -68,10 +68,10 @@ def test_kidnapping_is_noticed_and_the_pose_is_found_again(rig: HouseRig) -> Non
     rig.drive(0.3, 0.0, 3.0)
     rig.body.kidnap(Pose2D(-5.3, -8.85, 2.0))
     rig.drive(0.0, 0.0, 0.5)
-    assert not rig.localiser.confident
+    assert not rig.localiser.is_confident
     for _ in range(60):
-        rig.drive(0.0, 0.5 if rig.localiser.searching else 0.0, 0.5)
-        if rig.localiser.confident:
+        rig.drive(0.0, 0.5 if rig.localiser.is_searching else 0.0, 0.5)
+        if rig.localiser.is_confident:
             break
-    assert rig.localiser.confident
+    assert rig.localiser.is_confident
     assert rig.error()[0] < 0.1

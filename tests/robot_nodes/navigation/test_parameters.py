@@ -301,7 +301,7 @@ def test_every_field_is_read_by_the_navigation() -> None:
         return recording
 
     robot = rig_on_floor((1.5, -2.0, 1.6, 2.0), (-1.6, -2.0, -1.5, 2.0)).robot
-    defaults = NavigationParameters().for_robot(robot.base)
+    defaults = NavigationParameters().for_robot(robot.base_info)
     sections = {name: recorded(name, getattr(defaults, name)) for name in SECTIONS.values()}
     # The footprint is read when the radius is determined, by the line above. btcore_ros2 reads the others.
     for costmap in ("global_costmap", "local_costmap"):

@@ -154,7 +154,7 @@ def test_a_kidnapped_robot_is_shown_as_lost_and_turns_to_find_its_pose(rig: Hous
     states, turns = [], []
     for _ in range(60):
         states.append(rig.run(0.1)[-1].notes["localisation"])
-        if rig.navigation.localiser.searching:
+        if rig.navigation.localiser.is_searching:
             turns.append(rig.body.ramped_twist()[1])
     assert any("lost" in state for state in states)
     assert states[-1] == "sure"

@@ -72,7 +72,7 @@ def test_time_jumps_from_stamp_to_stamp_until_the_end(replay: Replay, tmp_path: 
             wait(robot, 99.0)
     assert robot.clock.now() == 1001 * NS_PER_S
     assert robot.warning == ""
-    assert robot.laser.frame == "laser"
+    assert robot.laser_info.frame == "laser"
     assert {frame.child: frame.position for frame in robot.frames()} == {"laser": (0.2, 0.0, 0.1)}
 
 

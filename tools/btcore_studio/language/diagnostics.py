@@ -3,6 +3,7 @@
 from collections.abc import Callable, Collection, Iterable, Sequence
 from typing import Any, Final, NamedTuple
 
+import msgspec
 from lsprotocol import types
 
 from btcore.diagnostics import Diagnostic, shown_diagnostics
@@ -12,6 +13,7 @@ from btcore.registry.registry import Registry
 from btcore.xml.edit.editor import Edit
 from btcore.xml.edit.quick_fixes import FixMaker, QuickFix
 from btcore.xml.read.document import Document
+from btcore_studio.language.studio_protocol import Problem, ProblemData
 
 SOURCE: Final = "btcore"
 
@@ -30,6 +32,8 @@ class Report(NamedTuple):
         hint: How to correct the problem, or "".
         url: The documentation of the code, or "".
         outer_key: See `Diagnostic.outer_key`.
+        attributes: See `Diagnostic.attributes`.
+        characters: See `Diagnostic.characters`.
         fixes: The fixes, with offsets in the text of the file.
     """
 
@@ -43,6 +47,8 @@ class Report(NamedTuple):
     hint: str = ""
     url: str = ""
     outer_key: str = ""
+    attributes: tuple[str, ...] = ()
+    characters: tuple[int, int] = (0, 0)
     fixes: tuple[QuickFix, ...] = ()
 
     @property
@@ -52,15 +58,21 @@ class Report(NamedTuple):
 
     def diagnostic(self) -> types.Diagnostic:
         """Return the diagnostic of the protocol."""
-        severity = types.DiagnosticSeverity.Error if self.is_error else types.DiagnosticSeverity.Warning
+        problem = self.problem()
         return types.Diagnostic(
             self.range,
-            self.message + (f"\n{self.hint}" if self.hint else ""),
-            severity,
+            problem.message,
+            types.DiagnosticSeverity(problem.severity),
             self.code or None,
             types.CodeDescription(self.url) if self.url else None,
             SOURCE,
+            data=msgspec.to_builtins(problem.data),
         )
+
+    def problem(self) -> Problem:
+        """Return what the protocol has beside the place and the code."""
+        message = self.message + (f"\n{self.hint}" if self.hint else "")
+        return Problem(1 if self.is_error else 2, message, ProblemData(self.attributes, self.characters))
 
 
 def report_from_data(data: Sequence[Any]) -> Report:
@@ -70,7 +82,8 @@ def report_from_data(data: Sequence[Any]) -> Report:
         QuickFix(title, tuple(Edit(*edit) for edit in edits), is_safe)
         for title, edits, is_safe in report.fixes
     )
-    return report._replace(fixes=fixes)
+    start, end = report.characters
+    return report._replace(attributes=tuple(report.attributes), characters=(start, end), fixes=fixes)
 
 
 def check(
@@ -104,11 +117,12 @@ def check(
             if item.file not in makers:
                 makers[item.file] = FixMaker(text_of(item.file))
             fixes = makers[item.file].fixes_of(item)
-        reports.append(_report(item, fixes))
+        reports.append(report_of(item, fixes))
     return reports
 
 
-def _report(item: Diagnostic, fixes: Iterable[QuickFix]) -> Report:
+def report_of(item: Diagnostic, fixes: Iterable[QuickFix] = ()) -> Report:
+    """Return the report of a diagnostic, with *fixes*."""
     column = max(0, item.column - 1)
     before, marked = item.source[:column], item.source[column : column + item.width]
     # Without a column, the whole line is marked.
@@ -118,8 +132,18 @@ def _report(item: Diagnostic, fixes: Iterable[QuickFix]) -> Report:
     end = start + max(1, _units(marked)) if item.line else start
     url = item.code.url or ""
     place = (item.file, max(0, item.line - 1), start, end)
-    code, key = str(item.code), item.outer_key
-    return Report(*place, code, item.is_error, item.message, item.hint, url, key, tuple(fixes))
+    return Report(
+        *place,
+        str(item.code),
+        item.is_error,
+        item.message,
+        item.hint,
+        url,
+        item.outer_key,
+        item.attributes,
+        item.characters,
+        tuple(fixes),
+    )
 
 
 def _units(text: str) -> int:

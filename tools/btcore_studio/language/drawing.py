@@ -66,7 +66,7 @@ def draw_document(project: Project, source: SourceDocument, params: DrawingParam
     if root is None:
         return Drawing(id, format, "", [], {}, tree_summaries(reading), reading.broken)
     nodes = diagram_nodes(root)
-    keys = diagram_keys(nodes)
+    keys = diagram_keys(nodes, params.call)
     children = {node.uid: [child.uid for child in node.children] for node, _ in nodes}
     hidden: dict[int, int] = {}
     if params.folded or len(nodes) > MAX_CARDS:

@@ -6,7 +6,7 @@ errors that the operation would add are reasons, and a node may lack children wh
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Final, NamedTuple
 
 from msgspec.structs import replace
@@ -36,11 +36,13 @@ from btcore.suggestions import child_count_text, did_you_mean, with_article
 from btcore.xml.edit.editor import Edit, EditError, apply_edits, escape_value
 from btcore.xml.models.tree_nodes_model import TAG_OF
 from btcore.xml.read.dialect import EXPLICIT_TAGS, PORT_TAGS
+from btcore.xml.read.positions import LineIndex
 from btcore.xml.read.scan import ScannedElement, scan
 from btcore_studio.edit.subtrees import extract_subtree, inline_subtree
 from btcore_studio.edit.text_edits import compose_edits, offset_after
 from btcore_studio.edit.tree_editor import TreeEditor, is_disabled
 from btcore_studio.language.clipboard import copy_elements, read_clipping
+from btcore_studio.language.diagnostics import report_of
 from btcore_studio.language.drawing import child_limits, draw_document
 from btcore_studio.language.element_texts import NewElement, is_port, new_element, port_text, unindented
 from btcore_studio.language.project import Project, SourceDocument
@@ -60,6 +62,8 @@ from btcore_studio.language.studio_protocol import (
     Move,
     Paste,
     Place,
+    Preview,
+    Problem,
     Range,
     Remove,
     RemoveTree,
@@ -79,6 +83,8 @@ MAX_NODES: Final = 5_000
 
 MAX_CHECKED: Final = 300
 """Number of elements of a document up to which each operation returns its new warnings: about 10 ms."""
+MAX_PREVIEWED: Final = 1_000
+"""Number of elements of a document up to which a preview has new warnings: about 50 ms."""
 _MAX_WARNINGS: Final = 10
 _EMPTY_DOCUMENT: Final = '<root BTCPP_format="4">\n</root>\n'
 _FIRST_TREE: Final = "MainTree"
@@ -127,6 +133,22 @@ def copy_nodes(project: Project, places: Sequence[Place]) -> str:
     """
     nodes = _Operation(project).outermost(places)
     return "".join(copy_elements(draft.reading, elements) for draft, elements in _by_draft(nodes))
+
+
+def preview_edit(project: Project, command: AnyCommand) -> Preview:
+    """Return the problems that an operation would add. The documents remain.
+
+    Args:
+        project: The project.
+        command: The operation.
+
+    Raises:
+        EditError: The operation cannot be applied; the message is the reason.
+    """
+    operation = _Operation(project)
+    operation.apply(command)
+    operation.result()
+    return Preview(operation.problems(command))
 
 
 class _Draft:
@@ -182,6 +204,48 @@ class _Draft:
     def format(self) -> int:
         """The XML format."""
         return self.reading.definitions.dialect.format
+
+    def marks(self, diagnostic: Diagnostic) -> bool:
+        """Return whether a diagnostic about the present text marks the tag of an element to select."""
+        at = self._offset_of(diagnostic, LineIndex(self.text))
+        return at is not None and any(
+            start <= at < self.element_at(start).start_tag_end for start in self.selected
+        )
+
+    def new(
+        self, found: Sequence[Diagnostic], before: Callable[[], Sequence[Diagnostic]]
+    ) -> list[Diagnostic]:
+        """Return the diagnostics about the present text that the document does not have.
+
+        The document has a diagnostic with the same message or at the same place: a message may name a line.
+
+        Args:
+            found: The diagnostics about the present text.
+            before: Returns those about the document; called only if it is needed.
+        """
+        earlier = before() if found else ()
+        messages = {(item.code, item.message) for item in earlier}
+        found = [item for item in found if (item.code, item.message) not in messages]
+        if not found:
+            return []
+        index = LineIndex(self.reading.document.text)
+        places: set[tuple[object, ...]] = set()
+        for item in earlier:
+            at = self._offset_of(item, index)
+            if at is None:
+                places.add((item.code, item.where))
+            elif not any(edit.start <= at < edit.end for edit in self.edits):
+                places.add((item.code, offset_after(self.edits, at)))
+        index = LineIndex(self.text)
+        return [
+            item for item in found if (item.code, self._offset_of(item, index) or item.where) not in places
+        ]
+
+    def _offset_of(self, item: Diagnostic, index: LineIndex) -> int | None:
+        """Return the offset of a diagnostic in the text of *index*; None if it is about another file."""
+        if item.file != self.reading.document.file or not item.line:
+            return None
+        return index.offset(item.line, max(1, item.column))
 
     def apply(self, edits: Sequence[Edit]) -> None:
         """Apply edits of the present text. Elements of the earlier text are invalid afterwards."""
@@ -271,6 +335,7 @@ class _Operation:
         self._notes: list[str] = []
         self._tolerated: frozenset[DiagnosticCode] = _UNFINISHED
         self._always_warns = False
+        self._adds_node = False
 
     def apply(self, command: AnyCommand) -> None:
         """Compute the edits."""
@@ -400,6 +465,7 @@ class _Operation:
     def _add(self, command: Add) -> None:
         parent = self._parent(command.parent)
         self._check_room(parent, 1)
+        self._adds_node = True
         new = new_element(parent.draft.reading, command.id)
         xml = f"<{new.tag}{new.attribute_text}/>"
         parent.draft.insert(parent.element, _index_in(parent, command.index), xml)
@@ -684,20 +750,46 @@ class _Operation:
         after = read_trees(self._project, draft.source)
         if after.broken:
             raise EditError(f"the result would not be XML ({after.broken})")
-        for error in _new(after.plans.diagnostics.errors, lambda: before.plans.diagnostics.errors):
+        for error in draft.new(after.plans.diagnostics.errors, lambda: before.plans.diagnostics.errors):
             if error.code not in self._tolerated:
                 raise EditError(f"{error.message}: {error.hint}" if error.hint else error.message)
-            if error.code in _OF_TEXTS:
+            if error.code not in _OF_PASTED_NODES and not self._is_to_be_completed(draft, error):
                 self._notes.append(error.message)
         if self._always_warns or after.size <= MAX_CHECKED:
-            new = _new(after.warnings, lambda: before.warnings)
+            new = draft.new(after.diagnostics.warnings, lambda: before.diagnostics.warnings)
             self._notes += [item.message for item in new[:_MAX_WARNINGS]]
 
+    def _is_to_be_completed(self, draft: _Draft, item: Diagnostic) -> bool:
+        """Return whether a diagnostic is about the attributes or missing children of a new node."""
+        is_missing = bool(item.attributes) or item.code in _UNFINISHED
+        return self._adds_node and is_missing and draft.marks(item)
 
-def _new(found: Sequence[Diagnostic], before: Callable[[], Iterable[Diagnostic]]) -> list[Diagnostic]:
-    """Return the diagnostics that were not found *before*, which is called only if there are any."""
-    known = {(item.code, item.message) for item in before()} if found else set()
-    return [item for item in found if (item.code, item.message) not in known]
+    def problems(self, command: AnyCommand) -> list[Problem]:
+        """Return the problems that the edits of the operation add.
+
+        A new node is to be completed, in its form. The text of an attribute keeps the problems that it has.
+        """
+        attribute = command.name if isinstance(command, SetAttribute) else ""
+        problems: dict[str, Problem] = {}
+        for draft in self._drafts.values():
+            after = read_trees(self._project, draft.source)
+            if draft.reading.broken or not draft.edits:
+                continue
+            is_large = after.size > MAX_PREVIEWED
+            found = _found_in(after, is_large)
+            new = draft.new(found, partial(_found_in, draft.reading, is_large))
+            kept = [item for item in found if attribute in item.attributes and draft.marks(item)]
+            shown = [*kept, *(item for item in new if not self._is_to_be_completed(draft, item))]
+            reports = [report_of(item) for item in shown[:_MAX_WARNINGS]]
+            problems |= {report.message: report.problem() for report in reports}
+        return sorted(problems.values(), key=lambda problem: problem.severity)
+
+
+def _found_in(reading: TreeReading, is_large: bool) -> list[Diagnostic]:
+    """Return the errors and warnings about a document; without warnings, if it is large."""
+    if is_large:
+        return list(reading.plans.diagnostics.errors)
+    return [*reading.diagnostics.errors, *reading.diagnostics.warnings]
 
 
 def _models_in(draft: _Draft, id: str) -> Iterator[ScannedElement]:

@@ -89,7 +89,6 @@ class ProjectSymbols:
     Attributes:
         documents: The documents by URI.
         registry: The known nodes and enums.
-        files: The symbols of each document, by URI.
         groups: For each entry file its URI, and the URIs of the files that it includes directly or
             indirectly, each before the file that includes it.
     """
@@ -105,15 +104,31 @@ class ProjectSymbols:
         self._scripts: dict[str, ScriptNames] = {}
         if earlier is not None and earlier.registry is registry and len(earlier._scripts) < MAX_KNOWN_SCRIPTS:
             self._scripts = earlier._scripts
+        # The last symbols whose files were read.
+        self._earlier: ProjectSymbols | None = earlier
+        if earlier is not None and "files" not in vars(earlier):
+            self._earlier = earlier._earlier
         self.groups: list[list[str]] = self._find_groups()
-        self.files: dict[str, FileSymbols] = {}
         self._groups_of: dict[str, list[list[str]]] = {uri: [] for uri in documents}
         for group in self.groups:
-            format = written_format(documents[group[-1]].scan)
             for uri in group:
                 self._groups_of[uri].append(group)
-                if uri not in self.files:
-                    self.files[uri] = self._read(documents[uri], format, earlier)
+
+    @cached_property
+    def files(self) -> dict[str, FileSymbols]:
+        """The symbols of each document, by URI. They are read when they are needed."""
+        earlier, self._earlier = self._earlier, None
+        uris = dict.fromkeys(uri for group in self.groups for uri in group)
+        return {uri: self._read(self.documents[uri], self.format_of(uri), earlier) for uri in uris}
+
+    def entry_of(self, file: str) -> str:
+        """Return the first entry file that includes *file*; *file* itself if the project does not know it."""
+        groups = self._groups_of.get(file)
+        return groups[0][-1] if groups else file
+
+    def format_of(self, file: str) -> int:
+        """Return the XML format of a document: that of its entry file."""
+        return written_format(self.documents[self.entry_of(file)].scan)
 
     def _read(self, document: SourceDocument, format: int, earlier: "ProjectSymbols | None") -> FileSymbols:
         known = earlier.files.get(document.uri) if earlier is not None else None

@@ -38,7 +38,7 @@ from btcore_studio.language import (
 from btcore_studio.language.checker import Checker
 from btcore_studio.language.diagnostics import Report
 from btcore_studio.language.drawing import draw_document
-from btcore_studio.language.edit_commands import compute_edit, copy_nodes
+from btcore_studio.language.edit_commands import compute_edit, copy_nodes, preview_edit
 from btcore_studio.language.leaf_code import leaf_of
 from btcore_studio.language.live import LiveExtension, LiveTree
 from btcore_studio.language.node_form import form_of
@@ -352,6 +352,7 @@ def _add_studio_requests(server: TreeServer) -> None:
     server.add_request(
         "btcore/edit", EditParams, lambda params: compute_edit(project, params.command, params.drawing)
     )
+    server.add_request("btcore/preview", EditParams, lambda params: preview_edit(project, params.command))
 
     def write_leaf(params: LeafParams) -> Leaf:
         return leaf_of(project, document(params.text_document.uri), params.id)

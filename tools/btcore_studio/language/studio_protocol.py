@@ -71,6 +71,7 @@ class DrawingParams(DocumentParams, frozen=True):
     Attributes:
         tree: The ID of the tree; None for the main tree, or the first.
         folded: The keys of the nodes whose children are hidden.
+        call: The key of the running SubTree node whose tree this is; "" for a main tree.
         since: The number of a drawing that the client has: its nodes that have only moved are not sent again.
             0 for none.
         styled: Whether the SVG is the whole drawing, with its style sheet and the descriptions of the nodes,
@@ -79,6 +80,7 @@ class DrawingParams(DocumentParams, frozen=True):
 
     tree: str | None = None
     folded: frozenset[str] = frozenset()
+    call: str = ""
     since: int = 0
     styled: bool = False
 
@@ -413,6 +415,30 @@ class EditResult(Data, frozen=True):
     select: list[Place]
     notes: list[str]
     drawing: Drawing | None = None
+
+
+# --- btcore/preview
+
+
+class ProblemData(Data, frozen=True):
+    """See `Diagnostic.attributes` and `Diagnostic.characters`."""
+
+    attributes: tuple[str, ...]
+    characters: tuple[int, int]
+
+
+class Problem(Data, frozen=True):
+    """A diagnostic of the protocol without its place: *severity* is 1 for an error, and 2 for a warning."""
+
+    severity: Literal[1, 2]
+    message: str
+    data: ProblemData
+
+
+class Preview(Data, frozen=True):
+    """The problems that an operation would add, errors first."""
+
+    problems: list[Problem]
 
 
 # --- btcore/leaf

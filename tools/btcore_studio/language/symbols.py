@@ -219,10 +219,15 @@ def is_call(element: ScannedElement) -> bool:
     return element.tag in _CALL_TAGS
 
 
+def stated_format(scan: Scan) -> str | None:
+    """Return the attribute `BTCPP_format` of the outermost element."""
+    return scan.roots[0].get("BTCPP_format") if scan.roots else None
+
+
 def written_format(scan: Scan) -> int:
-    """Return the XML format that the outermost element names; 4 if it is unknown or missing."""
-    root = scan.roots[0] if scan.roots else None
-    return (parse_format(root.get("BTCPP_format")) or 4) if root is not None and root.tag == "root" else 4
+    """Return the XML format of a document; 4 if it is unknown, or if there is no `<root>`."""
+    has_root = bool(scan.roots) and scan.roots[0].tag == "root"
+    return (parse_format(stated_format(scan)) or 4) if has_root else 4
 
 
 ScriptNames = list[tuple[str, int, bool, bool]]

@@ -11,12 +11,11 @@ from weakref import WeakKeyDictionary
 
 from btcore.blackboard.ports import Port, braced_key
 from btcore.diagnostic_codes import DOCUMENT_TOO_LARGE
-from btcore.diagnostics import Diagnostic
 from btcore.errors import RegistrationError, TreeError
 from btcore.lint.validate import validate_plans
 from btcore.registry.registry import Registry
 from btcore.status import NodeType
-from btcore.xml.define import define, parse_format
+from btcore.xml.define import define
 from btcore.xml.edit.editor import Edit, EditError, apply_edits
 from btcore.xml.models.model_file import (
     add_document_models,
@@ -26,17 +25,18 @@ from btcore.xml.models.model_file import (
 )
 from btcore.xml.plan.plan import Plans, plan
 from btcore.xml.read.dialect import EXPLICIT_TAGS
-from btcore.xml.read.document import Document
+from btcore.xml.read.document import CollectedDiagnostics, Document
 from btcore.xml.read.element import Element, encoded
 from btcore.xml.read.positions import LineIndex, SourceMap
 from btcore.xml.read.read import Sources, parse_text, read
 from btcore.xml.read.scan import Scan, ScannedElement, scan
 from btcore_studio.language.node_attributes import is_in_tree
 from btcore_studio.language.project import PROJECT_SUFFIX, Project, SourceDocument
+from btcore_studio.language.project_symbols import symbols_of
 from btcore_studio.language.studio_protocol import Place, Position
 
 _MAX_KNOWN: Final = 4
-"""Maximum number of readings of a project that are kept: of the shown text, and of the text after an edit."""
+"""Maximum number of readings of a project that are kept: of the shown text, and of texts after edits."""
 _NO_TREES: Final = '<root BTCPP_format="4"/>'
 _TYPES_BY_CHILDREN: Final = (NodeType.ACTION, NodeType.DECORATOR, NodeType.CONTROL)
 # Memories of results, which follow from the project and the texts alone.
@@ -69,8 +69,10 @@ class TreeReading:
         self._registry = project.registry
         self._given = tuple(braced_key(key) or key for key in project.settings.given)
         self.sources = read(self.document, [*project.registry.documents, *_documents_around(project, source)])
-        self.definitions = define(self.sources)
-        self.nodes, self.missing = _nodes_for(project.registry, self.sources)
+        self._entry_format = self._format_of_entry(project)
+        self.definitions = define(self.sources, format=self._entry_format)
+        format = self.definitions.dialect.format
+        self.nodes, self.missing = _nodes_for(project.registry, self.sources, format)
         self.files = {document: self._source_of(project, document) for document in self.sources.documents}
         self._parsed: dict[ScannedElement, Element] = {}
 
@@ -94,6 +96,13 @@ class TreeReading:
         text = text.replace("\0", "?")
         return _scanned_document(source.scan if text == source.text else scan(text), file)
 
+    def _format_of_entry(self, project: Project) -> int | None:
+        """Return the format of the file that includes a document without a format, or None."""
+        if self.document.root.get("BTCPP_format") is not None:
+            return None
+        symbols, uri = symbols_of(project), self.source.uri
+        return symbols.format_of(uri) if symbols.entry_of(uri) != uri else None
+
     def _source_of(self, project: Project, document: Document) -> SourceDocument:
         if document is self.document:
             return self.source
@@ -105,6 +114,7 @@ class TreeReading:
         return (
             project.registry is self._registry
             and self.definitions.are_complete
+            and self._format_of_entry(project) == self._entry_format
             and all(
                 project.file(source.path) is source
                 for source in self.files.values()
@@ -127,9 +137,9 @@ class TreeReading:
         return len(self.document.source_map.scan.elements)
 
     @cached_property
-    def warnings(self) -> tuple[Diagnostic, ...]:
-        """The warnings about the document and its includes, as far as the nodes are known."""
-        return validate_plans(self.plans, given=self._given).warnings
+    def diagnostics(self) -> CollectedDiagnostics:
+        """The errors and warnings about the document and its includes, as far as the nodes are known."""
+        return validate_plans(self.plans, given=self._given)
 
     def position(self, document: Document, offset: int) -> Position:
         """Return the position of an offset in the text of one of the documents."""
@@ -202,9 +212,11 @@ def read_trees(project: Project, source: SourceDocument) -> TreeReading:
     for reading in known:
         own = reading.source
         if own.uri == source.uri and own.text == source.text and reading.is_current(project):
-            return reading
-    reading = TreeReading(project, source)
-    known.insert(0, reading)
+            known.remove(reading)
+            break
+    else:
+        reading = TreeReading(project, source)
+    known.insert(0, reading)  # the last used is the first
     del known[_MAX_KNOWN:]
     return reading
 
@@ -243,7 +255,7 @@ def _without(text: str, parts: Iterable[tuple[int, int]]) -> str:
     return apply_edits(text, (Edit(start, end, "") for start, end in parts))
 
 
-def _nodes_for(registry: Registry, sources: Sources) -> tuple[Registry, frozenset[str]]:
+def _nodes_for(registry: Registry, sources: Sources, format: int) -> tuple[Registry, frozenset[str]]:
     """Return the nodes for the trees of *sources*, and the IDs of those without code and model.
 
     Nodes of models follow those of *registry*, then nodes of explicit tags such as `<Action ID="…">`. For any
@@ -260,7 +272,7 @@ def _nodes_for(registry: Registry, sources: Sources) -> tuple[Registry, frozense
 
     models = tuple((document.file, _models_text(document)) for document in with_models)
     modelled = _extended(registry, (is_project, models), add_models)
-    seen = _unknown_nodes(modelled, documents)
+    seen = _unknown_nodes(modelled, documents, format)
 
     def add_unknown(nodes: Registry) -> None:
         for id, (document, node_type, ports) in seen.items():
@@ -299,12 +311,11 @@ def _extended(registry: Registry, key: tuple[object, ...], extend: Callable[[Reg
 
 
 def _unknown_nodes(
-    nodes: Registry, documents: Iterable[Document]
+    nodes: Registry, documents: Iterable[Document], format: int
 ) -> dict[str, tuple[Document, NodeType, dict[str, Port]]]:
     """Return a document, the type and the ports of each node that only elements of trees name."""
     seen: dict[str, tuple[Document, NodeType, dict[str, Port]]] = {}
     for document in documents:
-        format = parse_format(document.root.get("BTCPP_format")) or 4
         for tree in document.root.iterchildren("BehaviorTree"):
             for element in islice(tree.iter(), 1, None):
                 tag = element.tag

@@ -58,7 +58,8 @@ def test_character_of_a_value_is_found_after_entity_references(document: Documen
     for number, char in enumerate(value, 1):
         found = document.source_map.span(element, "y", "value", number)
         assert found is not None
-        assert found.source[found.column - 1] == ("&" if char == "&" else char)
+        marked = found.source[found.column - 1 : found.column - 1 + found.width]
+        assert marked == ("&amp;" if char == "&" else char)
 
 
 def test_elements_are_numbered_in_document_order(document: Document) -> None:

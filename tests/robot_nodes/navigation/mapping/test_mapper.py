@@ -23,10 +23,10 @@ def test_the_pose_in_a_room_is_right_despite_odometry_errors() -> None:
 def test_pose_is_right_after_outage_of_odometry(odometry: str) -> None:
     rig = MappingRig(ROOM, Pose2D(-2.0, 0.0, 0.0), slip=1.05).along((2.0, -0.8), (2.4, 0.3))
     rig.interrupt(Pose2D(0.0, 0.0, 0.0) if odometry == "starts anew" else None)
-    assert not rig.mapper.confident
+    assert not rig.mapper.is_confident
     for _ in range(5):
         rig.turn(0.0)
-    assert rig.mapper.confident
+    assert rig.mapper.is_confident
     assert rig.error() < 0.08
     rig.along((0.0, 1.2), (-2.2, 0.0))
     assert rig.error() < 0.1
@@ -38,12 +38,12 @@ def test_mapper_searches_after_robot_was_carried_without_odometry() -> None:
     rig.true, back = Pose2D(-1.8, 1.4, 2.2), rig.true
     for _ in range(5):
         rig.turn(0.0)
-    assert rig.mapper.searching
-    assert not rig.mapper.confident
+    assert rig.mapper.is_searching
+    assert not rig.mapper.is_confident
     rig.true = back
     for _ in range(5):
         rig.turn(0.0)
-    assert not rig.mapper.searching
+    assert not rig.mapper.is_searching
     assert rig.error() < 0.08
 
 
@@ -113,9 +113,9 @@ def test_before_the_first_scan_the_map_is_unknown() -> None:
 
     rig = MappingRig(ROOM, Pose2D(0.0, 0.0, 0.0))
     fresh = Mapper(rig.robot, rig.transforms)
-    assert not fresh.confident
+    assert not fresh.is_confident
     assert fresh.map().unknown.all()
-    assert rig.mapper.confident
+    assert rig.mapper.is_confident
 
 
 def test_without_echoes_the_pose_follows_odometry() -> None:

@@ -7,6 +7,7 @@ import pytest
 
 import btcore
 from btcore import Registry, Status, Tree
+from btcore.clock import NS_PER_S
 from btcore.registry.outcomes import LETTERS
 from btcore_navigation import nodes as nav2_nodes
 from btcore_navigation.costmap import GlobalCostmap
@@ -21,7 +22,6 @@ from tests.robot_nodes.navigation.conftest import NavigationRig, rig_on_floor
 
 HALF = 5.0  # m from the middle of the hall to its walls
 CELL = 0.05  # m
-NS_PER_S = 1_000_000_000
 
 
 def hall() -> OccupancyMap:
@@ -38,12 +38,12 @@ class TransformLocaliser:
 
     def __init__(self, transforms: TransformTree) -> None:
         self.transforms = transforms
-        self.confident = True
-        self.searching = False
+        self.is_confident = True
+        self.is_searching = False
         self.searches = 0
 
     def pose(self) -> Pose2D | None:
-        return self.transforms.lookup("map", "base_footprint").to_pose() if self.confident else None
+        return self.transforms.lookup("map", "base_footprint").to_pose() if self.is_confident else None
 
     def step(self, now: int) -> None:
         """Do nothing: the pose is always known."""

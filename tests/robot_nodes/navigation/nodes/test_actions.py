@@ -54,21 +54,21 @@ def test_compute_path_clears_the_path_on_a_halt(rig: NodeRig) -> None:
     tree.halt()
     assert len(tree.blackboard["path"]) == 0
     rig.wait(0.2)
-    assert not rig.compute_path.busy
+    assert not rig.compute_path.is_busy
 
 
 def test_compute_path_fails_when_the_pose_is_unknown(rig: NodeRig) -> None:
     tree = rig.tree(PLAN % "", goal=AHEAD)
-    rig.localiser.confident = False
+    rig.localiser.is_confident = False
     assert rig.run(tree, 2.0) is Status.FAILURE
     assert tree.blackboard["code"] == Nav2ErrorCode.COMPUTE_PATH_TF_ERROR
 
 
 def test_compute_path_waits_up_to_a_second_for_the_pose(rig: NodeRig) -> None:
     tree = rig.tree(PLAN % "", goal=AHEAD)
-    rig.localiser.confident = False
+    rig.localiser.is_confident = False
     assert rig.run(tree, 0.8) is Status.RUNNING
-    rig.localiser.confident = True
+    rig.localiser.is_confident = True
     assert rig.run(tree, 0.3) is Status.SUCCESS
     assert len(tree.blackboard["path"])
 

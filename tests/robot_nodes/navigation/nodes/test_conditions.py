@@ -17,7 +17,7 @@ def test_goal_reached_within_the_tolerance_of_the_navigator(rig: NodeRig) -> Non
     assert rig.letters(tree, 1) == "F"
     rig.move(0.76)
     assert rig.letters(tree, 1) == "S"
-    rig.localiser.confident = False
+    rig.localiser.is_confident = False
     assert rig.letters(tree, 1) == "F"
 
 
@@ -161,7 +161,7 @@ def test_is_goal_nearby_compares_remaining_length_of_path(rig: NodeRig) -> None:
 def test_is_goal_nearby_fails_without_a_path_or_a_pose(rig: NodeRig) -> None:
     assert rig.letters(rig.tree('<IsGoalNearby path="{path}"/>'), 1) == "F"
     assert rig.letters(rig.tree('<IsGoalNearby path="{path}"/>', path=polyline_path((0, 0))), 1) == "S"
-    rig.localiser.confident = False
+    rig.localiser.is_confident = False
     assert rig.letters(rig.tree('<IsGoalNearby path="{path}"/>', path=polyline_path((0, 0))), 1) == "F"
 
 

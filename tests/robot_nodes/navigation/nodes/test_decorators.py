@@ -106,10 +106,10 @@ def test_distance_controller_ticks_a_running_child_in_every_tick(rig: NodeRig) -
 
 def test_distance_controller_fails_with_unknown_pose(rig: NodeRig) -> None:
     tree = rig.tree(f"<DistanceController>{act('a', 'S')}</DistanceController>")
-    rig.localiser.confident = False
+    rig.localiser.is_confident = False
     assert rig.letters(tree, 1) == "F"
     assert take_starts(rig) == 0
-    rig.localiser.confident = True
+    rig.localiser.is_confident = True
     assert rig.letters(tree, 1) == "S"
 
 

@@ -97,14 +97,14 @@ def test_truncate_path_local_keeps_the_given_distances(
 
 def test_truncate_path_local_uses_a_given_pose(rig: NodeRig) -> None:
     tree = rig.tree(LOCAL % 'pose="3;0;0" distance_backward="0"', path=polyline_path((-10, 0), (20, 0)))
-    rig.localiser.confident = False
+    rig.localiser.is_confident = False
     assert rig.letters(tree, 1) == "S"
     assert span(tree) == (3.0, 11.0)
 
 
 def test_truncate_path_local_fails_when_pose_is_unknown(rig: NodeRig) -> None:
     tree = rig.tree(LOCAL % "", path=polyline_path((-10, 0), (20, 0)))
-    rig.localiser.confident = False
+    rig.localiser.is_confident = False
     assert rig.letters(tree, 1) == "F"
 
 
@@ -253,7 +253,7 @@ def test_remove_passed_goals_stops_at_the_first_goal_that_is_not_passed(rig: Nod
 
 def test_remove_passed_goals_fails_when_the_pose_is_unknown(rig: NodeRig) -> None:
     tree = rig.tree('<RemovePassedGoals input_goals="{goals}" output_goals="{goals}"/>', goals=list(GOALS))
-    rig.localiser.confident = False
+    rig.localiser.is_confident = False
     assert rig.letters(tree, 1) == "F"
 
 
@@ -326,7 +326,7 @@ def test_get_current_pose_fails_when_the_pose_is_unknown(rig: NodeRig) -> None:
     assert rig.letters(tree, 1) == "S"
     pose = tree.blackboard["pose"]
     assert (pose.x, pose.y, pose.yaw) == pytest.approx((1.0, 2.0, 0.5))
-    rig.localiser.confident = False
+    rig.localiser.is_confident = False
     assert rig.letters(tree, 1) == "F"
 
 

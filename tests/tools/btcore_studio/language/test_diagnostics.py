@@ -1,5 +1,6 @@
 """Every code that `btcore validate` reports is shown at the same place, counted in UTF-16 code units."""
 
+import json
 import re
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from btcore.diagnostics import Diagnostic
 from btcore.errors import TreeError
 from btcore.lint.validate import validate_document
 from btcore.xml.read.read import parse_file
-from btcore_studio.language.diagnostics import Report, check, merge
+from btcore_studio.language.diagnostics import Report, check, merge, report_from_data
 from btcore_studio.language.worker import Libraries
 
 ROOT = Path(__file__).parents[4]
@@ -49,11 +50,9 @@ def test_every_code_of_validate(tmp_path: Path, code: str, text: str) -> None:
     assert code in [report.code for report in reports]
     lines = re.split(r"\r\n?|\n", text)
     for report, diagnostic in zip(reports, diagnostics, strict=True):
-        assert (report.code, report.message, report.hint) == (
-            diagnostic.code,
-            diagnostic.message,
-            diagnostic.hint,
-        )
+        for name in ("code", "message", "hint", "attributes", "characters"):
+            assert getattr(report, name) == getattr(diagnostic, name)
+        assert report_from_data(json.loads(json.dumps(report))) == report
         if diagnostic.column:
             line = lines[report.line].encode("utf-16-le")
             start = diagnostic.column - 1

@@ -7,11 +7,13 @@ from xml.etree import ElementTree
 import pytest
 from msgspec.structs import replace
 
+import btcore
 from btcore.errors import TreeError
 from btcore.xml.plan.plan import plan
 from btcore_drawing.diagram import DiagramNode, diagram_of_document
 from btcore_studio.language import drawing
 from btcore_studio.language.drawing import diagram_of_tree, draw_document
+from btcore_studio.language.node_keys import KeyedNode, node_keys
 from btcore_studio.language.project import Project
 from btcore_studio.language.studio_protocol import (
     DocumentIdentifier,
@@ -52,7 +54,7 @@ def draw(project: Project) -> Draw:
     """Draw a text, of the tree *tree* and with the *folded* nodes."""
 
     def draw(text: str, tree: str | None = None, *folded: str, uri: str = URI, since: int = 0) -> Drawing:
-        params = DrawingParams(DocumentIdentifier(uri), tree, frozenset(folded), since)
+        params = DrawingParams(DocumentIdentifier(uri), tree, frozenset(folded), since=since)
         return draw_document(project, project.open(uri, text, 1), params)
 
     return draw
@@ -122,6 +124,14 @@ def test_keys_of_nodes_survive_edits_elsewhere(rounds: Draw) -> None:
     after = {node.key: node.name for node in rounds(edited).nodes}
     assert len(before) == 9
     assert before.items() <= after.items()
+
+
+def test_a_node_with_an_empty_name_has_the_key_of_the_running_node(draw: Draw) -> None:
+    text = MAIN.format('<Sequence name=""><AlwaysSuccess name=""/><AlwaysSuccess/></Sequence>')
+    parents = 0, 1, 1
+    running = zip(btcore.loads(text).nodes, parents, strict=True)
+    keys = node_keys(KeyedNode(node.uid, parent, node.id, node.name) for node, parent in running)
+    assert [node.key for node in draw(text).nodes] == list(keys.values())
 
 
 def test_folded_nodes_hide_their_descendants_only(rounds: Draw, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -162,7 +162,8 @@ def test_python_leaves_are_imported_only_if_the_user_trusts_them(tmp_path: Path)
     tree, leaves = tmp_path / "tree.xml", tmp_path / "leaves.py"
     tree.write_text(TREE, encoding="utf-8")
     leaves.write_text(LEAVES, encoding="utf-8")
-    imported = tmp_path / "imported"
+    imported, other = tmp_path / "imported", tmp_path / "package.xml"
+    other.write_text("<package/>", encoding="utf-8")
 
     async def use() -> None:
         checked = CheckedProject(tmp_path, Settings(plugins=("leaves.py",)))
@@ -180,9 +181,11 @@ def test_python_leaves_are_imported_only_if_the_user_trusts_them(tmp_path: Path)
         # A change of the source is seen.
         leaves.write_text(LEAVES.replace("who", "guest"), encoding="utf-8")
         os.utime(leaves, ns=(1, 1))
-        checked.checker.file_changed(leaves)
+        for file in (other, leaves):
+            checked.checker.file_changed(file)
         await checked.until(tree, ["E201"])
         assert checked.project.models["Greet"].ports[0].name == "guest"
+        assert checked.found.keys() == {tree}, "other files are not checked as trees"
         assert checked.shown == [hint]
         await checked.checker.close()
 
@@ -352,9 +355,16 @@ def test_keys_of_an_included_file_may_be_written_by_its_callers(tmp_path: Path) 
         checked.checker.changed(checked.project.open(main.as_uri(), text, 1))
         await checked.until(part, ["W209", "W212"])
         await checked.until(main, ["W204"])
+        # Without a format, the file has that of the file that includes it.
+        text = tree.format("", "Küche", script.replace("<Script", '<AlwaysSuccess _skipif="1"/><Script'))
+        text = text.replace(' BTCPP_format="4"', "")
+        checked.checker.changed(checked.project.open(part.as_uri(), text, 1))
+        await checked.until(part, ["W212", "W209", "W212"])
         # The file is a program of its own if no other file includes it.
         text = tree.format("", "Haus", "<AlwaysSuccess/>")
         checked.checker.changed(checked.project.open(main.as_uri(), text, 2))
+        await checked.until(part, ["E009", "E201", "E101", "E201"])
+        checked.checker.changed(checked.project.open(part.as_uri(), part.read_text(encoding="utf-8"), 2))
         await checked.until(part, ["W209", "W201", "W212"])
         await checked.checker.close()
 

@@ -150,6 +150,13 @@ def test_an_edit_and_a_copy_are_json_data(client: Client) -> None:
     [edit] = result["edit"]["changes"][URI]
     assert edit["newText"].startswith("Script")
     assert (result["select"], result["notes"], result["drawing"]) == ([SLEEP], [], None)
+    command = {"kind": "set", "node": SLEEP, "name": "msec", "text": "fast"}
+    [problem] = client.result("btcore/preview", {"command": command})["problems"]
+    assert problem | {"message": ""} == {
+        "severity": 1,
+        "message": "",
+        "data": {"attributes": ["msec"], "characters": [0, 0]},
+    }
     assert client.result("btcore/copy", {"nodes": [SLEEP]}) == {"xml": '<Sleep msec="1"/>\n'}
 
 

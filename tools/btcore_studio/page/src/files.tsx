@@ -61,13 +61,22 @@ async function renameTree(home: Home, place: TreeSummary["place"]): Promise<void
   if (found) await rename(place.uri, positionAt(text, begin + found.index + found[0].length));
 }
 
+/** Scroll each list to its current item. The page itself stays where it is. */
+function showCurrent(nav: HTMLElement | null): void {
+  for (const item of nav?.querySelectorAll("[aria-current]") ?? []) {
+    const list = item.closest("ul")!;
+    const [inner, outer] = [item.getBoundingClientRect(), list.getBoundingClientRect()];
+    list.scrollTop += Math.min(0, inner.top - outer.top) || Math.max(0, inner.bottom - outer.bottom);
+  }
+}
+
 /** The files of the folder, and the trees of the shown document. */
 export function Files({ home }: { home: Home }) {
   const trees = drawing.value?.trees ?? [];
   const canChange = !(start.value?.readOnly ?? true);
   const words = filter.value.toLowerCase();
   const nav = useRef<HTMLElement>(null);
-  useEffect(() => nav.current?.querySelector("[aria-current=page]")?.scrollIntoView({ block: "nearest" }), [uri.value, files.value.length]);
+  useEffect(() => showCurrent(nav.current), [uri.value, files.value.length, drawing.value?.tree]);
   return (
     <nav class="files" ref={nav} aria-label={texts.filesAndTrees}>
       {home.documents && (

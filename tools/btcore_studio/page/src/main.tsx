@@ -1,21 +1,23 @@
 // The page: its layout, and what its parts share.
 
 import "../studio.css";
-import { effect, signal, untracked } from "@preact/signals";
+import { batch, effect, signal, untracked } from "@preact/signals";
 import { render } from "preact";
 import { Canvas } from "./canvas";
+import { ComparisonPage, loadComparison } from "./comparison";
 import { Dialog } from "./dialog";
 import { Mark } from "./documents";
 import { Breadcrumbs, Files } from "./files";
 import { Form } from "./form";
 import type { Done } from "./history";
 import { BrowserHome, findHome, isConnected } from "./home";
-import { Blackboard, LiveControls } from "./live";
+import { Blackboard, call, drawnCall, LiveControls } from "./live";
 import { Palette } from "./palette";
 import { complete } from "./picture";
 import { checked, followProblems, Problems } from "./problems";
 import type {
-  Command, Diagnostic, DiskConflict, Drawing, DrawingParams, EditParams, EditResult, Live, Palette as PaletteData, Place, SharedFile, WorkspaceEdit,
+  Command, Diagnostic, DiskConflict, Drawing, DrawingParams, EditParams, EditResult, Live, Palette as PaletteData, Place, Preview,
+  SharedFile, WorkspaceEdit,
 } from "./protocol";
 import {
   actions, diagnostics, drawing, files, folded, isSamePlace, live, message, palette, reasonOf, selection, showError, start, tree, uri,
@@ -63,7 +65,7 @@ async function drawAll(): Promise<void> {
 }
 
 const drawingParams = (): DrawingParams => {
-  const params = { textDocument: { uri: uri.value }, tree: tree.value, folded: [...folded.value] };
+  const params = { textDocument: { uri: uri.value }, tree: tree.value, folded: [...folded.value], call: call.value?.key ?? "" };
   // VS Code's extension reads all nodes.
   return home.documents && drawing.value ? { ...params, since: drawing.value.number } : params;
 };
@@ -77,7 +79,7 @@ async function draw(): Promise<void> {
     const [params, before] = [drawingParams(), drawing.value];
     const reply = await actions.request<Drawing>("btcore/drawing", params);
     if (params.textDocument.uri !== uri.value || params.tree !== tree.value) return;
-    show(complete(reply, before), mark);
+    show(complete(reply, before), params, mark);
     drawingMs = performance.now() - begun;
   } catch (error) {
     if (isConnected.value) notice.value = texts.stale(reasonOf(error));
@@ -85,9 +87,12 @@ async function draw(): Promise<void> {
 }
 
 /** @param mark What changes from the drawn texts on. */
-function show(data: Drawing, mark: Mark): void {
+function show(data: Drawing, params: DrawingParams, mark: Mark): void {
   sinceDrawing = mark;
-  drawing.value = data;
+  batch(() => {
+    drawing.value = data;
+    drawnCall.value = params.call;
+  });
   notice.value = data.broken && texts.broken(data.broken);
   if (!mark.changes.size) selectPlaces(data);
 }
@@ -143,24 +148,33 @@ function edit(command: Command): Promise<EditResult | null> {
     try {
       const mark = home.mark();
       // VS Code may change the texts of the edit, and then draws them.
-      const before = drawing.value;
-      const params: EditParams = home.documents ? { command: moved, drawing: drawingParams() } : { command: moved };
+      const [wanted, known] = [drawingParams(), drawing.value];
+      const params: EditParams = home.documents ? { command: moved, drawing: wanted } : { command: moved };
       const result = await actions.request<EditResult>("btcore/edit", versions ? { ...params, versions } : params);
       toSelect = result.select;
-      const isSame = JSON.stringify(params.drawing) === JSON.stringify(drawingParams());
+      const isSame = JSON.stringify(wanted) === JSON.stringify(drawingParams());
       const next = result.drawing && isSame && !mark.changes.size ? result.drawing : null;
+      const before = requested;
       isDrawn = next !== null;
       await home.apply(result.edit, mark).finally(() => { isDrawn = false; });
-      if (next) show(complete(next, before), home.mark());
+      if (next) show(complete(next, known), wanted, home.mark());
       message.value = result.notes.join(" ");
       if (moved.kind === "set_model") waitForPalette(0);
-      if (!next || running) await (running ?? redraw()); // a changed text is being drawn already
+      // A changed text is being drawn, or was drawn before VS Code replied.
+      if (requested !== before) await running;
+      else if (!next) await redraw();
       return result;
     } catch (error) {
       showError(error);
       return null;
     }
   });
+}
+
+async function preview(command: Command): Promise<Preview> {
+  const [moved, versions] = [present(command, sinceDrawing), drawing.value?.versions];
+  if (!moved) throw new Error(texts.gone);
+  return actions.request<Preview>("btcore/preview", { command: moved, ...(versions && { versions }) });
 }
 
 const apply = (change: WorkspaceEdit) => void inOrder(async () => {
@@ -208,6 +222,7 @@ async function save(): Promise<void> {
 Object.assign(actions, {
   request: (method, params) => home.connection.request(method, params),
   edit,
+  preview,
   apply,
   undo: () => move(() => home.undo(), texts.nothingToUndo),
   redo: () => move(() => home.redo(), texts.nothingToRedo),
@@ -228,8 +243,8 @@ home.connection.on<{ uri: string; diagnostics: Diagnostic[] }>("textDocument/pub
   diagnostics.value = all;
 });
 home.connection.on<Live>("btcore/live", (state) => {
-  const keys = state.keys ?? live.value?.keys;
-  live.value = keys ? { ...state, keys } : state;
+  const { keys, calls } = live.value ?? {};
+  live.value = { ...(keys && { keys }), ...(calls && { calls }), ...state };
 });
 home.connection.on<SharedFile[]>("btcore/files", (list) => { files.value = list; });
 home.connection.on<DiskConflict>("btcore/disk", (conflict) => {
@@ -237,9 +252,14 @@ home.connection.on<DiskConflict>("btcore/disk", (conflict) => {
 });
 home.connection.on<{ message: string }>("window/showMessage", (params) => { message.value = params.message; });
 home.connection.on("workspace/semanticTokens/refresh", () => {
+  if (start.value?.versions) {
+    void loadComparison();
+    return;
+  }
   void redraw();
   waitForPalette(0);
 });
+home.connection.on("btcore/compared", () => void loadComparison());
 
 async function resolve(conflict: DiskConflict, keep: "disk" | "page"): Promise<void> {
   try {
@@ -344,6 +364,7 @@ function Notices() {
 }
 
 function Page() {
+  if (start.value?.versions) return <ComparisonPage versions={start.value.versions} />;
   return (
     <>
       <a class="skip" href="#picture">{texts.skip}</a>
@@ -390,18 +411,20 @@ async function begin(): Promise<void> {
     start.value = begun;
     tree.value = begun.tree;
     uri.value = begun.uri;
-    if (home.documents) files.value = await actions.request<SharedFile[]>("btcore/files", {});
+    if (begun.versions) await loadComparison(begun.tree);
+    else files.value = await actions.request<SharedFile[]>("btcore/files", {});
   } catch (error) {
     showError(error);
   }
 }
 
 effect(() => {
-  document.title = uri.value ? `${fileName(uri.value)} – ${texts.title}` : texts.title;
+  const shown = fileName(uri.value || start.value?.versions?.findLast(Boolean) || "");
+  document.title = shown ? `${shown} – ${texts.title}` : texts.title;
   if (uri.value) waitForPalette(0);
 });
 effect(() => {
-  const shown = [uri.value, tree.value, folded.value];
+  const shown = [uri.value, tree.value, folded.value, call.value?.key];
   untracked(() => void (shown[0] && redraw()));
 });
 // The language server reads files of the disk; it gets the texts that others have changed.

@@ -42,7 +42,6 @@ function OpenForm({ item }: { item: PaletteItem | null }) {
   const isWriting = useSignal(false);
   // The form is for the file that was shown when it was opened.
   const address = useRef(uri.value).current;
-  // VS Code has no list of files, and writes none.
   const file = files.value.find((other) => other.uri === address)?.name;
   useEffect(() => dialog.current!.showModal(), []);
   useLayoutEffect(() => {

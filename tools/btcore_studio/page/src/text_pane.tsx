@@ -297,6 +297,12 @@ function offerFixes(view: EditorView): boolean {
   return true;
 }
 
+/** Let Tab move the focus, until the user types. Otherwise the keyboard could not leave the text. */
+function leaveWithTab(view: EditorView): boolean {
+  view.setTabFocusMode(true);
+  return true;
+}
+
 // --- appearance
 
 const highlight = HighlightStyle.define([
@@ -359,7 +365,8 @@ const extensions = (home: BrowserHome): Extension => [
   Prec.low(colours), xml(), syntaxHighlighting(highlight), look, hover, colourer, hideReturns, wholeBreaks,
   EditorState.readOnly.of(start.peek()?.readOnly ?? false),
   Prec.highest(EditorView.domEventHandlers({
-    beforeinput: (event) => {
+    beforeinput: (event, view) => {
+      view.setTabFocusMode(false);
       // The menu of the browser; the keys are the page's.
       if (event.inputType === "historyUndo") void actions.undo();
       else if (event.inputType === "historyRedo") void actions.redo();
@@ -376,7 +383,8 @@ const extensions = (home: BrowserHome): Extension => [
       event.preventDefault();
       return true;
     },
-    blur: () => {
+    blur: (_, view) => {
+      view.setTabFocusMode(false);
       home.history.separate();
       return false;
     },
@@ -386,6 +394,7 @@ const extensions = (home: BrowserHome): Extension => [
     { key: "F2", run: startRename },
     { key: "Mod-.", run: offerFixes },
     ...closeBracketsKeymap, ...completionKeymap, ...searchKeymap, ...foldKeymap, ...lintKeymap, ...defaultKeymap, indentWithTab,
+    { key: "Escape", run: leaveWithTab },
   ]),
 ];
 
@@ -525,6 +534,7 @@ export function TextPane({ home }: { home: BrowserHome }) {
     <section class="text" aria-label={texts.text}>
       <div class="row">
         <h2>{fileName(shownUri.value) || texts.text}</h2>
+        <small class="leave" aria-hidden="true">{texts.leaveEditor}</small>
         {shownUri.value !== uri.value && <button class="small" onClick={() => openFile(shownUri.value)}>{texts.showTrees}</button>}
       </div>
       <div class="editor" ref={frame} />

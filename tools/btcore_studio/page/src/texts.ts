@@ -1,7 +1,7 @@
 // Every English text of the page.
 
 import type { Target } from "./drop_targets";
-import type { DrawnNode } from "./protocol";
+import type { Change, Difference, DrawnNode, Spot } from "./protocol";
 import type { Structure } from "./tree";
 
 const count = (number: number, noun: string) => `${number} ${noun}${number === 1 ? "" : "s"}`;
@@ -9,7 +9,7 @@ const count = (number: number, noun: string) => `${number} ${noun}${number === 1
 export const texts = {
   title: "btcore studio",
   lost: "The studio's process does not answer. Start btcore studio again; your edits stay on this page.",
-  readOnly: "The studio was started with --read-only: the files cannot be changed.",
+  readOnly: "The studio was started with --read-only: the files cannot be changed. Start it without this option to edit.",
   save: "Save",
   saved: (name: string) => `Saved ${name}.`,
   nothingToSave: "Nothing to save.",
@@ -26,11 +26,13 @@ export const texts = {
   theme: "Colours",
   themes: { system: "System colours", light: "Light", dark: "Dark" },
   export: "Export",
-  exportAs: (format: string) => `Save the picture as a ${format} file`,
+  exportAs: {
+    svg: "Save the picture as an SVG file", png: "Save the picture as a PNG file",
+    pdf: "Print the picture; the browser's printer “Save as PDF” writes a PDF file",
+  },
   exportRefused: (reason: string) => `The picture was not saved: ${reason}`,
   tooLarge: "the picture is too large for a PNG file; save it as SVG",
-  exportSvg: "SVG",
-  exportPng: "PNG",
+  noPrinter: "VS Code does not print. Save it as SVG, or open the file with btcore studio in a browser.",
   panes: "Panes",
   paneNames: { left: "Nodes", right: "Form", text: "Text" },
   files: "Files",
@@ -59,6 +61,8 @@ export const texts = {
   gone: "This node is not in the text any more.",
   fixes: "Fixes of this line",
   noFixes: "There is no fix for this line.",
+  wouldAdd: (isError: boolean, problem: string, more: number) =>
+    `Adds ${isError ? "an error" : "a warning"}: ${problem}${more ? ` (and ${more} more)` : ""}`,
   moreProblems: (number: number) => `${count(number, "further problem")} not shown`,
   broken: (reason: string) => `The file has an error. The picture shows the part before it. ${reason}`,
   stale: (reason: string) => `The picture shows the last text that could be drawn. ${reason}`,
@@ -134,23 +138,31 @@ export const treeTexts = {
   },
   groups: { edit: "Edit", clipboard: "Clipboard", move: "Move", tree: "Trees", view: "View", page: "Page", select: "Select" },
   refusal: {
-    readOnly: "The studio was started with --read-only.",
+    readOnly: "The studio was started with --read-only. Start it without this option to edit.",
     noSelection: "Select a node first.",
     several: "Select a single node.",
-    notConsecutive: "The selected nodes are not a row of siblings.",
+    notConsecutive: "The selected nodes are not a row of siblings. Move them beside each other first.",
     oneRoot: "A tree has exactly one root node. Wrap the root into a control node first.",
     root: "The root stays where it is. Wrap it, or change its children.",
-    full: ({ name, id, children }: DrawnNode) =>
-      `${name === id ? id : `${name} (${id})`} can have ${["no children", "only one child"][children[1] ?? 0] ?? `at most ${children[1]} children`}.`,
+    full: ({ name, id, calls, children: [, most] }: DrawnNode) => {
+      const label = name === id ? id : `${name} (${id})`;
+      if (calls) return `${label} calls a tree. Open the tree, and add the node there.`;
+      if (!most) return `${label} can have no children. Put the node beside it, or wrap it into a Sequence first.`;
+      return most === 1 ? `${label} can have only one child. Wrap the child into a Sequence first, and add the node there.`
+        : `${label} can have at most ${most} children. Wrap some of them into a Sequence first.`;
+    },
+    itself: "A node cannot be moved into itself.",
+    noTarget: "Drop it between two children, or onto their parent.",
     format3: "Format 3 has no _skipIf, with which a node is disabled. Convert the file to format 4 first.",
     callUnwrap: "The nodes below are those of another tree. Replace the call by the tree's nodes instead.",
+    leafUnwrap: "The node has no children. Delete it instead.",
     noChildren: "The node has no children.",
-    noCall: "The node calls no tree.",
+    noCall: "The node calls no tree. Select a SubTree node.",
     noPlace: "There is no place for another node here. Select its parent, or wrap a node.",
     first: "The node is the first child.",
     last: "The node is the last child.",
-    top: "The parent is the root of the tree.",
-    noParent: "No sibling beside can have another child.",
+    top: "The parent is the root of the tree. Wrap the root into a control node first.",
+    noParent: "No sibling beside can have another child. Wrap one of them into a Sequence first.",
     notLive: "Running trees cannot be watched here.",
   },
   copied: (number: number) => `Copied ${count(number, "node")} as XML.`,
@@ -161,7 +173,6 @@ export const treeTexts = {
 
   // dragging
   dragged: (nodes: readonly DrawnNode[]) => nodes.length === 1 ? nodes[0]!.name : count(nodes.length, "node"),
-  noTarget: "not here",
   target: (target: Target, structure: Structure) => {
     const name = (index: number) => structure.nodes[index]?.name ?? "";
     if (target.kind === "root") return "as the root";
@@ -198,7 +209,7 @@ export const treeTexts = {
     { group: "page", keys: "?", text: "This list" },
   ] as const,
   mouse: "Mouse: drag a node to another place, or with Ctrl a copy. Ctrl+click and Shift+click select several nodes, Shift+drag all "
-    + "nodes in a rectangle. A double-click renames a node or shows a called tree; while a tree is watched, it sets a breakpoint. Touch: hold a node to drag it, or release it for the menu.",
+    + "nodes in a rectangle. A double-click renames a node or shows a called tree. Touch: hold a node to drag it, or release it for the menu.",
 
   // the palette
   palette: "Palette",
@@ -223,7 +234,7 @@ export const treeTexts = {
   write: "Write",
   writeLeaf: "Write, with Python code",
   leafHint: "Python code is written into two new files: the node, and its test.",
-  leafWritten: (name: string, test: string) => `Wrote ${name} and ${test}. Start the studio with --plugin ${name} to load the node.`,
+  leafWritten: (name: string, test: string) => `Wrote ${name} and ${test}. To load the node, start the studio with --plugin ${name}; in VS Code, add it to the setting btcore.plugins.`,
   cancel: "Cancel",
 
   // the form
@@ -253,6 +264,8 @@ export const treeTexts = {
   continue: "Continue",
   blackboard: "Blackboard",
   seconds: (seconds: number) => `${seconds.toFixed(seconds < 10 ? 2 : seconds < 100 ? 1 : 0)} s`,
+  shownCall: "Call",
+  notRunning: (tree: string) => `The running tree does not call ${tree}. Show its main tree to see it run.`,
   missingNodes: (number: number) => number === 1
     ? "The file differs from the running tree: 1 of its nodes is not in this picture."
     : `The file differs from the running tree: ${number} of its nodes are not in this picture.`,
@@ -268,4 +281,29 @@ export const treeTexts = {
   beginning: "Start",
   runningTo: (position: number) => `running to step ${position} …`,
   notReplayed: (problem: string) => `The recording cannot be run again from here on: ${problem}`,
+};
+
+/** Two versions of a file. */
+export const comparisonTexts = {
+  title: "Differences",
+  sides: ["Old", "New"] as const,
+  noFile: "no file",
+  noTree: (id: string) => (id ? `This version has no tree ${id}.` : "This version has no tree."),
+  changes: { added: "added", removed: "removed", moved: "moved", changed: "changed" },
+  list: (changes: readonly Change[]): string => changes.map((change) => comparisonTexts.changes[change]).join(", "),
+  picture: (side: string, tree: string) => `${side} version of the tree ${tree}`,
+  tree: "Tree",
+  treeOption: (id: string, number: number) => (number ? `${id} (${count(number, "difference")})` : id),
+  outside: "Outside of the trees",
+  equal: "The trees are equal. Comments, white space and the order of attributes are not compared.",
+  previous: "Previous difference (P)",
+  next: "Next difference (N)",
+  position: (index: number, number: number, { name, id, changes }: Difference) =>
+    `${index + 1}/${number} ${name || id}, ${comparisonTexts.list(changes)}`,
+  nodes: (number: number) => count(number, "node"),
+  type: "node type",
+  notSet: "not set",
+  child: ({ parent, number }: Spot) => `child ${number} of ${parent}`,
+  further: (number: number) => `${count(number, "further difference")} not listed`,
+  ended: "The comparison has ended: its process does not answer.",
 };

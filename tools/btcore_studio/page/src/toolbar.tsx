@@ -1,5 +1,6 @@
 import { effect, signal } from "@preact/signals";
 import { canRedo, canUndo, type Home } from "./home";
+import { printDrawing } from "./print";
 import type { Drawing } from "./protocol";
 import { actions, drawing, files, folded, message, reasonOf, start, tree, uri } from "./state";
 import { store, stored } from "./storage";
@@ -33,15 +34,23 @@ function togglePane(name: Pane): void {
   store(HIDDEN, [...hidden].join(" "));
 }
 
+type Format = "svg" | "png" | "pdf";
+const FORMATS: readonly Format[] = ["svg", "png", "pdf"];
+
 export const fileName = (address: string): string => decodeURIComponent(address.split("/").at(-1) ?? address);
 
-async function exportDrawing(home: Home, format: "svg" | "png"): Promise<void> {
+async function exportDrawing(home: Home, format: Format): Promise<void> {
   try {
-    const { svg, tree: shown } = await actions.request<Drawing>("btcore/drawing", {
+    if (format === "pdf" && !home.documents) throw new Error(texts.noPrinter);
+    const shown = await actions.request<Drawing>("btcore/drawing", {
       textDocument: { uri: uri.value }, tree: tree.value, folded: [...folded.value], styled: true,
     });
-    const content = new Blob([svg], { type: "image/svg+xml" });
-    const name = shown.replace(/[^\p{L}\p{N}_.-]+/gu, "_") || "tree";
+    if (format === "pdf") {
+      printDrawing(shown);
+      return;
+    }
+    const content = new Blob([shown.svg], { type: "image/svg+xml" });
+    const name = shown.tree.replace(/[^\p{L}\p{N}_.-]+/gu, "_") || "tree";
     await home.export(`${name}.${format}`, format === "svg" ? content : await rasterize(content));
   } catch (error) {
     message.value = texts.exportRefused(reasonOf(error));
@@ -63,6 +72,14 @@ async function rasterize(svg: Blob): Promise<Blob> {
   } finally {
     URL.revokeObjectURL(image.src);
   }
+}
+
+export function Themes() {
+  return (
+    <select aria-label={texts.theme} value={theme.value} onChange={(event) => { theme.value = event.currentTarget.value as Theme; }}>
+      {THEMES.map((name) => <option key={name} value={name}>{texts.themes[name]}</option>)}
+    </select>
+  );
 }
 
 /** File, commands and settings. */
@@ -91,20 +108,16 @@ export function Toolbar({ home }: { home: Home }) {
         {trees.map(({ id }) => <option key={id} value={id}>{id}</option>)}
       </select>
       <div class="group" role="group" aria-label={texts.export}>
-        <button onClick={() => exportDrawing(home, "svg")} title={texts.exportAs("SVG")}>{texts.exportSvg}</button>
-        <button onClick={() => exportDrawing(home, "png")} title={texts.exportAs("PNG")}>{texts.exportPng}</button>
+        {FORMATS.map((format) => (
+          <button key={format} onClick={() => exportDrawing(home, format)} title={texts.exportAs[format]}>{format.toUpperCase()}</button>
+        ))}
       </div>
       <div class="group" role="group" aria-label={texts.panes}>
         {PANES.filter((name) => home.documents || name !== "text").map((name) => (
           <button key={name} aria-pressed={!hiddenPanes.value.has(name)} onClick={() => togglePane(name)}>{texts.paneNames[name]}</button>
         ))}
       </div>
-      {home.documents && (
-        <select aria-label={texts.theme} value={theme.value}
-          onChange={(event) => { theme.value = event.currentTarget.value as Theme; }}>
-          {THEMES.map((name) => <option key={name} value={name}>{texts.themes[name]}</option>)}
-        </select>
-      )}
+      {home.documents && <Themes />}
     </>
   );
 }

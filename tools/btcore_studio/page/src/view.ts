@@ -1,11 +1,11 @@
 // The picture of the tree as elements: only visible cards exist. No card has listeners of its own.
 
-import { effect, signal } from "@preact/signals";
+import { effect, type ReadonlySignal, type Signal, signal } from "@preact/signals";
 import { liveIndex, statuses } from "./live";
 import { around, type Box, outline, overlaps } from "./picture";
-import type { Drawing, DrawnNode } from "./protocol";
+import type { Change, Drawing, DrawnNode } from "./protocol";
 import { drawing, folded, live, selection, severities } from "./state";
-import { treeTexts } from "./texts";
+import { comparisonTexts, treeTexts } from "./texts";
 import { inOrder, Structure } from "./tree";
 
 const SVG = "http://www.w3.org/2000/svg";
@@ -30,6 +30,20 @@ export function draw(tag: string, attributes: Record<string, string | number>, .
   return element;
 }
 
+/** What a view shows. */
+interface Source {
+  drawing: ReadonlySignal<Drawing | null>;
+  selection: Signal<readonly string[]>;
+  folded: Signal<ReadonlySet<string>>;
+  /** How the nodes differ from those of another version, by key. A view with changes is not edited. */
+  changes?: ReadonlySignal<ReadonlyMap<string, readonly Change[]>>;
+  /** Begins the IDs of elements. */
+  prefix: string;
+}
+
+const PAGE: Source = { drawing, selection, folded, prefix: "node" };
+export const CHANGE_SIGNS: Record<Change, string> = { added: "+", removed: "−", moved: "↔", changed: "≠" };
+
 /** The elements of a card. They are kept in the next drawing if they have the same content. */
 interface Group { element: SVGGElement; content: string }
 
@@ -53,15 +67,15 @@ export class View {
   private refreshing = false;
   private readonly ends: (() => void)[] = [];
 
-  constructor(readonly frame: HTMLElement) {
+  constructor(readonly frame: HTMLElement, private readonly source = PAGE) {
     const later = () => this.refreshSoon();
     frame.addEventListener("scroll", later, { passive: true });
     const observer = new ResizeObserver(later);
     observer.observe(frame);
     this.ends.push(
       () => { frame.removeEventListener("scroll", later); observer.disconnect(); },
-      effect(() => this.show(drawing.value)),
-      effect(() => { void [selection.value, severities.value, live.value]; this.dressAll(); }),
+      effect(() => this.show(source.drawing.value)),
+      effect(() => { void [source.selection.value, source.changes?.value, severities.value, live.value]; this.dressAll(); }),
       effect(() => this.search(query.value)),
     );
   }
@@ -75,7 +89,7 @@ export class View {
   private show(next: Drawing | null): void {
     const before = this.drawing;
     if (next === before) return;
-    const cursor = selection.peek().at(-1) ?? "";
+    const cursor = this.source.selection.peek().at(-1) ?? "";
     const old = this.structure;
     const anchor = old.at(cursor);
     const oldBox = this.boxes[Math.max(0, anchor)];
@@ -85,7 +99,10 @@ export class View {
     const places = isMoving ? this.placesByKey() : null;
     this.drawing = next;
     if (!next) {
-      this.frame.querySelector("svg.picture")?.remove();
+      this.svg?.remove();
+      this.svg = null;
+      this.structure = new Structure([]);
+      this.boxes = [];
       return;
     }
     const structure = new Structure(next.nodes);
@@ -113,7 +130,7 @@ export class View {
 
   /** Keep the selection where the keys have changed, by the nodes' places in the tree. Return the cursor's key. */
   private keep(old: Structure, isOther: boolean): string {
-    const keys = selection.peek();
+    const keys = this.source.selection.peek();
     if (isOther || keys.length === 0 || keys.some((key) => this.structure.at(key) >= 0)) return keys.at(-1) ?? "";
     let index = old.at(keys.at(-1)!);
     if (index < 0) return "";
@@ -126,7 +143,7 @@ export class View {
       at = children[Math.min(position, children.length - 1)]!;
     }
     const key = this.structure.nodes[at]?.key;
-    selection.value = key ? [key] : [];
+    this.source.selection.value = key ? [key] : [];
     return key ?? "";
   }
 
@@ -223,7 +240,7 @@ export class View {
     const { isFar } = this;
     const all = this.cards.length <= MANY / 2;
     const area = this.visible(MARGIN);
-    const cursor = this.structure.at(selection.peek().at(-1) ?? "");
+    const cursor = this.structure.at(this.source.selection.peek().at(-1) ?? "");
     const shown = this.cards.filter((index) => all || index === cursor || overlaps(this.boxes[index]!, area));
     const wanted = new Set(shown);
     for (const [index, { element }] of this.groups) {
@@ -263,7 +280,7 @@ export class View {
   /** Describe a node to screen readers: a flat tree, whose items have levels and positions. */
   private describe(index: number, group: SVGGElement): void {
     const node = this.structure.nodes[index]!;
-    set(group, "id", `node-${index + 1}`);
+    set(group, "id", `${this.source.prefix}-${index + 1}`);
     set(group, "role", "treeitem");
     set(group, "aria-level", String(this.structure.levels[index]));
     set(group, "aria-posinset", String(this.structure.positions[index]));
@@ -276,7 +293,7 @@ export class View {
   /** Give a group the classes of its present state. */
   private dress(index: number, group: SVGGElement): void {
     const node = this.structure.nodes[index]!;
-    const keys = selection.peek();
+    const keys = this.source.selection.peek();
     const isSelected = keys.includes(node.key);
     const classes = ["node"];
     if (isSelected) classes.push("selected");
@@ -288,6 +305,15 @@ export class View {
     const state = live.peek();
     const isLive = Boolean(state?.connection) && liveIndex.peek().size > 0;
     let spoken = severity ? treeTexts.severity[severity] : "";
+    const changes = this.source.changes?.peek().get(node.key) ?? [];
+    classes.push(...changes);
+    if (changes.length) spoken = comparisonTexts.list(changes);
+    const sign = changes.map((change) => CHANGE_SIGNS[change]).join(" ");
+    const badge = group.querySelector(":scope > .change");
+    if (badge?.lastElementChild?.textContent !== sign) {
+      badge?.remove();
+      if (sign) group.append(changeBadge(sign));
+    }
     if (isLive && state) {
       const at = liveIndex.peek().get(node.key);
       const status = at === undefined ? "" : state.statuses[at] ?? "";
@@ -314,14 +340,14 @@ export class View {
     const isLive = Boolean(live.peek()?.connection) && liveIndex.peek().size > 0;
     this.frame.classList.toggle("live", isLive);
     for (const [index, { element }] of this.groups) this.dress(index, element);
-    const cursor = this.structure.at(selection.peek().at(-1) ?? "");
+    const cursor = this.structure.at(this.source.selection.peek().at(-1) ?? "");
     if (cursor >= 0 && !this.groups.has(cursor)) this.refresh();
     this.markActive();
   }
 
   private markActive(): void {
-    const cursor = this.structure.at(selection.peek().at(-1) ?? "");
-    if (cursor >= 0 && this.groups.has(cursor)) this.frame.setAttribute("aria-activedescendant", `node-${cursor + 1}`);
+    const cursor = this.structure.at(this.source.selection.peek().at(-1) ?? "");
+    if (cursor >= 0 && this.groups.has(cursor)) this.frame.setAttribute("aria-activedescendant", `${this.source.prefix}-${cursor + 1}`);
     else this.frame.removeAttribute("aria-activedescendant");
   }
 
@@ -340,6 +366,7 @@ export class View {
   }
 
   private dressButtons(index: number, group: SVGGElement, isSelected: boolean): void {
+    if (this.source.changes) return;
     const node = this.structure.nodes[index]!;
     const card = this.boxes[index]!;
     const isFar = group.dataset.far === "1";
@@ -483,7 +510,7 @@ export class View {
 
   /** Select nodes; the last one is the cursor. */
   select(keys: readonly string[], isRevealing = false): void {
-    selection.value = keys;
+    this.source.selection.value = keys;
     const index = this.structure.at(keys.at(-1) ?? "");
     if (index < 0 || !isRevealing) return;
     this.unfoldAbove(index);
@@ -491,30 +518,30 @@ export class View {
   }
 
   private unfoldAbove(index: number): void {
-    const keys = new Set(folded.peek());
+    const keys = new Set(this.source.folded.peek());
     let isChanged = false;
     for (let above = this.structure.parent(index); above >= 0; above = this.structure.parent(above)) {
       if (this.structure.nodes[above]!.hidden) isChanged = keys.delete(this.structure.nodes[above]!.key) || isChanged;
     }
-    if (isChanged) folded.value = keys;
+    if (isChanged) this.source.folded.value = keys;
   }
 
   toggleFold(index: number): void {
     const node = this.structure.nodes[index];
     if (!node || node.leaf) return;
-    const keys = new Set(folded.peek());
+    const keys = new Set(this.source.folded.peek());
     if (node.hidden) keys.delete(node.key);
     else keys.add(node.key);
-    folded.value = keys;
+    this.source.folded.value = keys;
   }
 
   foldSubtrees(): void {
     const calls = this.structure.nodes.filter((node) => node.calls && node.parent);
-    folded.value = new Set([...folded.peek(), ...calls.map((node) => node.key)]);
+    this.source.folded.value = new Set([...this.source.folded.peek(), ...calls.map((node) => node.key)]);
   }
 
   unfoldAll(): void {
-    folded.value = new Set();
+    this.source.folded.value = new Set();
   }
 }
 
@@ -526,6 +553,13 @@ function set(element: Element, name: string, value: string): void {
 function button(name: string, x: number, y: number, path: string, title: string): SVGElement {
   return draw("g", { class: name, transform: `translate(${x} ${y})` },
     draw("title", {}, title), draw("circle", { class: "pill", r: 8 }), draw("path", { class: "sign", d: path }));
+}
+
+/** Return the sign of a changed node, at the corner of its card. */
+function changeBadge(sign: string): SVGElement {
+  const width = 8 + 11 * sign.length;
+  return draw("g", { class: "change" },
+    draw("rect", { x: -9, y: -9, width, height: 19, rx: 9.5 }), draw("text", { x: width / 2 - 9, y: 5 }, sign));
 }
 
 /** The pattern of disabled nodes, and their cards' second fill. */
