@@ -147,7 +147,7 @@ def draw_diagram(
     Args:
         format: The format of the tree, 3 or 4.
         card_of: Returns the card of a node.
-        is_page: Whether the page has `drawing_style()`, and writes the numbers of the nodes.
+        is_page: Whether the page has `drawing_style()`, and the cards need no numbers.
     """
     nodes: list[DiagramNode] = []
     cards: list[Card] = []
@@ -192,8 +192,9 @@ def draw_diagram(
     ]
     drawn: list[DrawnCard] = []
     for node, card, at, line in zip(nodes, cards, layout.places, layout.edges, strict=True):
-        number = card.number("" if is_page else str(node.uid))
-        svg = f"{card.drawing}{number}{_hidden_badge(node.hidden, card) if node.hidden else ''}"
+        svg = card.drawing if is_page else card.drawing + card.number(str(node.uid))
+        if node.hidden:
+            svg += _hidden_badge(node.hidden, card)
         x, y = round(at.x, 1), round(at.y - card.height / 2, 1)
         edge = _edge(line, x, y) if line else ""
         drawn.append(DrawnCard(node.uid, x, y, card.width, card.height, svg, edge))

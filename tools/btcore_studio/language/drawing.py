@@ -277,7 +277,9 @@ def _card_of(node: DiagramNode) -> Card:
     digits, cards = len(str(node.uid)), node.look.cards
     card = cards.get(digits)
     if card is None:
-        card = cards[digits] = card_of(replace(node, about=""))
+        card = card_of(replace(node, about=""))
+        # The page writes the number.
+        card = cards[digits] = card._replace(drawing=card.drawing + card.number(""))
     return card
 
 
