@@ -39,16 +39,32 @@ export interface DrawingParams extends Document {
   folded: string[];
   /** The key of the running SubTree node whose tree this is. The keys of the drawn nodes are then those of the nodes below it. */
   call: string;
-  /** Whether the drawing contains its style sheet and the descriptions of the nodes, so that it can be saved. */
+  /** The number of the drawing that the page has: its nodes that have only moved are not sent again. */
+  since?: number;
+  /** Whether the SVG is the whole drawing, with its style sheet and the descriptions of the nodes, so that it can be saved. */
   styled?: boolean;
 }
+
+/** A node of the earlier drawing: its index, its index there, and what may have changed. A null edge is the same. */
+export type MovedNode = [
+  index: number, before: number, parent: number, line: number, character: number, endLine: number, endCharacter: number,
+  x: number, y: number, edge: string | null,
+];
 
 export interface Drawing {
   tree: string;
   format: 3 | 4;
-  /** Groups of nodes have the attribute `data-uid`: 1 + the index in *nodes*. */
+  number: number;
+  /** The SVG without cards and edges, or with `styled` the whole. */
   svg: string;
+  /** Where the coordinates of the cards begin in the SVG. */
+  left: number;
+  top: number;
+  width: number;
+  height: number;
   nodes: DrawnNode[];
+  /** The nodes that are not in *nodes*; `complete` in picture.ts adds them. */
+  moved: MovedNode[];
   /** The description of each node type in *nodes* by its ID. */
   about: Record<string, string>;
   trees: TreeSummary[];
@@ -78,6 +94,15 @@ export interface DrawnNode {
   disabled: boolean;
   /** How many children the node may have: [minimum, maximum]; null is no limit. */
   children: [number, number | null];
+  /** The card, in units of the drawing. */
+  x: number;
+  y: number;
+  width: number;
+  height: number;
+  /** The SVG of the card without its number; "" below a folded node. */
+  card: string;
+  /** The path from the parent, relative to (x, y); "" for the root. */
+  edge: string;
 }
 
 export interface TreeSummary { id: string; place: Place; callers: string[]; isMain: boolean }
