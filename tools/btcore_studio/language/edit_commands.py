@@ -749,7 +749,7 @@ class _Operation:
     def problems(self, command: AnyCommand) -> list[Problem]:
         """Return the problems that the edits of the operation add.
 
-        A new node may lack children and ports. The text of an attribute keeps the problems that it has.
+        A new node is to be completed, in its form. The text of an attribute keeps the problems that it has.
         """
         attribute = command.name if isinstance(command, SetAttribute) else ""
         problems: dict[str, Problem] = {}
@@ -761,13 +761,18 @@ class _Operation:
             found = _found_in(after, is_large)
             new = draft.new(found, partial(_found_in, draft.reading, is_large))
             if isinstance(command, Add):
-                shown = [item for item in new if item.code not in _UNFINISHED or not draft.marks(item)]
+                shown = [item for item in new if not (_is_of_form(item) and draft.marks(item))]
             else:
                 kept = [item for item in found if attribute in item.attributes and draft.marks(item)]
                 shown = [*kept, *new]
             reports = [report_of(item) for item in shown[:_MAX_WARNINGS]]
             problems |= {report.message: report.problem() for report in reports}
         return sorted(problems.values(), key=lambda problem: problem.severity)
+
+
+def _is_of_form(item: Diagnostic) -> bool:
+    """Return whether a diagnostic is about attributes or missing children."""
+    return bool(item.attributes) or item.code in _UNFINISHED
 
 
 def _found_in(reading: TreeReading, is_large: bool) -> list[Diagnostic]:

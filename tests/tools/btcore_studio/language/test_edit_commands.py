@@ -535,7 +535,12 @@ def test_copied_nodes_bring_their_trees_and_models(page: Callable[..., Page]) ->
         (
             "<Sequence/>",
             lambda shown: protocol.Add(shown.place("<Sequence"), 0, "Sleep"),
-            [(2, "the port 'msec' of <Sleep> reads {msec}, which is never written", ("msec",), (0, 0))],
+            [],
+        ),
+        (
+            "<ReactiveSequence><Sleep msec='1'/></ReactiveSequence>",
+            lambda shown: protocol.Add(shown.place("<Reactive"), 1, "Sleep"),
+            [(2, "<Sleep> is a second asynchronous child of <ReactiveSequence>", (), (0, 0))],
         ),
         (
             "<Sequence><Script code='a:=&lt;1'/><Script code='a:=&lt;1'/></Sequence>",

@@ -385,7 +385,7 @@ def test_what_is_not_possible_says_why(edit: Callable[[str], Editor]) -> None:
     editor = edit(TREE)
     editor.select("set")
     editor.press("u")
-    assert editor.message == "The node has no children."
+    assert editor.message == "The node has no children. Delete it instead."
     editor.select("round")
     editor.press("Control+d")
     assert editor.message.startswith("A tree has exactly one root node.")

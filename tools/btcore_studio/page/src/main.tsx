@@ -14,7 +14,7 @@ import { Blackboard, LiveControls } from "./live";
 import { Palette } from "./palette";
 import { checked, followProblems, Problems } from "./problems";
 import type {
-  Command, Diagnostic, DiskConflict, Drawing, EditResult, Live, Palette as PaletteData, Place, SharedFile, WorkspaceEdit,
+  Command, Diagnostic, DiskConflict, Drawing, EditResult, Live, Palette as PaletteData, Place, Preview, SharedFile, WorkspaceEdit,
 } from "./protocol";
 import {
   actions, diagnostics, drawing, files, folded, isSamePlace, live, message, palette, reasonOf, selection, showError, start, tree, uri,
@@ -144,6 +144,12 @@ function edit(command: Command): Promise<EditResult | null> {
   });
 }
 
+async function preview(command: Command): Promise<Preview> {
+  const [moved, versions] = [present(command, sinceDrawing), drawing.value?.versions];
+  if (!moved) throw new Error(texts.gone);
+  return actions.request<Preview>("btcore/preview", { command: moved, ...(versions && { versions }) });
+}
+
 const apply = (change: WorkspaceEdit) => void inOrder(async () => {
   try {
     await home.apply(change, home.mark());
@@ -189,6 +195,7 @@ async function save(): Promise<void> {
 Object.assign(actions, {
   request: (method, params) => home.connection.request(method, params),
   edit,
+  preview,
   apply,
   undo: () => move(() => home.undo(), texts.nothingToUndo),
   redo: () => move(() => home.redo(), texts.nothingToRedo),

@@ -1,7 +1,9 @@
 // The context menu, and the list of keys.
 
+import { useSignal } from "@preact/signals";
 import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { type Operation, operations } from "./operations";
+import { levelOf, usePreview, warningOf } from "./preview";
 import { help, menu } from "./quick_state";
 import { treeTexts } from "./texts";
 import { focusPicture } from "./view";
@@ -26,6 +28,12 @@ function OpenMenu({ x, y }: { x: number; y: number }) {
     menu.value = null;
     focusPicture();
   };
+  const [outlook, look] = usePreview();
+  const looked = useSignal("");
+  const consider = ({ id, refusal, command }: Operation) => {
+    looked.value = id;
+    look(command && !refusal() ? command : null);
+  };
   const choose = (operation: Operation) => {
     if (operation.refusal()) return;
     close();
@@ -46,24 +54,30 @@ function OpenMenu({ x, y }: { x: number; y: number }) {
     event.stopPropagation();
   };
   const groups = Map.groupBy(operations, (operation) => operation.group);
+  const warning = warningOf(outlook);
   return (
-    <div class="popup menu" role="menu" aria-label={treeTexts.menu} ref={list} onKeyDown={key} onContextMenu={(event) => event.preventDefault()}>
-      {[...groups].map(([group, items]) => (
-        <div key={group} role="group" aria-label={treeTexts.groups[group]}>
-          {items.map((operation) => {
-            const reason = operation.refusal();
-            return (
-              <button
-                key={operation.id} role="menuitem" tabIndex={-1} aria-disabled={reason !== ""} title={reason} onClick={() => choose(operation)}
-              >
-                <span>{operation.label()}</span><kbd>{operation.keys}</kbd>
-                {reason && <small>{reason}</small>}
-              </button>
-            );
-          })}
-        </div>
-      ))}
-    </div>
+    <>
+      <div class="popup menu" role="menu" aria-label={treeTexts.menu} ref={list} onKeyDown={key} onContextMenu={(event) => event.preventDefault()}>
+        {[...groups].map(([group, items]) => (
+          <div key={group} role="group" aria-label={treeTexts.groups[group]}>
+            {items.map((operation) => {
+              const reason = operation.refusal();
+              return (
+                <button
+                  key={operation.id} role="menuitem" tabIndex={-1} aria-disabled={reason !== ""} title={reason} onClick={() => choose(operation)}
+                  onFocus={() => consider(operation)} onPointerEnter={() => consider(operation)}
+                >
+                  <span>{operation.label()}</span><kbd>{operation.keys}</kbd>
+                  {reason && <small>{reason}</small>}
+                  {warning && looked.value === operation.id && <small class={`outlook ${levelOf(outlook)}`}>⚠ {warning}</small>}
+                </button>
+              );
+            })}
+          </div>
+        ))}
+      </div>
+      <p class="unseen" role="status">{warning}</p>
+    </>
   );
 }
 

@@ -4,8 +4,9 @@ import { useSignal } from "@preact/signals";
 import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { search } from "./fuzzy";
 import { lastUsed, noteUse } from "./last_used";
-import { addAtCursor, changeType, inTurn, type Where, wheres, wrapChosen } from "./operations";
+import { commandOf, edit, inTurn, applyType, type Where, wheres } from "./operations";
 import { Highlighted, Symbol } from "./palette";
+import { usePreview, Warning } from "./preview";
 import type { NodeForm, PaletteItem } from "./protocol";
 import { prompt, quick } from "./quick_state";
 import { actions, palette, selectedNode } from "./state";
@@ -74,9 +75,10 @@ function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
     noteUse(item.id);
     const wanted = where.value && places.includes(where.value) ? where.value : null;
     close();
-    if (mode === "insert") addAtCursor(item.id, item.kind, wanted);
-    else inTurn(() => mode === "wrap" ? wrapChosen(item.id) : changeType(item.id));
+    applyType(mode, item, wanted);
   };
+  const [outlook, look] = usePreview();
+  useEffect(() => look(chosenItem ? () => commandOf(mode, chosenItem, place) : null), [chosenItem, place]);
   const key = (event: KeyboardEvent) => {
     const step = { ArrowDown: 1, ArrowUp: -1, PageDown: 8, PageUp: -8 }[event.key];
     const chosenPlace = event.altKey
@@ -113,6 +115,7 @@ function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
         ))}
         {!matches.length && <li class="none">{treeTexts.noneFound}</li>}
       </ul>
+      <Warning outlook={outlook} />
       {chosenItem?.about && <p class="about">{firstSentence(chosenItem.about)}</p>}
       {places.length > 1 && (
         <div class="wheres" role="radiogroup" aria-label={treeTexts.where}>
@@ -132,14 +135,16 @@ const firstSentence = (text: string) => /^[^]*?[.!?](?=\s|$)/.exec(text)?.[0] ??
 
 function Prompt() {
   const { ref } = usePlace();
-  const { label, value, accept } = prompt.value!;
+  const { label, value, command } = prompt.value!;
+  const [outlook, look] = usePreview();
   // Keys that follow at once are for the field.
   useLayoutEffect(() => { ref.current?.querySelector("input")?.select(); }, []);
   const key = (event: KeyboardEvent) => {
     if (event.key === "Enter") {
       const text = (event.target as HTMLInputElement).value.trim();
       close();
-      if (text !== value) inTurn(() => accept(text));
+      const wanted = text === value ? null : command(text);
+      if (wanted) inTurn(() => edit(wanted));
     } else if (event.key === "Escape") close();
     else return;
     event.preventDefault();
@@ -147,7 +152,11 @@ function Prompt() {
   };
   return (
     <div class="popup prompt" ref={ref} role="dialog" aria-label={label}>
-      <label>{label}<input defaultValue={value} spellcheck={false} onKeyDown={key} onBlur={() => { prompt.value = null; }} /></label>
+      <label>{label}<input
+        defaultValue={value} spellcheck={false} onKeyDown={key} onBlur={() => { prompt.value = null; }}
+        onInput={(event) => { const text = event.currentTarget.value.trim(); look(text === value ? null : () => command(text)); }}
+      /></label>
+      <Warning outlook={outlook} />
     </div>
   );
 }

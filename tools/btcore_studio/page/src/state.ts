@@ -2,7 +2,7 @@
 
 import { computed, signal } from "@preact/signals";
 import type {
-  Command, Diagnostic, Drawing, DrawnNode, EditResult, Live, Palette, Place, Position, SharedFile, Start, WorkspaceEdit,
+  Command, Diagnostic, Drawing, DrawnNode, EditResult, Live, Palette, Place, Position, Preview, SharedFile, Start, WorkspaceEdit,
 } from "./protocol";
 
 export const start = signal<Start | null>(null);
@@ -87,6 +87,8 @@ interface Actions {
   request<T>(method: string, params: unknown): Promise<T>;
   /** Compute an operation, apply its edit as one step of undo, and select its nodes. Shows a refusal itself. */
   edit(command: Command): Promise<EditResult | null>;
+  /** Return the problems that an operation would add. Rejects with the reason if it cannot be applied. */
+  preview(command: Command): Promise<Preview>;
   /** Apply a change of several files as one step of undo. Shows a refusal itself. */
   apply(edit: WorkspaceEdit): void;
   undo(): Promise<void>;

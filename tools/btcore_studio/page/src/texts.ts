@@ -9,7 +9,7 @@ const count = (number: number, noun: string) => `${number} ${noun}${number === 1
 export const texts = {
   title: "btcore studio",
   lost: "The studio's process does not answer. Start btcore studio again; your edits stay on this page.",
-  readOnly: "The studio was started with --read-only: the files cannot be changed.",
+  readOnly: "The studio was started with --read-only: the files cannot be changed. Start it without this option to edit.",
   save: "Save",
   saved: (name: string) => `Saved ${name}.`,
   nothingToSave: "Nothing to save.",
@@ -61,6 +61,8 @@ export const texts = {
   gone: "This node is not in the text any more.",
   fixes: "Fixes of this line",
   noFixes: "There is no fix for this line.",
+  wouldAdd: (isError: boolean, problem: string, more: number) =>
+    `Adds ${isError ? "an error" : "a warning"}: ${problem}${more ? ` (and ${more} more)` : ""}`,
   moreProblems: (number: number) => `${count(number, "further problem")} not shown`,
   broken: (reason: string) => `The file has an error. The picture shows the part before it. ${reason}`,
   stale: (reason: string) => `The picture shows the last text that could be drawn. ${reason}`,
@@ -136,23 +138,31 @@ export const treeTexts = {
   },
   groups: { edit: "Edit", clipboard: "Clipboard", move: "Move", tree: "Trees", view: "View", page: "Page", select: "Select" },
   refusal: {
-    readOnly: "The studio was started with --read-only.",
+    readOnly: "The studio was started with --read-only. Start it without this option to edit.",
     noSelection: "Select a node first.",
     several: "Select a single node.",
-    notConsecutive: "The selected nodes are not a row of siblings.",
+    notConsecutive: "The selected nodes are not a row of siblings. Move them beside each other first.",
     oneRoot: "A tree has exactly one root node. Wrap the root into a control node first.",
     root: "The root stays where it is. Wrap it, or change its children.",
-    full: ({ name, id, children }: DrawnNode) =>
-      `${name === id ? id : `${name} (${id})`} can have ${["no children", "only one child"][children[1] ?? 0] ?? `at most ${children[1]} children`}.`,
+    full: ({ name, id, calls, children: [, most] }: DrawnNode) => {
+      const label = name === id ? id : `${name} (${id})`;
+      if (calls) return `${label} calls a tree. Open the tree, and add the node there.`;
+      if (!most) return `${label} can have no children. Put the node beside it, or wrap it into a Sequence first.`;
+      return most === 1 ? `${label} can have only one child. Wrap the child into a Sequence first, and add the node there.`
+        : `${label} can have at most ${most} children. Wrap some of them into a Sequence first.`;
+    },
+    itself: "A node cannot be moved into itself.",
+    noTarget: "Drop it between two children, or onto their parent.",
     format3: "Format 3 has no _skipIf, with which a node is disabled. Convert the file to format 4 first.",
     callUnwrap: "The nodes below are those of another tree. Replace the call by the tree's nodes instead.",
+    leafUnwrap: "The node has no children. Delete it instead.",
     noChildren: "The node has no children.",
-    noCall: "The node calls no tree.",
+    noCall: "The node calls no tree. Select a SubTree node.",
     noPlace: "There is no place for another node here. Select its parent, or wrap a node.",
     first: "The node is the first child.",
     last: "The node is the last child.",
-    top: "The parent is the root of the tree.",
-    noParent: "No sibling beside can have another child.",
+    top: "The parent is the root of the tree. Wrap the root into a control node first.",
+    noParent: "No sibling beside can have another child. Wrap one of them into a Sequence first.",
     notLive: "Running trees cannot be watched here.",
   },
   copied: (number: number) => `Copied ${count(number, "node")} as XML.`,
@@ -163,7 +173,6 @@ export const treeTexts = {
 
   // dragging
   dragged: (nodes: readonly DrawnNode[]) => nodes.length === 1 ? nodes[0]!.name : count(nodes.length, "node"),
-  noTarget: "not here",
   target: (target: Target, structure: Structure) => {
     const name = (index: number) => structure.nodes[index]?.name ?? "";
     if (target.kind === "root") return "as the root";
