@@ -172,10 +172,10 @@ def test_changes_are_announced_and_the_focus_stays_on_the_page(
     assert press(page) == "Tree MainTree"
     page.locator("button[aria-label='Change the tree MainTree']").focus()
     for last in ("Escape", "Enter"):
+        assert press(page, "Enter") == "Rename"
         press(page, "Enter")
         page.locator("dialog input").wait_for()
         page.keyboard.type("Other")
-        assert press(page, last) != "body"
-        page.wait_for_timeout(300)
+        assert press(page, last) == "Change the tree MainTree"
     hears(page, "Tree Other")
-    assert press(page) == "Change the tree Other"
+    assert press(page).startswith("Other")
