@@ -33,7 +33,8 @@ class RobotState(NamedTuple):
     Attributes:
         connection: "waiting", "connected", "lost" or "ended".
         detail: A sentence about the connection.
-        nodes: The nodes of the tree, each after its parent.
+        nodes: The nodes of the tree in pre-order.
+        trees: The ID of the called tree by the uid of each SubTree node.
         statuses: The number of the status of each node by its uid.
         results: The number of the last status of each node other than idle and running, by its uid.
         entries: The entries of the blackboards as (path of the subtree, key, value as text).
@@ -45,6 +46,7 @@ class RobotState(NamedTuple):
     connection: str = "waiting"
     detail: str = ""
     nodes: "tuple[ObservedNode, ...]" = ()
+    trees: Mapping[int, str] = {}
     statuses: Mapping[int, int] = {}
     results: Mapping[int, int] = {}
     entries: tuple[tuple[str, str, str], ...] = ()
@@ -170,7 +172,8 @@ class RobotConnection:
         self._leave_robot()
         self._results = {}
         connection, detail = self._state.connection, self._state.detail
-        self._state = RobotState(connection, detail, tree.nodes)
+        calls = {node.uid: tree.subtrees.get(node.path, "") for node in tree.nodes if node.type == "subtree"}
+        self._state = RobotState(connection, detail, tree.nodes, calls)
 
     # --- breakpoints
 

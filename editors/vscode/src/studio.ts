@@ -41,6 +41,7 @@ interface Live {
   address: string;
   wanted: string[];
   keys?: string[];
+  calls?: unknown[];
 }
 
 interface Drawing {
@@ -451,7 +452,7 @@ export class Studios implements vscode.CustomTextEditorProvider {
 
   private receive({ method, params }: ServerMessage): void {
     if (method === "textDocument/publishDiagnostics") this.diagnostics.set((params as { uri: string }).uri, params);
-    else if (method === "btcore/live") this.live = { keys: this.live?.keys, ...(params as Live) };
+    else if (method === "btcore/live") this.live = { keys: this.live?.keys, calls: this.live?.calls, ...(params as Live) };
     this.notify(method, params);
   }
 

@@ -47,7 +47,7 @@ def draw_document(project: Project, source: SourceDocument, params: DrawingParam
     if root is None:
         return Drawing(id, format, "", [], {}, tree_summaries(reading), reading.broken)
     nodes = diagram_nodes(root)
-    keys = diagram_keys(nodes)
+    keys = diagram_keys(nodes, params.call)
     children = {node.uid: [child.uid for child in node.children] for node, _ in nodes}
     hidden = fold(children, (), MAX_CARDS, {uid for uid, key in keys.items() if key in params.folded})
     rows = [_row(reading, node, parent, keys[node.uid], hidden.get(node.uid, 0)) for node, parent in nodes]

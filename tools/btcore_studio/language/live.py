@@ -18,7 +18,7 @@ from typing import Any, Final, Protocol
 from btcore import entry_points
 from btcore.errors import BtcoreError
 from btcore.extras import install_command
-from btcore_studio.language.node_keys import KeyedNode, node_keys
+from btcore_studio.language.node_keys import KeyedNode, RunningCall, node_keys, running_calls
 
 GROUP: Final = "btcore.live"
 _POLL_S: Final = 0.1
@@ -66,7 +66,11 @@ class LiveState(Protocol):
 
     @property
     def nodes(self) -> Sequence[LiveNode]:
-        """The nodes of the tree, each after its parent; another object if the tree is another."""
+        """The nodes of the tree in pre-order; another object if the tree is another."""
+
+    @property
+    def trees(self) -> Mapping[int, str]:
+        """The ID of the called tree by the uid of each SubTree node."""
 
     @property
     def statuses(self) -> Mapping[int, int]:
@@ -254,6 +258,7 @@ class _FollowedTree:
             self._before.wait()
             self._before = None
         keys: dict[int, str] = {}
+        calls: list[RunningCall] = []
         state: LiveState | None = None
         # What was published, set and released.
         shown: tuple[LiveState | None, frozenset[str]] = (None, frozenset())
@@ -264,10 +269,12 @@ class _FollowedTree:
                 before, state = state, self._connection.poll(_POLL_S)
                 wanted, has_other_nodes = self._wanted, before is None or state.nodes is not before.nodes
                 if has_other_nodes:
-                    keys = node_keys(
+                    nodes = [
                         KeyedNode(node.uid, node.parent, node.id, node.name, node.type == "subtree")
                         for node in state.nodes
-                    )
+                    ]
+                    keys = node_keys(nodes)
+                    calls = running_calls(nodes, keys, state.trees)
                     has_set = frozenset()
                 if keys and wanted != has_set:
                     self._connection.set_breakpoints([uid for uid, key in keys.items() if key in wanted])
@@ -277,9 +284,9 @@ class _FollowedTree:
                     self._connection.release()
                 if state is not shown[0] or wanted != shown[1]:
                     shown = state, wanted
-                    self._publish(state, keys, wanted, has_other_nodes)
+                    self._publish(state, keys, wanted, calls if has_other_nodes else None)
         except BtcoreError as error:
-            self._publish(state, keys, self._wanted, True, str(error))
+            self._publish(state, keys, self._wanted, calls, str(error))
         finally:
             self._connection.close()
 
@@ -288,11 +295,12 @@ class _FollowedTree:
         state: LiveState | None,
         keys: dict[int, str],
         wanted: frozenset[str],
-        with_keys: bool,
+        calls: list[RunningCall] | None,
         failure: str = "",
     ) -> None:
         data = _live_data(self._address, state, keys, wanted, failure)
-        if with_keys:
+        if calls is not None:
+            data["calls"] = [call._asdict() for call in calls]
             data["keys"] = [keys.get(node.uid, "") for node in state.nodes] if state is not None else []
 
         def notify() -> None:
@@ -306,7 +314,7 @@ class _FollowedTree:
 def _live_data(
     address: str, state: LiveState | None, keys: Mapping[int, str], wanted: Collection[str], failure: str
 ) -> dict[str, Any]:
-    """Return the parameters of `btcore/live`, except the keys."""
+    """Return the parameters of `btcore/live`, except the keys and the calls."""
     data: dict[str, Any] = {
         "address": address,
         "connection": "waiting" if address else "",

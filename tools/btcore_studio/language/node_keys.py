@@ -1,7 +1,7 @@
 """Keys that identify nodes of a drawing and of a running tree, also after the tree was edited."""
 
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from hashlib import blake2b
 from typing import NamedTuple
 
@@ -27,7 +27,7 @@ class KeyedNode(NamedTuple):
     is_subtree: bool = False
 
 
-def node_keys(nodes: Iterable[KeyedNode]) -> dict[int, str]:
+def node_keys(nodes: Iterable[KeyedNode], call: str = "") -> dict[int, str]:
     """Return the key of each node by its number.
 
     A key consists of the IDs and names from the root to the node. Equal siblings are counted. The same node
@@ -35,6 +35,7 @@ def node_keys(nodes: Iterable[KeyedNode]) -> dict[int, str]:
 
     Args:
         nodes: The nodes, each after its parent.
+        call: The key of the SubTree node that calls the tree of these nodes; "" for a main tree.
 
     Examples:
         >>> from btcore_studio.language.node_keys import KeyedNode, node_keys
@@ -46,7 +47,7 @@ def node_keys(nodes: Iterable[KeyedNode]) -> dict[int, str]:
     seen: Counter[str] = Counter()
     for node in nodes:
         label = "SubTree" if node.is_subtree else f"{node.id}\0{node.name or node.id}"
-        text = f"{keys.get(node.parent, '')}\0{label}"
+        text = f"{keys.get(node.parent, call)}\0{label}"
         seen[text] += 1
         keys[node.uid] = blake2b(f"{text}\0{seen[text]}".encode(), digest_size=8).hexdigest()
     return keys
@@ -63,9 +64,55 @@ def diagram_nodes(root: DiagramNode) -> list[tuple[DiagramNode, int]]:
     return nodes
 
 
-def diagram_keys(nodes: Iterable[tuple[DiagramNode, int]]) -> dict[int, str]:
-    """Return the key of each node in the result of `diagram_nodes`, by its number."""
-    return node_keys(
+def diagram_keys(nodes: Iterable[tuple[DiagramNode, int]], call: str = "") -> dict[int, str]:
+    """Return the key of each node in the result of `diagram_nodes`, by its number.
+
+    Args:
+        nodes: The nodes.
+        call: As in `node_keys`.
+    """
+    return node_keys(keyed_nodes(nodes), call)
+
+
+def keyed_nodes(nodes: Iterable[tuple[DiagramNode, int]]) -> list[KeyedNode]:
+    """Return what the keys of drawn nodes depend on."""
+    return [
         KeyedNode(node.uid, parent, node.id, node.name, node.type is NodeType.SUBTREE)
         for node, parent in nodes
-    )
+    ]
+
+
+class RunningCall(NamedTuple):
+    """A SubTree node of a running tree: its key, the called *tree*, and the number of nodes below (*size*).
+
+    The *path* consists of the names of the calls from the root to this call.
+    """
+
+    key: str
+    tree: str
+    path: str
+    size: int
+
+
+def running_calls(
+    nodes: Sequence[KeyedNode], keys: Mapping[int, str], trees: Mapping[int, str]
+) -> list[RunningCall]:
+    """Return the calls in a running tree.
+
+    Args:
+        nodes: The nodes in pre-order.
+        keys: The key of each node by its number.
+        trees: The ID of the called tree by the number of each SubTree node.
+    """
+    sizes: Counter[int] = Counter()
+    for node in reversed(nodes):
+        sizes[node.parent] += 1 + sizes[node.uid]
+    paths: dict[int, str] = {}
+    calls: list[RunningCall] = []
+    for node in nodes:
+        path = paths.get(node.parent, "")
+        if node.uid in trees:
+            path = f"{path} / {node.name}" if path else node.name
+            calls.append(RunningCall(keys[node.uid], trees[node.uid], path, sizes[node.uid]))
+        paths[node.uid] = path
+    return calls

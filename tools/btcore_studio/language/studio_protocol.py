@@ -71,12 +71,14 @@ class DrawingParams(DocumentParams, frozen=True):
     Attributes:
         tree: The ID of the tree; None for the main tree, or the first.
         folded: The keys of the nodes whose children are hidden.
+        call: The key of the running SubTree node whose tree this is; "" for a main tree.
         styled: Whether the drawing contains its style sheet and the descriptions of the nodes, so that it can
             be saved.
     """
 
     tree: str | None = None
     folded: frozenset[str] = frozenset()
+    call: str = ""
     styled: bool = False
 
 
@@ -363,9 +365,14 @@ AnyCommand = (
 
 
 class EditParams(Data, frozen=True):
-    """The operation to compute."""
+    """The operation to compute.
+
+    Attributes:
+        drawing: What to draw after the edit, so that the client need not request it.
+    """
 
     command: AnyCommand
+    drawing: DrawingParams | None = None
 
 
 class EditResult(Data, frozen=True):
@@ -374,11 +381,14 @@ class EditResult(Data, frozen=True):
     Attributes:
         select: The elements to select, in the text after the edit.
         notes: New warnings, and what a pasted text lacks.
+        drawing: The drawing after the edit; None if it was not requested, or if the edit changes no document
+            or others than the drawn document.
     """
 
     edit: WorkspaceEdit
     select: list[Place]
     notes: list[str]
+    drawing: Drawing | None = None
 
 
 # --- btcore/preview

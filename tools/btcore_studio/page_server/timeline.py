@@ -16,7 +16,7 @@ from btcore.errors import BtcoreError
 from btcore.status import FAILURE, Status
 from btcore.xml.plan.plan import Plans
 from btcore_drawing.diagram import diagram_of_document
-from btcore_studio.language.node_keys import diagram_keys, diagram_nodes
+from btcore_studio.language.node_keys import diagram_nodes, keyed_nodes, node_keys, running_calls
 
 _GROUP: Final = "btcore.recordings"
 _MAX_WAIT: Final = 0.4
@@ -115,10 +115,14 @@ class RecordedRun:
     def __init__(self, timeline: Timeline) -> None:
         self._timeline = timeline
         self._lock = threading.Lock()
-        self._keys = list(diagram_keys(diagram_nodes(diagram_of_document(timeline.plans))).values())
+        drawn = diagram_nodes(diagram_of_document(timeline.plans))
+        nodes = keyed_nodes(drawn)
+        keys = node_keys(nodes)
+        self._keys = list(keys.values())
+        self._calls = running_calls(nodes, keys, {node.uid: node.tree for node, _ in drawn if node.tree})
 
     def summary(self) -> dict[str, Any]:
-        """Return what does not depend on the moment: the keys of the nodes, and the results over time."""
+        """Return what does not depend on the moment: the nodes, the calls, and the results over time."""
         roots = self._timeline.roots
         width = max(1, -(-len(roots) // _MAX_COLOURS))
         parts = (roots[start : start + width] for start in range(0, len(roots), width))
@@ -126,6 +130,7 @@ class RecordedRun:
         ticks = [position for position, status in enumerate(roots, 1) if status]
         return {
             "keys": self._keys,
+            "calls": [call._asdict() for call in self._calls],
             "count": len(roots),
             "start": ticks[-1] if ticks else 0,
             "width": width,

@@ -21,14 +21,23 @@ class Node(NamedTuple):
     type: str
 
 
-NODES = (Node(1, 0, "Sequence", "round", "control"), Node(4, 1, "Open", "door", "action"))
-KEYS = node_keys(KeyedNode(node.uid, node.parent, node.id, node.name) for node in NODES)
+NODES = (
+    Node(1, 0, "Sequence", "round", "control"),
+    Node(4, 1, "Open", "door", "action"),
+    Node(5, 1, "SubTree", "visit", "subtree"),
+    Node(6, 5, "SubTree", "look", "subtree"),
+    Node(7, 6, "Look", "Look", "action"),
+)
+KEYS = node_keys(
+    KeyedNode(node.uid, node.parent, node.id, node.name, node.type == "subtree") for node in NODES
+)
 
 
 class State(NamedTuple):
     connection: str = "connected"
     detail: str = ""
     nodes: Sequence[Node] = NODES
+    trees: Mapping[int, str] = {5: "Visit", 6: "Room"}
     statuses: Mapping[int, int] = {1: 1, 4: 1}
     results: Mapping[int, int] = {}
     entries: Sequence[tuple[str, str, str]] = (("", "key", "1"),)
@@ -100,8 +109,11 @@ def test_states_and_breakpoints_have_the_keys_of_the_drawing() -> None:
         assert (page.data["address"], page.data["connection"]) == ("somewhere", "waiting")
         await page.until(lambda data: data["stopped"])
         assert page.data["stopped"] == KEYS[4]
-        assert page.data["keys"] == [KEYS[1], KEYS[4]]
-        assert (page.data["statuses"], page.data["results"]) == ("11", "00")
+        assert page.data["keys"] == list(KEYS.values())
+        calls = [("Visit", "visit", 2), ("Room", "visit / look", 1)]
+        assert [(call["tree"], call["path"], call["size"]) for call in page.data["calls"]] == calls
+        assert [call["key"] for call in page.data["calls"]] == [KEYS[5], KEYS[6]]
+        assert (page.data["statuses"], page.data["results"]) == ("11000", "00000")
         assert page.data["entries"] == [("", "key", "1")]
         assert page.data["breakpoints"] == [KEYS[4]]
         assert page.data["wanted"] == sorted([KEYS[4], "of another tree"])

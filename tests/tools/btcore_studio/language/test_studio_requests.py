@@ -137,7 +137,7 @@ def test_an_edit_and_a_copy_are_json_data(client: Client) -> None:
     result = client.result("btcore/edit", {"command": {"kind": "change_type", "node": SLEEP, "id": "Script"}})
     [edit] = result["edit"]["changes"][URI]
     assert edit["newText"].startswith("Script")
-    assert (result["select"], result["notes"]) == ([SLEEP], [])
+    assert (result["select"], result["notes"], result["drawing"]) == ([SLEEP], [], None)
     command = {"kind": "set", "node": SLEEP, "name": "msec", "text": "fast"}
     [problem] = client.result("btcore/preview", {"command": command})["problems"]
     assert problem | {"message": ""} == {

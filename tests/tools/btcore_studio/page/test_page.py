@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from tests.tools.btcore_studio.page.conftest import FIRST_CHECK_MS, Studio
+from tests.tools.btcore_studio.page.conftest import FIRST_CHECK_MS, Studio, accessibility_violations
 
 StartStudio = Callable[..., Studio]
 OpenPage = Callable[..., Any]
@@ -322,16 +322,8 @@ def test_edits_without_a_connection_arrive_later(
 def test_page_is_accessible(
     context: dict[str, Any], folder: Path, start_studio: StartStudio, open_page: OpenPage
 ) -> None:
-    axe = Path(__file__).parents[4] / "tools/btcore_studio/page/node_modules/axe-core/axe.min.js"
-    if not axe.exists():
-        pytest.skip("axe-core is not installed: make page")
     page = open_page(start_studio(folder, "tree.xml"), **context)
     page.locator(".problems li button").first.wait_for(timeout=FIRST_CHECK_MS)
     page.locator("main g.error").wait_for()
-    page.evaluate(axe.read_text(encoding="utf-8"))
-    # The label of a node is its name; its attributes are no part of the label.
-    options = {"rules": {"label-content-name-mismatch": {"enabled": False}}}
-    violations = page.evaluate("(options) => axe.run(options).then((result) => result.violations)", options)
-    found = [(item["id"], [place["html"] for place in item["nodes"]]) for item in violations]
-    assert found == []
+    assert accessibility_violations(page) == []
     assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")

@@ -114,6 +114,11 @@ def test_the_keys_of_a_moment_are_those_of_the_drawing(
         assert [keys[key] for key in moment["leaves"]] == ["Count", "<far>"]
         assert [leaf["status"] for leaf in moment["leaves"].values()] == [2, 2]
         assert start["recording"]["keys"] == list(keys)
+        # A tree that is shown alone has the keys of the nodes below its call.
+        [call] = start["recording"]["calls"]
+        assert (call["tree"], call["path"], call["size"]) == ("Counting", "Counting", 1)
+        alone = page.request("btcore/drawing", {**params, "tree": "Counting", "call": call["key"]})["nodes"]
+        assert [keys[node["key"]] for node in alone] == ["Count"]
 
 
 def test_documents_of_a_recording_keep_their_places(tmp_path: Path) -> None:

@@ -5,7 +5,7 @@ import { useEffect, useRef } from "preact/hooks";
 import { followPointers } from "./drag";
 import { backTo } from "./files";
 import { type Action, actionOf, type Direction, isForPage, neighbour, type PageAction } from "./keyboard";
-import { durationOf, liveIndex, notes, toggleBreakpoints } from "./live";
+import { CallChoice, durationOf, liveIndex, notes } from "./live";
 import { Help, Menu } from "./menu";
 import { ModelForm } from "./model_form";
 import { cursor, edit, inTurn, openTree, paste, run } from "./operations";
@@ -24,6 +24,7 @@ export function Canvas() {
   useEffect(() => {
     const shown = new View(frame.current!);
     view.value = shown;
+    if (document.activeElement === document.body && document.hasFocus()) focusPicture();
     const ends = [followPointers(shown, (index, event) => click(shown, index, event)), followKeys(shown), showDurations(shown)];
     return () => {
       for (const end of ends) end();
@@ -48,8 +49,7 @@ export function Canvas() {
     const index = shown.nodeAt(event.target);
     const node = shown.structure.nodes[index];
     if (!node || (event.target as Element).closest(".fold, .adds")) return;
-    if (live.value?.connection && !start.value?.recording) void toggleBreakpoints([node.key]);
-    else if (node.calls) openTree(node.calls);
+    if (node.calls) openTree(node);
     else run("rename");
   };
   // Preact adds wheel listeners as passive ones in some browsers.
@@ -67,7 +67,10 @@ export function Canvas() {
       />
       <EmptyTree />
       <Controls />
-      <div class="canvas-notes" role="status">{notes.value.map((note) => <p key={note}>{note}</p>)}</div>
+      <div class="canvas-notes">
+        <CallChoice />
+        <div role="status">{notes.value.map((note) => <p key={note}>{note}</p>)}</div>
+      </div>
       <Quick />
       <Menu />
       <Help />
@@ -172,7 +175,8 @@ function followKeys(shown: View): () => void {
     const action = actionOf({ key: event.key, ctrl: event.ctrlKey || event.metaKey, shift: event.shiftKey, alt: event.altKey });
     if (!action) return;
     const target = event.target instanceof Element ? event.target : null;
-    const isHere = target === document.body || shown.frame.contains(target);
+    // A click beside a field of the form must not make typed letters operations.
+    const isHere = shown.frame.contains(target);
     if (!isHere && !isForPage(action)) return;
     // Text that is selected elsewhere is copied by the browser.
     if ("operation" in action && action.operation === "copy" && getSelection()?.toString()) return;
@@ -180,7 +184,7 @@ function followKeys(shown: View): () => void {
     act(shown, action);
   };
   const pasted = (event: ClipboardEvent) => {
-    if (isField(event)) return;
+    if (isField(event) || !shown.frame.contains(document.activeElement)) return;
     event.preventDefault();
     const xml = event.clipboardData?.getData("text/plain") ?? "";
     inTurn(() => paste(xml));
@@ -226,7 +230,8 @@ function selectNeighbour(shown: View, { select, isExtending }: { select: Directi
 
 function showDurations(shown: View): () => void {
   const timer = setInterval(() => {
-    if (!live.value?.connection || start.value?.recording || document.hidden) return;
+    if (document.hidden || start.value?.recording) return;
+    if (!live.value?.connection) for (const label of shown.frame.querySelectorAll(".duration")) label.remove();
     for (const [key] of liveIndex.peek()) {
       const index = shown.structure.at(key);
       const group = shown.group(index);

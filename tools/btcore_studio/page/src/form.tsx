@@ -62,7 +62,7 @@ function Head({ node }: { node: DrawnNode }) {
         </p>
       </div>
       <div class="form-buttons">
-        {node.calls && <button onClick={() => openTree(node.calls)} title={treeTexts.operation.open}>{treeTexts.openTree}</button>}
+        {node.calls && <button onClick={() => openTree(node)} title={treeTexts.operation.open}>{treeTexts.openTree}</button>}
         {!start.value?.readOnly && item && !node.calls && (
           <button onClick={() => { modelForm.value = { item }; }} title={treeTexts.modelOf(item.id)}>{treeTexts.editModel}</button>
         )}

@@ -2,8 +2,8 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import type { Live } from "./protocol";
-import { actions, drawing, live, nodesByKey, showError, start } from "./state";
+import type { Live, RunningCall } from "./protocol";
+import { actions, drawing, live, nodesByKey, showError, start, tree } from "./state";
 import { treeTexts } from "./texts";
 
 export const statuses = ["IDLE", "RUNNING", "SUCCESS", "FAILURE", "SKIPPED"];
@@ -11,13 +11,25 @@ const MAX_ENTRIES = 500;
 const DEFAULT_ADDRESS = "tcp://127.0.0.1:1667";
 
 const keys = signal<readonly string[]>([]);
+const calls = signal<readonly RunningCall[]>([]);
 /** The index of each node of the running tree in the digits of its state, by key. */
 export const liveIndex = computed(() => new Map(keys.value.map((key, index) => [key, index] as const)));
 effect(() => {
   const state = live.value;
-  if (state?.keys) keys.value = state.keys;
-  else if (state && !state.connection) keys.value = [];
+  if (state?.connection && state.keys) [keys.value, calls.value] = [state.keys, state.calls ?? []];
+  else if (state) [keys.value, calls.value] = [[], []];
 });
+
+/** The running calls of the shown tree. */
+const ownCalls = computed(() => calls.value.filter((item) => item.tree === (tree.value ?? drawing.value?.tree)));
+const chosenCall = signal("");
+/** The call whose nodes are shown, if the shown tree is called in the running tree. */
+export const call = computed(() => ownCalls.value.find(({ key }) => key === chosenCall.value) ?? ownCalls.value[0] ?? null);
+/** The key of the call in the present drawing. */
+export const drawnCall = signal("");
+
+/** Show the nodes of a call, when its tree is shown. */
+export const chooseCall = (key: string): void => { chosenCall.value = key; };
 
 /** Return the status of a node, or null if it is not in the running tree. */
 export function statusOf(key: string, state: Live | null): number | null {
@@ -82,12 +94,30 @@ export const notes = computed(() => {
   const found = (recording?.warnings ?? []).map(treeTexts.recordingLacks);
   if (state?.problem) found.push(state.problem);
   if (state?.connection && state.connection !== "connected" && state.detail) found.push(state.detail);
-  if (state?.connection && drawing.value && !recording) {
-    const missing = keys.value.filter((key) => !nodesByKey.value.has(key)).length;
-    if (missing) found.push(treeTexts.missingNodes(missing));
+  const [shown, at] = [drawing.value, call.value];
+  if (shown && keys.value.length && drawnCall.value === (at?.key ?? "")) {
+    const begin = at ? keys.value.indexOf(at.key) + 1 : 0;
+    const running = at ? keys.value.slice(begin, begin + at.size) : keys.value;
+    const missing = running.filter((key) => !nodesByKey.value.has(key)).length;
+    const isCalled = at || missing < running.length || shown.trees.some(({ id, isMain }) => id === shown.tree && isMain);
+    if (!isCalled) found.push(treeTexts.notRunning(shown.tree));
+    else if (missing) found.push(treeTexts.missingNodes(missing));
   }
   return found;
 });
+
+/** The choice among the running calls of the shown tree. */
+export function CallChoice() {
+  if (ownCalls.value.length < 2) return null;
+  return (
+    <label class="call-choice">
+      {treeTexts.shownCall}
+      <select value={call.value?.key} onChange={(event) => chooseCall(event.currentTarget.value)}>
+        {ownCalls.value.map(({ key, path }, index) => <option key={key} value={key}>{index + 1}: {path}</option>)}
+      </select>
+    </label>
+  );
+}
 
 /** The address of the running tree, in the toolbar. */
 export function LiveControls() {

@@ -1,10 +1,11 @@
 // The page: its layout, and what its parts share.
 
 import "../studio.css";
-import { effect, signal, untracked } from "@preact/signals";
+import { batch, effect, signal, untracked } from "@preact/signals";
 import { render } from "preact";
 import { Announcer, followPage, notice, postponeReport } from "./announcer";
 import { Canvas } from "./canvas";
+import { ComparisonPage, loadComparison } from "./comparison";
 import { Dialog } from "./dialog";
 import { Mark } from "./documents";
 import { Breadcrumbs, Files } from "./files";
@@ -12,11 +13,12 @@ import { keepFocus, movePane } from "./focus";
 import { Form } from "./form";
 import type { Done } from "./history";
 import { BrowserHome, findHome, isConnected } from "./home";
-import { Blackboard, LiveControls } from "./live";
+import { Blackboard, call, drawnCall, LiveControls } from "./live";
 import { Palette } from "./palette";
 import { checked, followProblems, Problems } from "./problems";
 import type {
-  Command, Diagnostic, DiskConflict, Drawing, EditResult, Live, Palette as PaletteData, Place, Preview, SharedFile, WorkspaceEdit,
+  Command, Diagnostic, DiskConflict, Drawing, DrawingParams, EditParams, EditResult, Live, Palette as PaletteData, Place, Preview,
+  SharedFile, WorkspaceEdit,
 } from "./protocol";
 import {
   actions, diagnostics, drawing, files, folded, isSamePlace, live, message, palette, reasonOf, selectedNodes, selection, showError, start, tree, uri,
@@ -44,6 +46,8 @@ let requested = 0;
 let running: Promise<void> | null = null;
 /** How long the last drawing took. */
 let drawingMs = 0;
+/** Whether the drawing of a text that changes is here already. */
+let isDrawn = false;
 /** The places to select when they are drawn. */
 let toSelect: Place[] = [];
 
@@ -60,23 +64,34 @@ async function drawAll(): Promise<void> {
   }
 }
 
+const drawingParams = (): DrawingParams =>
+  ({ textDocument: { uri: uri.value }, tree: tree.value, folded: [...folded.value], call: call.value?.key ?? "" });
+
 async function draw(): Promise<void> {
-  const [address, mark, wanted] = [uri.value, home.mark(), tree.value];
+  const mark = home.mark();
   const begun = performance.now();
   try {
-    await home.documents?.load(address);
-    const data = await actions.request<Drawing>("btcore/drawing", {
-      textDocument: { uri: address }, tree: wanted, folded: [...folded.value],
-    });
-    if (address !== uri.value || wanted !== tree.value) return;
-    sinceDrawing = mark;
-    drawing.value = data;
-    notice.value = data.broken && texts.broken(data.broken);
-    if (!mark.changes.size) selectPlaces(data);
+    // A text that is open is drawn without a wait, before the parts of the page show its change.
+    if (home.documents?.isOpen(uri.value) === false) await home.documents.load(uri.value);
+    const params = drawingParams();
+    const data = await actions.request<Drawing>("btcore/drawing", params);
+    if (params.textDocument.uri !== uri.value || params.tree !== tree.value) return;
+    show(data, params, mark);
     drawingMs = performance.now() - begun;
   } catch (error) {
     if (isConnected.value) notice.value = texts.stale(reasonOf(error));
   }
+}
+
+/** @param mark What changes from the drawn texts on. */
+function show(data: Drawing, params: DrawingParams, mark: Mark): void {
+  sinceDrawing = mark;
+  batch(() => {
+    drawing.value = data;
+    drawnCall.value = params.call;
+  });
+  notice.value = data.broken && texts.broken(data.broken);
+  if (!mark.changes.size) selectPlaces(data);
 }
 
 function selectPlaces({ nodes }: Drawing): void {
@@ -84,7 +99,10 @@ function selectPlaces({ nodes }: Drawing): void {
     const node = nodes.find(({ place }) => isSamePlace(place, wanted));
     return node ? [node.key] : [];
   });
-  if (keys.length) view.value?.select(keys, true);
+  if (keys.length) {
+    selection.value = keys;
+    view.value?.select(keys, true);
+  }
   toSelect = [];
 }
 
@@ -129,13 +147,21 @@ function edit(command: Command): Promise<EditResult | null> {
     }
     try {
       const mark = home.mark();
-      const result = await actions.request<EditResult>("btcore/edit", { command: moved, ...(versions && { versions }) });
+      // VS Code may change the texts of the edit, and then draws them.
+      const wanted = drawingParams();
+      const params: EditParams = home.documents ? { command: moved, drawing: wanted } : { command: moved };
+      const result = await actions.request<EditResult>("btcore/edit", versions ? { ...params, versions } : params);
       toSelect = result.select;
+      const isSame = JSON.stringify(wanted) === JSON.stringify(drawingParams());
+      const next = result.drawing && isSame && !mark.changes.size ? result.drawing : null;
       const before = requested;
-      await home.apply(result.edit, mark);
+      isDrawn = next !== null;
+      await home.apply(result.edit, mark).finally(() => { isDrawn = false; });
+      if (next) show(next, wanted, home.mark());
       if (moved.kind === "set_model") waitForPalette(0);
       // A changed text is being drawn, or was drawn before VS Code replied.
-      await (requested === before ? redraw() : running);
+      if (requested !== before) await running;
+      else if (!next) await redraw();
       message.value = [treeTexts.edited(moved, selectedNodes.value.length, whereIsCursor()), ...result.notes].filter(Boolean).join(" ");
       return result;
     } catch (error) {
@@ -226,8 +252,8 @@ home.connection.on<{ uri: string; diagnostics: Diagnostic[] }>("textDocument/pub
   if (!checked.value.has(params.uri)) checked.value = new Set([...checked.value, params.uri]);
 });
 home.connection.on<Live>("btcore/live", (state) => {
-  const keys = state.keys ?? live.value?.keys;
-  live.value = keys ? { ...state, keys } : state;
+  const { keys, calls } = live.value ?? {};
+  live.value = { ...(keys && { keys }), ...(calls && { calls }), ...state };
 });
 home.connection.on<SharedFile[]>("btcore/files", (list) => { files.value = list; });
 home.connection.on<DiskConflict>("btcore/disk", (conflict) => {
@@ -235,9 +261,14 @@ home.connection.on<DiskConflict>("btcore/disk", (conflict) => {
 });
 home.connection.on<{ message: string }>("window/showMessage", (params) => { message.value = params.message; });
 home.connection.on("workspace/semanticTokens/refresh", () => {
+  if (start.value?.versions) {
+    void loadComparison();
+    return;
+  }
   void redraw();
   waitForPalette(0);
 });
+home.connection.on("btcore/compared", () => void loadComparison());
 
 async function resolve(conflict: DiskConflict, keep: "disk" | "page"): Promise<void> {
   try {
@@ -265,7 +296,7 @@ home.onChange((address, origin) => {
   clearTimeout(typingTimer);
   postponeReport();
   if (origin === "typing" && drawingMs > QUICK_MS) typingTimer = window.setTimeout(redraw, TYPING_WAIT_MS);
-  else void redraw();
+  else if (!isDrawn || running) void redraw();
   waitForPalette(PALETTE_WAIT_MS);
 });
 
@@ -348,6 +379,7 @@ function Notices() {
 }
 
 function Page() {
+  if (start.value?.versions) return <ComparisonPage versions={start.value.versions} />;
   return (
     <>
       <a class="skip" href="#picture">{texts.skip}</a>
@@ -397,18 +429,20 @@ async function begin(): Promise<void> {
     start.value = begun;
     tree.value = begun.tree;
     uri.value = begun.uri;
-    files.value = await actions.request<SharedFile[]>("btcore/files", {});
+    if (begun.versions) await loadComparison(begun.tree);
+    else files.value = await actions.request<SharedFile[]>("btcore/files", {});
   } catch (error) {
     showError(error);
   }
 }
 
 effect(() => {
-  document.title = uri.value ? `${fileName(uri.value)} – ${texts.title}` : texts.title;
+  const shown = fileName(uri.value || start.value?.versions?.findLast(Boolean) || "");
+  document.title = shown ? `${shown} – ${texts.title}` : texts.title;
   if (uri.value) waitForPalette(0);
 });
 effect(() => {
-  const shown = [uri.value, tree.value, folded.value];
+  const shown = [uri.value, tree.value, folded.value, call.value?.key];
   untracked(() => void (shown[0] && redraw()));
 });
 // The language server reads files of the disk; it gets the texts that others have changed.

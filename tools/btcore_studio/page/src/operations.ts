@@ -2,7 +2,7 @@
 
 import type { Making } from "./preview";
 import type { Command, DrawnNode, EditResult, PaletteItem, Place } from "./protocol";
-import { release, toggleBreakpoints } from "./live";
+import { chooseCall, release, toggleBreakpoints } from "./live";
 import { actions, drawing, live, message, reasonOf, refuse, selection, start, tree as shownTree } from "./state";
 import { modelForm, prompt, quick } from "./quick_state";
 import { canWrap, placeOfTree, type Structure } from "./tree";
@@ -339,7 +339,7 @@ export const operations: readonly Operation[] = [
   {
     id: "open", keys: "O", group: "tree", label: () => treeTexts.operation.open,
     refusal: () => cursor() >= 0 && node(cursor()).calls ? "" : treeTexts.refusal.noCall,
-    run: () => openTree(node(cursor()).calls),
+    run: () => openTree(node(cursor())),
   },
   {
     id: "text", keys: "Ctrl+Enter", group: "view", label: () => treeTexts.operation.text,
@@ -368,9 +368,10 @@ export const operations: readonly Operation[] = [
 
 const byId = new Map(operations.map((operation) => [operation.id, operation]));
 
-/** Show a tree alone. */
-export function openTree(id: string): void {
-  shownTree.value = id;
+/** Show the tree that a node calls alone. */
+export function openTree({ calls, key }: DrawnNode): void {
+  chooseCall(key);
+  shownTree.value = calls;
   selection.value = [];
 }
 

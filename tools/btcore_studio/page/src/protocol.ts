@@ -37,6 +37,8 @@ export interface DrawingParams extends Document {
   tree: string | null;
   /** The keys of the nodes whose children are hidden. */
   folded: string[];
+  /** The key of the running SubTree node whose tree this is. The keys of the drawn nodes are then those of the nodes below it. */
+  call: string;
   /** Whether the drawing contains its style sheet and the descriptions of the nodes, so that it can be saved. */
   styled?: boolean;
 }
@@ -130,7 +132,8 @@ export interface Field {
 
 // --- btcore/edit: EditParams → EditResult. An operation that cannot be applied is an error with the reason.
 
-export interface EditParams { command: Command; versions?: Drawing["versions"] }
+/** *drawing* is what to draw after the edit. */
+export interface EditParams { command: Command; drawing?: DrawingParams; versions?: Drawing["versions"] }
 
 export type Command =
   | { kind: "add"; parent: Place; index: number; id: string }
@@ -157,6 +160,8 @@ export interface EditResult {
   select: Place[];
   /** New warnings, and what a pasted text misses. */
   notes: string[];
+  /** Null if it was not requested, or if the edit changes no document or others than the drawn one. */
+  drawing: Drawing | null;
 }
 
 // --- btcore/preview: EditParams → Preview: the problems that an operation would add.
@@ -170,7 +175,10 @@ export interface Leaf { name: string; text: string; testName: string; test: stri
 // --- btcore/copy: { nodes: Place[] } → { xml }: the elements, with the models that they need.
 
 // --- btcore/watch { address } ("" ends it), btcore/breakpoints { keys }, btcore/release: → null.
-// The notification btcore/live has the state of the running tree; *keys* only if the nodes have changed.
+// The notification btcore/live has the state of the running tree; *keys* and *calls* only if the nodes have changed.
+
+/** A SubTree node of a running tree. The *size* nodes after it are below it. *path* has the names of the calls down to it. */
+export interface RunningCall { key: string; tree: string; path: string; size: number }
 
 export interface Live {
   address: string;
@@ -186,6 +194,7 @@ export interface Live {
   breakpoints: string[];
   stopped: string;
   keys?: string[];
+  calls?: RunningCall[];
 }
 
 // --- btcore/moment { position } → Moment; only if the studio shows a recording (see Start.recording).
@@ -193,6 +202,7 @@ export interface Live {
 export interface Recording {
   /** The keys of the nodes, in the order of *statuses* in each moment. */
   keys: string[];
+  calls: RunningCall[];
   /** The number of steps, and the position to show at first. */
   count: number;
   start: number;
@@ -219,6 +229,44 @@ export interface Moment {
   problem: string;
 }
 
+// --- btcore/comparison { tree } → Comparison; only if the studio compares two versions of a file (see Start.versions).
+// The notification btcore/compared: one of the files has changed.
+
+export type Change = "added" | "removed" | "moved" | "changed";
+
+export interface Comparison {
+  /** The IDs of the trees that can be shown. */
+  trees: string[];
+  tree: string;
+  /** The drawings; null if a version has not the tree. */
+  old: Drawing | null;
+  new: Drawing | null;
+  /** For each version, why its text is not XML, or "". */
+  broken: [string, string];
+  /** The indices of each node that both drawings show. */
+  pairs: [old: number, new: number][];
+  differences: Difference[];
+}
+
+export interface Difference {
+  changes: Change[];
+  /** The tree in which the difference is; "" for the rest of the document. */
+  tree: string;
+  id: string;
+  name: string;
+  /** The number of nodes that were added or removed with it. */
+  count: number;
+  /** The name "" is the ID of the node itself. */
+  attributes: [name: string, old: string | null, new: string | null][];
+  /** If the node was moved, its places. Numbers of children begin with 1. */
+  spots: [Spot, Spot] | null;
+  /** The indices of the nodes in the drawings. */
+  old: number[];
+  new: number[];
+}
+
+export interface Spot { parent: string; number: number }
+
 // --- only in the browser: the shared files of all pages -------------------------------------------------------
 // The page's address is http://127.0.0.1:PORT/TOKEN/, with studio.js and studio.css beside it. "socket" beside it
 // is the WebSocket; each of its text messages is one message of JSON-RPC.
@@ -235,6 +283,8 @@ export interface Start {
   /** The address that is proposed. */
   address?: string;
   recording: Recording | null;
+  /** If two versions of a file are compared: their names; "" if there is no file. Then there is no document. */
+  versions?: [old: string, new: string] | null;
 }
 
 /** btcore/files: {} → SharedFile[]; the notification btcore/files has the same list, after a change. */

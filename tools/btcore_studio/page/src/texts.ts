@@ -1,7 +1,7 @@
 // Every English text of the page.
 
 import type { Target } from "./drop_targets";
-import type { Command, DrawnNode } from "./protocol";
+import type { Change, Command, Difference, DrawnNode, Spot } from "./protocol";
 import type { Structure } from "./tree";
 
 const count = (number: number, noun: string) => `${number} ${noun}${number === 1 ? "" : "s"}`;
@@ -254,7 +254,7 @@ export const treeTexts = {
     { group: "text", keys: "F2", text: "Rename in all files" },
   ] as const,
   mouse: "Mouse: drag a node to another place, or with Ctrl a copy. Ctrl+click and Shift+click select several nodes, Shift+drag all "
-    + "nodes in a rectangle. A double-click renames a node or shows a called tree; while a tree is watched, it sets a breakpoint. Touch: hold a node to drag it, or release it for the menu.",
+    + "nodes in a rectangle. A double-click renames a node or shows a called tree. Touch: hold a node to drag it, or release it for the menu.",
 
   // the palette
   palette: "Palette",
@@ -313,6 +313,8 @@ export const treeTexts = {
   continued: "The tree continues.",
   blackboard: "Blackboard",
   seconds: (seconds: number) => `${seconds.toFixed(seconds < 10 ? 2 : seconds < 100 ? 1 : 0)} s`,
+  shownCall: "Call",
+  notRunning: (tree: string) => `The running tree does not call ${tree}. Show its main tree to see it run.`,
   missingNodes: (number: number) => number === 1
     ? "The file differs from the running tree: 1 of its nodes is not in this picture."
     : `The file differs from the running tree: ${number} of its nodes are not in this picture.`,
@@ -328,4 +330,29 @@ export const treeTexts = {
   beginning: "Start",
   runningTo: (position: number) => `running to step ${position} …`,
   notReplayed: (problem: string) => `The recording cannot be run again from here on: ${problem}`,
+};
+
+/** Two versions of a file. */
+export const comparisonTexts = {
+  title: "Differences",
+  sides: ["Old", "New"] as const,
+  noFile: "no file",
+  noTree: (id: string) => (id ? `This version has no tree ${id}.` : "This version has no tree."),
+  changes: { added: "added", removed: "removed", moved: "moved", changed: "changed" },
+  list: (changes: readonly Change[]): string => changes.map((change) => comparisonTexts.changes[change]).join(", "),
+  picture: (side: string, tree: string) => `${side} version of the tree ${tree}`,
+  tree: "Tree",
+  treeOption: (id: string, number: number) => (number ? `${id} (${count(number, "difference")})` : id),
+  outside: "Outside of the trees",
+  equal: "The trees are equal. Comments, white space and the order of attributes are not compared.",
+  previous: "Previous difference (P)",
+  next: "Next difference (N)",
+  position: (index: number, number: number, { name, id, changes }: Difference) =>
+    `${index + 1}/${number} ${name || id}, ${comparisonTexts.list(changes)}`,
+  nodes: (number: number) => count(number, "node"),
+  type: "node type",
+  notSet: "not set",
+  child: ({ parent, number }: Spot) => `child ${number} of ${parent}`,
+  further: (number: number) => `${count(number, "further difference")} not listed`,
+  ended: "The comparison has ended: its process does not answer.",
 };

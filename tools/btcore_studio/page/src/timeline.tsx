@@ -42,7 +42,7 @@ function show(recording: Recording, data: Moment): void {
   live.value = {
     address: "", connection: "connected", detail: "", problem: data.problem && treeTexts.notReplayed(data.problem),
     statuses: data.statuses, results: data.results, entries: data.entries, wanted: [], breakpoints: [], stopped: "",
-    keys: recording.keys,
+    keys: recording.keys, calls: recording.calls,
   };
 }
 

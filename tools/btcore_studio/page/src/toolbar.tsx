@@ -75,6 +75,14 @@ async function rasterize(svg: Blob): Promise<Blob> {
   }
 }
 
+export function Themes() {
+  return (
+    <select aria-label={texts.theme} value={theme.value} onChange={(event) => { theme.value = event.currentTarget.value as Theme; }}>
+      {THEMES.map((name) => <option key={name} value={name}>{texts.themes[name]}</option>)}
+    </select>
+  );
+}
+
 /** File, commands and settings. */
 export function Toolbar({ home }: { home: Home }) {
   const isUnsaved = files.value.some((file) => file.uri === uri.value && file.unsaved);
@@ -110,12 +118,7 @@ export function Toolbar({ home }: { home: Home }) {
           <button key={name} aria-pressed={!hiddenPanes.value.has(name)} onClick={() => togglePane(name)}>{texts.paneNames[name]}</button>
         ))}
       </div>
-      {home.documents && (
-        <select aria-label={texts.theme} value={theme.value}
-          onChange={(event) => { theme.value = event.currentTarget.value as Theme; }}>
-          {THEMES.map((name) => <option key={name} value={name}>{texts.themes[name]}</option>)}
-        </select>
-      )}
+      {home.documents && <Themes />}
     </>
   );
 }

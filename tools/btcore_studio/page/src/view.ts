@@ -1,12 +1,12 @@
 // The picture of the tree as elements: only visible cards exist. No card has listeners of its own.
 
-import { effect, signal } from "@preact/signals";
+import { effect, type ReadonlySignal, type Signal, signal } from "@preact/signals";
 import { liveIndex, statuses } from "./live";
-import { type Box, type Card, type Picture, outline, overlaps, parsePicture } from "./picture";
-import type { Drawing } from "./protocol";
+import { around, type Box, type Card, type Picture, outline, overlaps, parsePicture } from "./picture";
+import type { Change, Drawing } from "./protocol";
 import { drawing, folded, live, selection, severities } from "./state";
-import { treeTexts } from "./texts";
-import { Structure } from "./tree";
+import { comparisonTexts, treeTexts } from "./texts";
+import { inOrder, Structure } from "./tree";
 
 const SVG = "http://www.w3.org/2000/svg";
 const MIN_ZOOM = 0.08;
@@ -22,6 +22,7 @@ const MARKS: Record<string, string> = {
   1: "M-1.8-3.2L3.4 0L-1.8 3.2Z", 2: "M-3.6 .2L-1.1 2.8L3.6-2.8", 3: "M-3-3L3 3M3-3L-3 3",
   4: "M-3.6 2.4C-3-3 2-3.6 3.2 .8M.6 .4L3.3 1.4L4.2-1.4", stop: "M-1.8-3.2L-1.8 3.2M1.8-3.2L1.8 3.2",
 };
+const EMPTY = '<svg viewBox="0 0 100 100" width="100" height="100"><g></g></svg>';
 
 export const query = signal("");
 /** The keys of the nodes that match the query. */
@@ -34,6 +35,23 @@ export function draw(tag: string, attributes: Record<string, string | number>, .
   return element;
 }
 
+/** What a view shows. */
+interface Source {
+  drawing: ReadonlySignal<Drawing | null>;
+  selection: Signal<readonly string[]>;
+  folded: Signal<ReadonlySet<string>>;
+  /** How the nodes differ from those of another version, by key. A view with changes is not edited. */
+  changes?: ReadonlySignal<ReadonlyMap<string, readonly Change[]>>;
+  /** Begins the IDs of elements. */
+  prefix: string;
+}
+
+const PAGE: Source = { drawing, selection, folded, prefix: "node" };
+export const CHANGE_SIGNS: Record<Change, string> = { added: "+", removed: "−", moved: "↔", changed: "≠" };
+
+/** The elements of a card. They are kept in the next drawing if they have the same content. */
+interface Group { element: SVGGElement; content: string }
+
 export class View {
   drawing: Drawing | null = null;
   structure = new Structure([]);
@@ -44,22 +62,25 @@ export class View {
   private cards: (Card | undefined)[] = [];
   private svg: SVGSVGElement | null = null;
   private layer: Element | null = null;
+  /** The edges whose ends may be visible. */
+  private readonly edges = draw("path", { class: "edge" });
   /** Insertion marks and other passing shapes, above the cards. */
   readonly marks = draw("g", { class: "marks" });
-  private readonly groups = new Map<number, SVGGElement>();
+  /** The cards that exist, by the index of their node. */
+  private groups = new Map<number, Group>();
   private readonly foundKeys = new Set<string>();
   private refreshing = false;
   private readonly ends: (() => void)[] = [];
 
-  constructor(readonly frame: HTMLElement) {
+  constructor(readonly frame: HTMLElement, private readonly source = PAGE) {
     const later = () => this.refreshSoon();
     frame.addEventListener("scroll", later, { passive: true });
     const observer = new ResizeObserver(later);
     observer.observe(frame);
     this.ends.push(
       () => { frame.removeEventListener("scroll", later); observer.disconnect(); },
-      effect(() => this.show(drawing.value)),
-      effect(() => { void [selection.value, severities.value, live.value]; this.dressAll(); }),
+      effect(() => this.show(source.drawing.value)),
+      effect(() => { void [source.selection.value, source.changes?.value, severities.value, live.value]; this.dressAll(); }),
       effect(() => this.search(query.value)),
     );
   }
@@ -73,7 +94,7 @@ export class View {
   private show(next: Drawing | null): void {
     const before = this.drawing;
     if (next === before) return;
-    const cursor = selection.peek().at(-1) ?? "";
+    const cursor = this.source.selection.peek().at(-1) ?? "";
     const old = this.structure;
     const anchor = old.at(cursor);
     const oldBox = this.boxes[Math.max(0, anchor)];
@@ -83,20 +104,22 @@ export class View {
     const places = isMoving ? this.placesByKey() : null;
     this.drawing = next;
     if (!next) {
-      this.frame.querySelector("svg.picture")?.remove();
+      this.svg?.remove();
+      this.svg = null;
+      this.structure = new Structure([]);
+      this.boxes = [];
       return;
     }
     const picture = parsePicture(next.svg);
     const structure = new Structure(next.nodes);
-    const isNew = picture.head !== this.picture.head || picture.tail !== this.picture.tail || !this.svg;
+    const isNew = picture.rest !== this.picture.rest || !this.svg;
     this.picture = picture;
     this.structure = structure;
     this.cards = next.nodes.map(() => undefined);
     for (const card of picture.cards) this.cards[card.number - 1] = card;
     this.boxes = this.cards;
-    this.groups.clear();
     if (isNew) this.build();
-    else for (const group of this.layer!.querySelectorAll(":scope > g[data-uid]")) group.remove();
+    this.reuse(old);
     if (!this.zoom || isOther || !old.nodes.length) this.zoom = this.startZoom();
     this.resize();
     const kept = this.keep(old, isOther);
@@ -116,7 +139,7 @@ export class View {
 
   /** Keep the selection where the keys have changed, by the nodes' places in the tree. Return the cursor's key. */
   private keep(old: Structure, isOther: boolean): string {
-    const keys = selection.peek();
+    const keys = this.source.selection.peek();
     if (isOther || keys.length === 0 || keys.some((key) => this.structure.at(key) >= 0)) return keys.at(-1) ?? "";
     let index = old.at(keys.at(-1)!);
     if (index < 0) return "";
@@ -129,26 +152,78 @@ export class View {
       at = children[Math.min(position, children.length - 1)]!;
     }
     const key = this.structure.nodes[at]?.key;
-    selection.value = key ? [key] : [];
+    this.source.selection.value = key ? [key] : [];
     return key ?? "";
   }
 
+  /** Make what is around the cards and edges. */
   private build(): void {
     // Chromium parses HTML three times as fast as XML. The server has escaped every text of the drawing.
     const template = document.createElement("template");
-    template.innerHTML = this.picture.head + this.picture.tail || "<svg><g></g></svg>";
+    template.innerHTML = this.picture.rest || EMPTY;
     const svg = template.content.firstElementChild as SVGSVGElement;
     svg.classList.add("picture");
     svg.setAttribute("role", "none");
     svg.querySelector(":scope > title")?.remove();
-    svg.prepend(hatching());
-    this.svg?.remove();
-    this.svg = svg;
-    this.layer = svg.querySelector(":scope > g");
-    // Chromium makes groups of items that have an element without a role above them.
-    this.layer?.setAttribute("role", "none");
-    this.layer?.append(this.marks);
-    this.frame.append(svg);
+    const layer = svg.querySelector(":scope > g");
+    if (!this.svg || !this.layer || !layer) {
+      svg.prepend(hatching());
+      layer?.append(this.edges, this.marks);
+      this.svg?.remove();
+      this.svg = svg;
+      this.layer = layer;
+      this.groups.clear();
+      // Chromium makes groups of items that have an element without a role above them.
+      layer?.setAttribute("role", "none");
+      this.frame.append(svg);
+      return;
+    }
+    // The layer with the cards stays where it is, so that the cards keep their layout.
+    for (const name of ["viewBox", "width", "height"]) this.svg.setAttribute(name, svg.getAttribute(name)!);
+    this.layer.setAttribute("transform", layer.getAttribute("transform") ?? "");
+    for (const frame of this.layer.querySelectorAll(":scope > .frame")) frame.remove();
+    this.layer.prepend(...layer.children);
+    for (const other of [...this.svg.children]) if (other !== this.layer && other.tagName !== "defs") other.remove();
+    const around = [...svg.children];
+    const at = around.indexOf(layer);
+    this.layer.before(...around.slice(0, at));
+    this.layer.after(...around.slice(at + 1));
+  }
+
+  /** Keep the cards of the last drawing whose nodes and contents are the same, in their new places. */
+  private reuse(old: Structure): void {
+    const before = this.groups;
+    this.groups = new Map();
+    for (const [index, group] of before) {
+      const next = this.structure.at(old.nodes[index]!.key);
+      const card = this.cards[next];
+      if (card && group.content === this.contentOf(card) && !this.groups.has(next)) this.place(next, card, group);
+      else group.element.remove();
+    }
+  }
+
+  /** What the elements of a card depend on, besides its place and its number. */
+  private contentOf(card: Card, isFar = this.isFar): string {
+    return isFar ? outline(card) : `${card.text}\n${this.drawing!.about[this.structure.nodes[card.number - 1]!.id] ?? ""}`;
+  }
+
+  private place(index: number, card: Card, group: Group): void {
+    const { element } = group;
+    this.groups.set(index, group);
+    const number = String(card.number);
+    if (element.dataset.uid !== number) {
+      element.dataset.uid = number;
+      const written = element.querySelector(":scope > .uid");
+      if (written) written.textContent = number;
+    }
+    set(element, "transform", `translate(${card.x} ${card.y})`);
+    this.describe(index, element);
+    this.dress(index, element);
+  }
+
+  /** Whether the texts of the cards cannot be read, and are not drawn. */
+  private get isFar(): boolean {
+    return this.zoom < FAR && this.picture.cards.length > MANY;
   }
 
   private resize(): void {
@@ -165,57 +240,61 @@ export class View {
   /** Make the cards in the visible part, and remove the others. */
   refresh(): void {
     if (!this.layer || !this.svg) return;
-    const isFar = this.zoom < FAR && this.picture.cards.length > MANY;
+    const { isFar } = this;
     const all = this.picture.cards.length <= MANY / 2;
     const area = this.visible(MARGIN);
-    const cursor = this.structure.at(selection.peek().at(-1) ?? "");
+    const cursor = this.structure.at(this.source.selection.peek().at(-1) ?? "");
     const shown = this.picture.cards.filter((card) => all || card.number - 1 === cursor || overlaps(card, area));
     const wanted = new Set(shown.map((card) => card.number - 1));
-    for (const [index, group] of this.groups) {
-      if (wanted.has(index) && (group.dataset.far === "1") === isFar) continue;
-      group.remove();
+    for (const [index, { element }] of this.groups) {
+      if (wanted.has(index) && (element.dataset.far === "1") === isFar) continue;
+      element.remove();
       this.groups.delete(index);
     }
     const missing = shown.filter((card) => !this.groups.has(card.number - 1));
     if (missing.length) {
       const template = document.createElement("template");
-      template.innerHTML = `<svg>${missing.map((card) => isFar ? outline(card) : card.text).join("")}</svg>`;
-      Array.from(template.content.firstElementChild!.children).forEach((element, position) => {
-        const group = element as SVGGElement;
-        const index = missing[position]!.number - 1;
-        if (isFar) group.dataset.far = "1";
-        this.groups.set(index, group);
+      template.innerHTML = `<svg>${missing.map((card) => `<g>${isFar ? outline(card) : card.text}</g>`).join("")}</svg>`;
+      Array.from(template.content.firstElementChild!.children).forEach((made, position) => {
+        const element = made as SVGGElement;
+        const card = missing[position]!;
+        const index = card.number - 1;
+        if (isFar) element.dataset.far = "1";
         const about = this.drawing!.about[this.structure.nodes[index]!.id];
-        if (about) group.querySelector(":scope > title")?.append(`\n${about}`);
-        this.describe(index, group);
-        this.dress(index, group);
+        if (about) element.querySelector(":scope > title")?.append(`\n${about}`);
+        this.place(index, card, { element, content: this.contentOf(card, isFar) });
       });
     }
     // The groups are in the order of the tree, for screen readers.
-    let next: Element | null = this.layer.querySelector(":scope > g[data-uid]") ?? this.marks;
-    for (const card of shown) {
-      const group = this.groups.get(card.number - 1)!;
-      if (group === next) next = group.nextElementSibling;
-      else this.layer.insertBefore(group, next);
-    }
+    inOrder(this.layer, shown.map((card) => this.groups.get(card.number - 1)!.element), this.marks);
+    set(this.edges, "d", this.visibleEdges(area, all));
     this.markActive();
+  }
+
+  /** Return the edges in a part of the drawing as one path. An edge is in the box around both of its cards. */
+  private visibleEdges(area: Box, all: boolean): string {
+    return this.picture.cards.map((card) => {
+      const parent = this.cards[this.structure.parent(card.number - 1)];
+      return all || (parent && overlaps(around(card, parent), area)) ? card.edge : "";
+    }).join("");
   }
 
   /** Describe a node to screen readers: a flat tree, whose items have levels and positions. */
   private describe(index: number, group: SVGGElement): void {
     const node = this.structure.nodes[index]!;
-    group.id = `node-${index + 1}`;
-    group.setAttribute("role", "treeitem");
-    group.setAttribute("aria-level", String(this.structure.levels[index]));
-    group.setAttribute("aria-posinset", String(this.structure.positions[index]));
-    group.setAttribute("aria-setsize", String(this.structure.siblings(index).length));
-    if (!node.leaf) group.setAttribute("aria-expanded", String(!node.hidden));
+    set(group, "id", `${this.source.prefix}-${index + 1}`);
+    set(group, "role", "treeitem");
+    set(group, "aria-level", String(this.structure.levels[index]));
+    set(group, "aria-posinset", String(this.structure.positions[index]));
+    set(group, "aria-setsize", String(this.structure.siblings(index).length));
+    if (node.leaf) group.removeAttribute("aria-expanded");
+    else set(group, "aria-expanded", String(!node.hidden));
   }
 
   /** Give a group the classes of its present state. */
   private dress(index: number, group: SVGGElement): void {
     const node = this.structure.nodes[index]!;
-    const keys = selection.peek();
+    const keys = this.source.selection.peek();
     const isSelected = keys.includes(node.key);
     const classes = ["node"];
     if (isSelected) classes.push("selected");
@@ -229,6 +308,15 @@ export class View {
     const isStopped = isLive && state?.stopped === node.key;
     const spoken = severity ? [treeTexts.severity[severity]] : [];
     let status = "", result = "0";
+    const changes = this.source.changes?.peek().get(node.key) ?? [];
+    classes.push(...changes);
+    if (changes.length) spoken.splice(0, 1, comparisonTexts.list(changes));
+    const sign = changes.map((change) => CHANGE_SIGNS[change]).join(" ");
+    const badge = group.querySelector(":scope > .change");
+    if (badge?.lastElementChild?.textContent !== sign) {
+      badge?.remove();
+      if (sign) group.append(changeBadge(sign));
+    }
     if (isLive && state) {
       const at = liveIndex.peek().get(node.key);
       if (at !== undefined) status = state.statuses[at] ?? "";
@@ -248,12 +336,12 @@ export class View {
     else if (!stop) dot?.remove();
     if (stop) group.querySelector(":scope > .stop")!.classList.toggle("pending", stop === "pending");
     const name = classes.join(" ");
-    if (group.getAttribute("class") !== name) group.setAttribute("class", name);
-    group.setAttribute("aria-selected", String(isSelected));
-    group.setAttribute("aria-label", treeTexts.nodeLabel(node, this.structure.disabled[index]!, stop, isStopped));
+    set(group, "class", name);
+    set(group, "aria-selected", String(isSelected));
+    set(group, "aria-label", treeTexts.nodeLabel(node, this.structure.disabled[index]!, stop, isStopped));
     // The ports distinguish nodes with the same name.
     spoken.push(...node.ports.map(([name, text]) => `${name} ${text}`));
-    if (spoken.length) group.setAttribute("aria-description", spoken.join(", "));
+    if (spoken.length) set(group, "aria-description", spoken.join(", "));
     else group.removeAttribute("aria-description");
     this.dressButtons(index, group, keys.length === 1 && isSelected);
   }
@@ -263,7 +351,7 @@ export class View {
     const path = group.dataset.far === "1" ? "" : MARKS[status] ?? "";
     const mark = group.querySelector(":scope > .mark");
     if (!path) mark?.remove();
-    else if (mark) mark.lastElementChild!.setAttribute("d", path);
+    else if (mark) set(mark.lastElementChild!, "d", path);
     else {
       group.append(draw("g", { class: "mark", transform: `translate(14 ${this.cards[index]!.height})`, "aria-hidden": "true" },
         draw("circle", { r: 7.5 }), draw("path", { d: path })));
@@ -273,15 +361,15 @@ export class View {
   dressAll(): void {
     const isLive = Boolean(live.peek()?.connection) && liveIndex.peek().size > 0;
     this.frame.classList.toggle("live", isLive);
-    for (const [index, group] of this.groups) this.dress(index, group);
-    const cursor = this.structure.at(selection.peek().at(-1) ?? "");
+    for (const [index, { element }] of this.groups) this.dress(index, element);
+    const cursor = this.structure.at(this.source.selection.peek().at(-1) ?? "");
     if (cursor >= 0 && !this.groups.has(cursor)) this.refresh();
     this.markActive();
   }
 
   private markActive(): void {
-    const cursor = this.structure.at(selection.peek().at(-1) ?? "");
-    if (cursor >= 0 && this.groups.has(cursor)) this.frame.setAttribute("aria-activedescendant", `node-${cursor + 1}`);
+    const cursor = this.structure.at(this.source.selection.peek().at(-1) ?? "");
+    if (cursor >= 0 && this.groups.has(cursor)) this.frame.setAttribute("aria-activedescendant", `${this.source.prefix}-${cursor + 1}`);
     else this.frame.removeAttribute("aria-activedescendant");
   }
 
@@ -294,12 +382,13 @@ export class View {
     const before = this.hovered;
     this.hovered = index;
     for (const other of [before, index]) {
-      const group = this.groups.get(other);
+      const group = this.group(other);
       if (group) this.dress(other, group);
     }
   }
 
   private dressButtons(index: number, group: SVGGElement, isSelected: boolean): void {
+    if (this.source.changes) return;
     const node = this.structure.nodes[index]!;
     const card = this.cards[index]!;
     const isFar = group.dataset.far === "1";
@@ -342,7 +431,7 @@ export class View {
   }
 
   group(index: number): SVGGElement | undefined {
-    return this.groups.get(index);
+    return this.groups.get(index)?.element;
   }
 
   cardText(index: number): string {
@@ -407,7 +496,7 @@ export class View {
 
   private animate(before: Map<string, Box>): void {
     if (this.groups.size > MANY / 2) return;
-    for (const [index, group] of this.groups) {
+    for (const [index, { element: group }] of this.groups) {
       const box = this.boxes[index]!;
       const old = before.get(this.structure.nodes[index]!.key);
       if (!old) group.animate([{ opacity: 0 }, { opacity: 1 }], MOVE_MS);
@@ -422,7 +511,7 @@ export class View {
 
   private search(words: string): void {
     this.find(words);
-    for (const [index, group] of this.groups) this.dress(index, group);
+    for (const [index, { element }] of this.groups) this.dress(index, element);
     if (found.peek().length) this.select([found.peek()[0]!], true);
   }
 
@@ -447,7 +536,7 @@ export class View {
 
   /** Select nodes; the last one is the cursor. */
   select(keys: readonly string[], isRevealing = false): void {
-    selection.value = keys;
+    this.source.selection.value = keys;
     const index = this.structure.at(keys.at(-1) ?? "");
     if (index < 0 || !isRevealing) return;
     this.unfoldAbove(index);
@@ -455,36 +544,48 @@ export class View {
   }
 
   private unfoldAbove(index: number): void {
-    const keys = new Set(folded.peek());
+    const keys = new Set(this.source.folded.peek());
     let isChanged = false;
     for (let above = this.structure.parent(index); above >= 0; above = this.structure.parent(above)) {
       if (this.structure.nodes[above]!.hidden) isChanged = keys.delete(this.structure.nodes[above]!.key) || isChanged;
     }
-    if (isChanged) folded.value = keys;
+    if (isChanged) this.source.folded.value = keys;
   }
 
   toggleFold(index: number): void {
     const node = this.structure.nodes[index];
     if (!node || node.leaf) return;
-    const keys = new Set(folded.peek());
+    const keys = new Set(this.source.folded.peek());
     if (node.hidden) keys.delete(node.key);
     else keys.add(node.key);
-    folded.value = keys;
+    this.source.folded.value = keys;
   }
 
   foldSubtrees(): void {
     const calls = this.structure.nodes.filter((node) => node.calls && node.parent);
-    folded.value = new Set([...folded.peek(), ...calls.map((node) => node.key)]);
+    this.source.folded.value = new Set([...this.source.folded.peek(), ...calls.map((node) => node.key)]);
   }
 
   unfoldAll(): void {
-    folded.value = new Set();
+    this.source.folded.value = new Set();
   }
+}
+
+/** Set an attribute, unless it has the value: the browser would compute styles again. */
+function set(element: Element, name: string, value: string): void {
+  if (element.getAttribute(name) !== value) element.setAttribute(name, value);
 }
 
 function button(name: string, x: number, y: number, path: string, title: string): SVGElement {
   return draw("g", { class: name, transform: `translate(${x} ${y})` },
     draw("title", {}, title), draw("circle", { class: "pill", r: 8 }), draw("path", { class: "sign", d: path }));
+}
+
+/** Return the sign of a changed node, at the corner of its card. */
+function changeBadge(sign: string): SVGElement {
+  const width = 8 + 11 * sign.length;
+  return draw("g", { class: "change" },
+    draw("rect", { x: -9, y: -9, width, height: 19, rx: 9.5 }), draw("text", { x: width / 2 - 9, y: 5 }, sign));
 }
 
 /** The pattern of disabled nodes, and their cards' second fill. */

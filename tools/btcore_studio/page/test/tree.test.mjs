@@ -13,7 +13,7 @@ after(() => rmSync(folder, { recursive: true }));
 const source = ["picture", "drop_targets", "fuzzy", "keyboard", "tree"].map((name) => `export * from "./${name}";`).join("\n");
 const outfile = path.join(folder, "tree.mjs");
 await build({ stdin: { contents: source, resolveDir: path.join(here, "../src"), loader: "ts" }, bundle: true, platform: "node", format: "esm", outfile });
-const { actionOf, DropTargets, match, neighbour, outline, parsePicture, search, Structure } = await import(pathToFileURL(outfile).href);
+const { actionOf, DropTargets, match, longestRise, neighbour, outline, parsePicture, search, Structure } = await import(pathToFileURL(outfile).href);
 
 // --- a tree: 0 root(1 a, 2 loop(3 b), 4 c), where "loop" is a decorator
 
@@ -101,13 +101,14 @@ test("children in columns have places above and below", () => {
 // --- the picture
 
 const CARD = (number, x, y, name) => `<g data-uid="${number}" transform="translate(${x} ${y})"><title>${name}
-second line</title><rect class="card action" width="120.5" height="46.0" rx="7"/><g><circle/></g><text>${name}</text></g>`;
+second line</title><rect class="card action" width="120.5" height="46.0" rx="7"/><g><circle/></g><text>${name}</text><text class="uid" x="9">${number}</text></g>`;
 const SVG = `<svg xmlns="http://www.w3.org/2000/svg" width="400" height="300" viewBox="0 0 400.0 300.5" role="img">
 <title>T</title>
 
 <rect class="sheet"/>
 <g transform="translate(28.0 66)">
-<path class="edge" d="M0 0"/>
+<rect class="frame"/>
+<path class="edge" d="M0 0L1 1"/>
 ${CARD(1, "10.0", "-2.5", "a")}
 ${CARD(2, 30, 80, "b &lt;g data-uid=")}
 </g>
@@ -115,14 +116,23 @@ ${CARD(2, 30, 80, "b &lt;g data-uid=")}
 </svg>
 `;
 
-test("a picture is taken apart and can be put together", () => {
+test("a picture is taken apart", () => {
   const picture = parsePicture(SVG);
   assert.deepEqual([picture.width, picture.height, picture.left, picture.top], [400, 300.5, 28, 66]);
   const { text, ...place } = picture.cards[0];
-  assert.deepEqual(place, { number: 1, x: 10, y: -2.5, width: 120.5, height: 46 });
-  assert.equal(picture.head + picture.cards.map((card) => card.text).join("") + picture.tail, SVG);
-  assert.equal(outline(picture.cards[1]), '<g data-uid="2" transform="translate(30 80)"><rect class="card action" width="120.5" height="46.0" rx="7"/></g>');
-  assert.ok(text.endsWith("</g>\n"));
+  assert.deepEqual(place, { number: 1, x: 10, y: -2.5, width: 120.5, height: 46, edge: "" });
+  assert.equal(picture.cards[1].edge, "M0 0L1 1");
+  const start = SVG.indexOf("<path"), end = SVG.indexOf("</g>\n<circle");
+  assert.equal(picture.rest, SVG.slice(0, start) + SVG.slice(end));
+  const rectangle = '<rect class="card action" width="120.5" height="46.0" rx="7"/>';
+  assert.equal(text, `<title>a\nsecond line</title>${rectangle}<g><circle/></g><text>a</text><text class="uid" x="9"></text>`);
+  assert.equal(outline(picture.cards[1]), rectangle);
+});
+
+test("as few elements as possible move", () => {
+  assert.deepEqual([...longestRise([3, 4, 0, 1, 2])].sort(), [2, 3, 4]);
+  assert.deepEqual([...longestRise([9, 0, 1, 2])].sort(), [1, 2, 3]);
+  assert.deepEqual([...longestRise([])], []);
 });
 
 test("an empty picture", () => {
