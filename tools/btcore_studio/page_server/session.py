@@ -438,8 +438,8 @@ class PageSession:
         pushed = msgspec.convert(params, _Pushed)
         return {"version": self._studio.files.push(self, pushed.uri, pushed.version, pushed.edits)}
 
-    def _save(self, params: object) -> None:
-        self._studio.files.save(msgspec.convert(params, _Document).uri)
+    def _save(self, params: object) -> object:
+        return self._studio.files.save(msgspec.convert(params, _Document).uri)
 
     def _create(self, params: object) -> object:
         created = msgspec.convert(params, _Created)

@@ -93,12 +93,9 @@ export function Help() {
     ...operations.map((operation) => ({ group: operation.group, keys: operation.keys, text: treeTexts.operation[operation.id] })),
     ...treeTexts.pageKeys,
   ];
-  const closed = () => {
-    help.value = false;
-    focusPicture();
-  };
+  // The browser gives the focus back to what had it.
   return (
-    <dialog class="help" ref={dialog} aria-label={treeTexts.helpTitle} onClose={closed}>
+    <dialog class="help" ref={dialog} aria-label={treeTexts.helpTitle} onClose={() => { help.value = false; }}>
       <form method="dialog"><h2>{treeTexts.helpTitle}</h2><button aria-label={treeTexts.close} title={treeTexts.close}>×</button></form>
       <div class="help-groups">
         {[...Map.groupBy(rows, (row) => row.group)].map(([group, items]) => (

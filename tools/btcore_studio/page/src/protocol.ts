@@ -325,7 +325,7 @@ export interface SharedText { text: string; version: number; unsaved: boolean }
  */
 export interface Pushed { uri: string; version: number; edits: TextEdit[] }
 
-/** btcore/save: { uri } → null, or fails with a reason. btcore/create: { name, text } → { uri }. */
+/** btcore/save: { uri } → whether the text was written, or fails with a reason. btcore/create: { name, text } → { uri }. */
 /** The notification btcore/disk: a file changed on disk while it had unsaved changes that overlap. */
 export interface DiskConflict { uri: string; text: string }
 /** btcore/resolve: { uri, keep: "disk" | "page" } → null. */
