@@ -17,8 +17,9 @@ import type {
   Command, Diagnostic, DiskConflict, Drawing, EditResult, Live, Palette as PaletteData, Place, SharedFile, WorkspaceEdit,
 } from "./protocol";
 import {
-  actions, diagnostics, drawing, files, folded, isSamePlace, live, message, palette, reasonOf, selection, showError, start, tree, uri,
+  actions, diagnostics, drawing, files, folded, isSamePlace, live, message, palette, reasonOf, refusedField, selection, showError, start, tree, uri,
 } from "./state";
+import { RpcError } from "./rpc";
 import { Splitter } from "./splitter";
 import { revealText, TextPane } from "./text_pane";
 import { texts } from "./texts";
@@ -135,11 +136,12 @@ function edit(command: Command): Promise<EditResult | null> {
       toSelect = result.select;
       await home.apply(result.edit, mark);
       message.value = result.notes.join(" ");
-      if (moved.kind === "set_model") waitForPalette(0);
+      if (moved.kind === "set_model" || moved.kind === "remove_model") waitForPalette(0);
       await (running ?? redraw()); // a changed text is being drawn already
       return result;
     } catch (error) {
       showError(error);
+      refusedField.value = error instanceof RpcError ? (error.data as { field?: string } | null)?.field ?? "" : "";
       return null;
     }
   });

@@ -23,6 +23,9 @@ export const files = signal<readonly SharedFile[]>([]);
 /** A sentence for the user, in the status line. */
 export const message = signal("");
 
+/** The field of a node type's form to which the last refusal belongs, or "". */
+export const refusedField = signal("");
+
 export const reasonOf = (error: unknown): string => (error instanceof Error ? error.message : String(error));
 export const showError = (error: unknown): void => { message.value = reasonOf(error); };
 
