@@ -361,12 +361,26 @@ class SetMainTree(Command, frozen=True):
 
 
 class SetModel(Command, frozen=True):
-    """Write the model of a node type, or of a tree, or replace it."""
+    """Write the model of a node type, or of a tree, or replace it.
+
+    Attributes:
+        before: The present ID of a node type that gets another ID in all files, or "".
+        renamed: The new name of each port that gets another name in all files.
+    """
 
     uri: str
     id: str
     type: Literal["Action", "Condition", "Control", "Decorator", "SubTree"]
     ports: list[PalettePort]
+    before: str = ""
+    renamed: dict[str, str] = {}
+
+
+class RemoveModel(Command, frozen=True):
+    """Remove the model of a node type that no tree uses."""
+
+    uri: str
+    id: str
 
 
 AnyCommand = (
@@ -387,6 +401,7 @@ AnyCommand = (
     | RemoveTree
     | SetMainTree
     | SetModel
+    | RemoveModel
 )
 
 

@@ -22,8 +22,10 @@ import type {
   SharedFile, WorkspaceEdit,
 } from "./protocol";
 import {
-  actions, diagnostics, drawing, files, folded, isSamePlace, live, message, palette, reasonOf, selectedNodes, selection, showError, start, tree, uri,
+  actions, diagnostics, drawing, files, folded, isSamePlace, live, message, palette, reasonOf, refusedField, selectedNodes, selection,
+  showError, start, tree, uri,
 } from "./state";
+import { RpcError } from "./rpc";
 import { Splitter } from "./splitter";
 import { revealText, TextPane } from "./text_pane";
 import { texts, treeTexts } from "./texts";
@@ -162,7 +164,7 @@ function edit(command: Command): Promise<EditResult | null> {
       isDrawn = next !== null;
       await home.apply(result.edit, mark).finally(() => { isDrawn = false; });
       if (next) show(complete(next, shown), wanted, home.mark());
-      if (moved.kind === "set_model") waitForPalette(0);
+      if (moved.kind === "set_model" || moved.kind === "remove_model") waitForPalette(0);
       // A changed text is being drawn, or was drawn before VS Code replied.
       if (requested !== before) await running;
       else if (!next) await redraw();
@@ -170,6 +172,7 @@ function edit(command: Command): Promise<EditResult | null> {
       return result;
     } catch (error) {
       showError(error);
+      refusedField.value = error instanceof RpcError ? (error.data as { field?: string } | null)?.field ?? "" : "";
       return null;
     }
   });

@@ -358,7 +358,7 @@ export class View {
     if (!path) mark?.remove();
     else if (mark) set(mark.lastElementChild!, "d", path);
     else {
-      group.append(draw("g", { class: "mark", transform: `translate(14 ${this.cards[index]!.height})`, "aria-hidden": "true" },
+      group.append(draw("g", { class: "mark", transform: `translate(14 ${this.boxes[index]!.height})`, "aria-hidden": "true" },
         draw("circle", { r: 7.5 }), draw("path", { d: path })));
     }
   }
