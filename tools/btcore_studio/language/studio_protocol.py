@@ -72,13 +72,16 @@ class DrawingParams(DocumentParams, frozen=True):
         tree: The ID of the tree; None for the main tree, or the first.
         folded: The keys of the nodes whose children are hidden.
         call: The key of the running SubTree node whose tree this is; "" for a main tree.
-        styled: Whether the drawing contains its style sheet and the descriptions of the nodes, so that it can
-            be saved.
+        since: The number of a drawing that the client has: its nodes that have only moved are not sent again.
+            0 for none.
+        styled: Whether the SVG is the whole drawing, with its style sheet and the descriptions of the nodes,
+            so that it can be saved.
     """
 
     tree: str | None = None
     folded: frozenset[str] = frozenset()
     call: str = ""
+    since: int = 0
     styled: bool = False
 
 
@@ -93,6 +96,9 @@ class DrawnNode(Data, frozen=True):
         end: The end of the element.
         hidden: The number of hidden nodes below, if the node is folded.
         children: The minimum and the maximum number of children; None is no limit.
+        x: The place of the card.
+        card: The SVG of the card without its number; "" below a folded node.
+        edge: The path from the parent, relative to the upper left corner of the card; "" for the root.
     """
 
     key: str
@@ -108,6 +114,17 @@ class DrawnNode(Data, frozen=True):
     leaf: bool
     disabled: bool
     children: tuple[int, int | None]
+    x: float = 0
+    y: float = 0
+    width: float = 0
+    height: float = 0
+    card: str = ""
+    edge: str = ""
+
+
+MovedNode = tuple[int, int, int, int, int, int, int, float, float, str | None]
+"""A node of an earlier drawing: its index, its index there, and its present parent, line, character, line and
+character of the end, x, y and edge; None for the same edge."""
 
 
 class TreeSummary(Data, frozen=True):
@@ -124,8 +141,11 @@ class Drawing(Data, frozen=True):
 
     Attributes:
         tree: The ID of the tree, or "" if there is no tree.
-        svg: The drawing, or "" if there are no nodes. Groups of nodes have the attribute `data-uid`: 1 + the
-            index in *nodes*.
+        number: Identifies the drawing; see `DrawingParams.since`.
+        moved: The nodes that are not in *nodes*, because the client has them.
+        svg: The drawing without cards and edges, which are in *nodes*; with `styled` the whole drawing. "" if
+            there are no nodes.
+        left: Where the coordinates of the cards begin in the SVG.
         about: The description of each node type in *nodes*, by its ID.
         broken: Why the text is not XML, or "". The drawing then shows what can be read.
     """
@@ -137,6 +157,12 @@ class Drawing(Data, frozen=True):
     about: dict[str, str]
     trees: list[TreeSummary]
     broken: str
+    number: int = 0
+    moved: list[MovedNode] = []
+    left: float = 0
+    top: float = 0
+    width: float = 0
+    height: float = 0
 
 
 # --- btcore/palette
@@ -335,12 +361,26 @@ class SetMainTree(Command, frozen=True):
 
 
 class SetModel(Command, frozen=True):
-    """Write the model of a node type, or of a tree, or replace it."""
+    """Write the model of a node type, or of a tree, or replace it.
+
+    Attributes:
+        before: The present ID of a node type that gets another ID in all files, or "".
+        renamed: The new name of each port that gets another name in all files.
+    """
 
     uri: str
     id: str
     type: Literal["Action", "Condition", "Control", "Decorator", "SubTree"]
     ports: list[PalettePort]
+    before: str = ""
+    renamed: dict[str, str] = {}
+
+
+class RemoveModel(Command, frozen=True):
+    """Remove the model of a node type that no tree uses."""
+
+    uri: str
+    id: str
 
 
 AnyCommand = (
@@ -361,6 +401,7 @@ AnyCommand = (
     | RemoveTree
     | SetMainTree
     | SetModel
+    | RemoveModel
 )
 
 

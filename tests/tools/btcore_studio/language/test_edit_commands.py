@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from msgspec.structs import replace
 
 import btcore
 from btcore.errors import TreeError
@@ -83,7 +84,11 @@ class Page:
         after = apply_edits(before, edits)
         assert apply_edits(after, invert_edits(before, edits)) == before
         self.show(after)
-        assert result.drawing == (None if after == before else self.drawing())
+        if after == before:
+            assert result.drawing is None
+        else:
+            assert result.drawing is not None
+            assert replace(result.drawing, number=0) == replace(self.drawing(), number=0)
         return result
 
     def selected(self, result: EditResult) -> list[str]:
@@ -216,6 +221,11 @@ def test_too_many_children_are_refused(
         (protocol.SetModel(URI, "a b", "Action", []), "cannot be the ID of a node"),
         (protocol.SetModel(URI, "a", "Action", [PalettePort("1", "in", "", "", "")]), "cannot be the name"),
         (protocol.SetModel(URI, "root", "Action", []), "cannot be the ID of a node"),
+        (protocol.SetModel(URI, "Grip}", "Action", []), "cannot be the ID of a node"),
+        (
+            protocol.SetModel(URI, "a", "Action", [PalettePort("b", "in", "double", "abc", "")]),
+            "'abc' cannot be the default of the type double",
+        ),
         (protocol.SetModel(URI, "Sleep", "Action", []), "the node 'Sleep' has code"),
         (
             protocol.SetModel(URI, "a", "Action", [PalettePort("b", "in", "", "", "")] * 2),
@@ -468,6 +478,41 @@ def test_models_are_written_and_changed(page: Callable[..., Page]) -> None:
     assert shown.text == written.replace("Action", "Condition")
     shown.do(protocol.SetModel(URI, "Other", "Decorator", []))
     assert '<Decorator ID="Other"/>\n  </TreeNodesModel>' in shown.text
+    shown.do(protocol.RemoveModel(URI, "Other"))
+    assert shown.text == written.replace("Action", "Condition")
+
+
+def test_a_node_type_and_its_ports_are_renamed_in_all_files(
+    page: Callable[..., Page], tmp_path: Path
+) -> None:
+    model = '<TreeNodesModel><Action ID="Go"><input_port name="goal"/></Action></TreeNodesModel>'
+    shown = page('<Go goal="{=}"/>')
+    shown.show(shown.text.replace("</root>", f"{model}</root>"))
+    other = shown.project.open("untitled:other.xml", "\ufeff" + MAIN.format('<Go goal="1"></Go>'), 1)
+    target = PalettePort("target", "in", "", "", "")
+    renaming = protocol.SetModel(URI, "Drive", "Action", [target], "Go", {"goal": "target"})
+    result = compute_edit(shown.project, renaming)
+    texts = [shown.source, other]
+    after = []
+    for text in texts:
+        changes = result.edit.changes[text.uri]
+        offset = text.positions.offset
+        after.append(apply_edits(text.text, [
+            Edit(offset(edit.range.start), offset(edit.range.end), edit.new_text) for edit in changes
+        ]))  # fmt: skip
+    named = shown.text.replace('goal="{=}"', 'target="{goal}"').replace("Go", "Drive")
+    assert after[0] == named.replace('name="goal"', 'name="target"')
+    assert after[1] == other.text.replace("Go", "Drive").replace("goal", "target")
+    for command, reason in (
+        (
+            protocol.SetModel(URI, "A", "Action", [target], "Go", {"goal": "target"}),
+            "the project has a tree 'A'",
+        ),
+        (protocol.SetModel(URI, "Go", "Action", [target]), "tree.xml:3 uses the port 'goal'"),
+        (protocol.RemoveModel(URI, "Go"), "<Go> is used in .*tree.xml:3"),
+    ):
+        with pytest.raises(EditError, match=reason):
+            compute_edit(shown.project, command)
 
 
 # --- the clipboard
@@ -670,6 +715,8 @@ def random_command(rng: random.Random, drawing: Drawing, uri: str) -> AnyCommand
         protocol.RemoveTree(uri, name),
         protocol.SetMainTree(uri, name),
         protocol.SetModel(uri, name, node_type, ports),
+        protocol.SetModel(uri, "Renamed", node_type, ports, name, {"a": "d"}),
+        protocol.RemoveModel(uri, name),
     ]
     return rng.choice(commands)
 

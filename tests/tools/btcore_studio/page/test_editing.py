@@ -418,7 +418,8 @@ def test_a_field_underlines_its_errors_while_typing(edit: Callable[[str], Editor
     described = str(field.get_attribute("aria-describedby")).split()[0]
     assert "expected a value" in str(editor.page.locator(f"#{described}").text_content())
     editor.press("Enter")
-    editor.page.locator(".problems", has_text="expected a value").wait_for()
+    problems = editor.page.locator(".problems")
+    editor.wait(lambda: "expected a value" in str(problems.text_content()), "the file is not checked")
     assert marked.all_text_contents() == ["+"]
     field.fill("lap := 1 + 2")
     editor.press("Enter")
@@ -536,5 +537,16 @@ def test_a_node_type_is_made_and_changed_in_its_form(edit: Callable[[str], Edito
     form.get_by_label("Name of port 1").fill("other")
     editor.press("Escape")
     editor.wait(lambda: form.count() == 0)
-    editor.press("Control+z", "Control+z")
+    # A reason is at its field. An unused type can be deleted.
+    pencil.click()
+    form.get_by_label("Default of port 1").fill("1")
+    form.get_by_label("Type of port 1").fill("int")
+    form.get_by_label("Default of port 1").fill("far")
+    form.locator("input[name=id]").press("Enter")
+    editor.wait(lambda: editor.focused == "default", editor.focused)
+    assert "'far' cannot be the default of the type int" in form.locator("fieldset p.error").inner_text()
+    form.get_by_role("button", name="Delete the type").click()
+    editor.wait(lambda: "Deleted the node type Go" in editor.message, editor.message)
+    editor.wait(lambda: form.count() == 0)
+    editor.press("Control+z", "Control+z", "Control+z")
     editor.saves(TREE.encode())

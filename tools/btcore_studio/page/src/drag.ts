@@ -1,7 +1,7 @@
 // Dragging with a mouse or a finger: nodes and palette items to their new places, and the picture itself.
 
 import { effect } from "@preact/signals";
-import { type Box, overlaps } from "./picture";
+import { type Box, isSamePicture, overlaps } from "./picture";
 import { DropTargets, type Load, type Target } from "./drop_targets";
 import { noteUse } from "./last_used";
 import { chosen, edit, inTurn, xmlOf } from "./operations";
@@ -48,7 +48,7 @@ class Drag {
     addEventListener("keyup", this.onKey, true);
     // Another page may change the tree meanwhile. A picture that looks the same does not end the drag.
     const begun = drawing.peek();
-    this.unfollow = effect(() => { if (drawing.value?.svg !== begun?.svg) end(false); });
+    this.unfollow = effect(() => { if (!begun || !drawing.value || !isSamePicture(begun, drawing.value)) end(false); });
     this.frame = requestAnimationFrame(this.scroll);
   }
 

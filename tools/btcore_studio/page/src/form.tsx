@@ -12,7 +12,7 @@ import type { Command, Diagnostic, DrawnNode, Field, NodeForm, Problem } from ".
 import { actions, diagnostics, drawing, live, palette, problemsByKey, selectedNode, selectedNodes, start } from "./state";
 import { moment } from "./timeline";
 import { treeTexts } from "./texts";
-import { focusPicture, view } from "./view";
+import { focusPicture } from "./view";
 
 const NONE: Diagnostic[] = [];
 const SIGNS = { in: "→", out: "←", inout: "↔", "": "" };
@@ -48,9 +48,8 @@ export function Form() {
 
 function Head({ node }: { node: DrawnNode }) {
   const status = statusOf(node.key, live.value);
-  const shown = view.value;
   const item = palette.value.items.find(({ id, isEditable }) => id === node.id && isEditable);
-  const glyph = /<path class="glyph" d="([^"]*)"/.exec(shown?.cardText(shown.structure.at(node.key)) ?? "");
+  const glyph = /<path class="glyph" d="([^"]*)"/.exec(node.card);
   return (
     <header>
       <Symbol item={{ kind: node.kind, symbol: glyph?.[1] }} />

@@ -15,14 +15,17 @@ import type { Done } from "./history";
 import { BrowserHome, findHome, isConnected } from "./home";
 import { Blackboard, call, drawnCall, LiveControls } from "./live";
 import { Palette } from "./palette";
+import { complete } from "./picture";
 import { checked, followProblems, Problems } from "./problems";
 import type {
   Command, Diagnostic, DiskConflict, Drawing, DrawingParams, EditParams, EditResult, Live, Palette as PaletteData, Place, Preview,
   SharedFile, WorkspaceEdit,
 } from "./protocol";
 import {
-  actions, diagnostics, drawing, files, folded, isSamePlace, live, message, palette, reasonOf, selectedNodes, selection, showError, start, tree, uri,
+  actions, diagnostics, drawing, files, folded, isSamePlace, live, message, palette, reasonOf, refusedField, selectedNodes, selection,
+  showError, start, tree, uri,
 } from "./state";
+import { RpcError } from "./rpc";
 import { Splitter } from "./splitter";
 import { revealText, TextPane } from "./text_pane";
 import { texts, treeTexts } from "./texts";
@@ -64,8 +67,11 @@ async function drawAll(): Promise<void> {
   }
 }
 
-const drawingParams = (): DrawingParams =>
-  ({ textDocument: { uri: uri.value }, tree: tree.value, folded: [...folded.value], call: call.value?.key ?? "" });
+const drawingParams = (): DrawingParams => {
+  const params = { textDocument: { uri: uri.value }, tree: tree.value, folded: [...folded.value], call: call.value?.key ?? "" };
+  // VS Code's extension reads all nodes.
+  return home.documents && drawing.value ? { ...params, since: drawing.value.number } : params;
+};
 
 async function draw(): Promise<void> {
   const mark = home.mark();
@@ -73,10 +79,10 @@ async function draw(): Promise<void> {
   try {
     // A text that is open is drawn without a wait, before the parts of the page show its change.
     if (home.documents?.isOpen(uri.value) === false) await home.documents.load(uri.value);
-    const params = drawingParams();
-    const data = await actions.request<Drawing>("btcore/drawing", params);
+    const [params, before] = [drawingParams(), drawing.value];
+    const reply = await actions.request<Drawing>("btcore/drawing", params);
     if (params.textDocument.uri !== uri.value || params.tree !== tree.value) return;
-    show(data, params, mark);
+    show(complete(reply, before), params, mark);
     drawingMs = performance.now() - begun;
   } catch (error) {
     if (isConnected.value) notice.value = texts.stale(reasonOf(error));
@@ -148,7 +154,7 @@ function edit(command: Command): Promise<EditResult | null> {
     try {
       const mark = home.mark();
       // VS Code may change the texts of the edit, and then draws them.
-      const wanted = drawingParams();
+      const [wanted, shown] = [drawingParams(), drawing.value];
       const params: EditParams = home.documents ? { command: moved, drawing: wanted } : { command: moved };
       const result = await actions.request<EditResult>("btcore/edit", versions ? { ...params, versions } : params);
       toSelect = result.select;
@@ -157,8 +163,8 @@ function edit(command: Command): Promise<EditResult | null> {
       const before = requested;
       isDrawn = next !== null;
       await home.apply(result.edit, mark).finally(() => { isDrawn = false; });
-      if (next) show(next, wanted, home.mark());
-      if (moved.kind === "set_model") waitForPalette(0);
+      if (next) show(complete(next, shown), wanted, home.mark());
+      if (moved.kind === "set_model" || moved.kind === "remove_model") waitForPalette(0);
       // A changed text is being drawn, or was drawn before VS Code replied.
       if (requested !== before) await running;
       else if (!next) await redraw();
@@ -166,6 +172,7 @@ function edit(command: Command): Promise<EditResult | null> {
       return result;
     } catch (error) {
       showError(error);
+      refusedField.value = error instanceof RpcError ? (error.data as { field?: string } | null)?.field ?? "" : "";
       return null;
     }
   });

@@ -112,8 +112,8 @@ export function Palette() {
         ))}
       </div>
       <div class="about">
-        <p id="palette-about">{about.value || treeTexts.paletteHint}</p>
         <Warning outlook={outlook} />
+        <p id="palette-about">{about.value || treeTexts.paletteHint}</p>
       </div>
     </section>
   );

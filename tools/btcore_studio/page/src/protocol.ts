@@ -39,16 +39,32 @@ export interface DrawingParams extends Document {
   folded: string[];
   /** The key of the running SubTree node whose tree this is. The keys of the drawn nodes are then those of the nodes below it. */
   call: string;
-  /** Whether the drawing contains its style sheet and the descriptions of the nodes, so that it can be saved. */
+  /** The number of the drawing that the page has: its nodes that have only moved are not sent again. */
+  since?: number;
+  /** Whether the SVG is the whole drawing, with its style sheet and the descriptions of the nodes, so that it can be saved. */
   styled?: boolean;
 }
+
+/** A node of the earlier drawing: its index, its index there, and what may have changed. A null edge is the same. */
+export type MovedNode = [
+  index: number, before: number, parent: number, line: number, character: number, endLine: number, endCharacter: number,
+  x: number, y: number, edge: string | null,
+];
 
 export interface Drawing {
   tree: string;
   format: 3 | 4;
-  /** Groups of nodes have the attribute `data-uid`: 1 + the index in *nodes*. */
+  number: number;
+  /** The SVG without cards and edges, or with `styled` the whole. */
   svg: string;
+  /** Where the coordinates of the cards begin in the SVG. */
+  left: number;
+  top: number;
+  width: number;
+  height: number;
   nodes: DrawnNode[];
+  /** The nodes that are not in *nodes*; `complete` in picture.ts adds them. */
+  moved: MovedNode[];
   /** The description of each node type in *nodes* by its ID. */
   about: Record<string, string>;
   trees: TreeSummary[];
@@ -78,6 +94,15 @@ export interface DrawnNode {
   disabled: boolean;
   /** How many children the node may have: [minimum, maximum]; null is no limit. */
   children: [number, number | null];
+  /** The card, in units of the drawing. */
+  x: number;
+  y: number;
+  width: number;
+  height: number;
+  /** The SVG of the card without its number; "" below a folded node. */
+  card: string;
+  /** The path from the parent, relative to (x, y); "" for the root. */
+  edge: string;
 }
 
 export interface TreeSummary { id: string; place: Place; callers: string[]; isMain: boolean }
@@ -131,6 +156,7 @@ export interface Field {
 }
 
 // --- btcore/edit: EditParams → EditResult. An operation that cannot be applied is an error with the reason.
+// Its data may have the *field* of a node type's form to which the reason belongs: "id", or "ports/0/name".
 
 /** *drawing* is what to draw after the edit. */
 export interface EditParams { command: Command; drawing?: DrawingParams; versions?: Drawing["versions"] }
@@ -152,7 +178,12 @@ export type Command =
   | { kind: "add_tree"; uri: string; id: string }
   | { kind: "remove_tree"; uri: string; id: string }
   | { kind: "set_main_tree"; uri: string; id: string }
-  | { kind: "set_model"; uri: string; id: string; type: "Action" | "Condition" | "Control" | "Decorator" | "SubTree"; ports: PalettePort[] };
+  /** *before* is the present ID of a node type that gets another ID in all files; *renamed* has new names of ports. */
+  | {
+    kind: "set_model"; uri: string; id: string; type: "Action" | "Condition" | "Control" | "Decorator" | "SubTree"; ports: PalettePort[];
+    before?: string; renamed?: Record<string, string>;
+  }
+  | { kind: "remove_model"; uri: string; id: string };
 
 export interface EditResult {
   edit: WorkspaceEdit;

@@ -49,6 +49,9 @@ export function refuse(reason: string): void {
 }
 let refusal = "";
 
+/** The field of a node type's form to which the last refusal belongs, or "". */
+export const refusedField = signal("");
+
 export const reasonOf = (error: unknown): string => (error instanceof Error ? error.message : String(error));
 export const showError = (error: unknown): void => { message.value = reasonOf(error); };
 

@@ -200,6 +200,7 @@ export const treeTexts = {
       case "remove_tree": return `Deleted the tree ${command.id}.`;
       case "set_main_tree": return `${command.id} is the main tree now.`;
       case "set_model": return "";
+      case "remove_model": return `Deleted the node type ${command.id}.`;
     }
   },
   clipboardRefused: "The browser does not allow access to the clipboard. Paste works in this page only.",
@@ -270,6 +271,10 @@ export const treeTexts = {
   editModel: "Edit type",
   modelOf: (id: string) => `Node type ${id}`,
   modelHint: "The type is written into the <TreeNodesModel> of this file. It has no code until a library registers a node with this ID.",
+  renamesType: (id: string) => `${id} gets this ID in all files.`,
+  renamesPort: (name: string) => `The port ${name} gets this name in all files.`,
+  removeModel: "Delete the type",
+  modelRemoved: (id: string) => `Deleted the node type ${id}.`,
   modelWritten: (id: string) => `Wrote the node type ${id}.`,
   id: "ID",
   type: "Type",

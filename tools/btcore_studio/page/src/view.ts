@@ -2,8 +2,8 @@
 
 import { effect, type ReadonlySignal, type Signal, signal } from "@preact/signals";
 import { liveIndex, statuses } from "./live";
-import { around, type Box, type Card, type Picture, outline, overlaps, parsePicture } from "./picture";
-import type { Change, Drawing } from "./protocol";
+import { around, type Box, outline, overlaps } from "./picture";
+import type { Change, Drawing, DrawnNode } from "./protocol";
 import { drawing, folded, live, selection, severities } from "./state";
 import { comparisonTexts, treeTexts } from "./texts";
 import { inOrder, Structure } from "./tree";
@@ -58,8 +58,8 @@ export class View {
   /** The box of each node in the drawing; undefined below a folded node. */
   boxes: (Box | undefined)[] = [];
   zoom = 0;
-  private picture: Picture = parsePicture("");
-  private cards: (Card | undefined)[] = [];
+  /** The indices of the nodes with cards. */
+  private cards: number[] = [];
   private svg: SVGSVGElement | null = null;
   private layer: Element | null = null;
   /** The edges whose ends may be visible. */
@@ -110,15 +110,11 @@ export class View {
       this.boxes = [];
       return;
     }
-    const picture = parsePicture(next.svg);
     const structure = new Structure(next.nodes);
-    const isNew = picture.rest !== this.picture.rest || !this.svg;
-    this.picture = picture;
     this.structure = structure;
-    this.cards = next.nodes.map(() => undefined);
-    for (const card of picture.cards) this.cards[card.number - 1] = card;
-    this.boxes = this.cards;
-    if (isNew) this.build();
+    this.boxes = next.nodes.map((node) => node.card ? node : undefined);
+    this.cards = [...this.boxes.keys()].filter((index) => this.boxes[index]);
+    if (next.svg !== before?.svg || !this.svg) this.build(next.svg);
     this.reuse(old);
     if (!this.zoom || isOther || !old.nodes.length) this.zoom = this.startZoom();
     this.resize();
@@ -157,10 +153,10 @@ export class View {
   }
 
   /** Make what is around the cards and edges. */
-  private build(): void {
+  private build(text: string): void {
     // Chromium parses HTML three times as fast as XML. The server has escaped every text of the drawing.
     const template = document.createElement("template");
-    template.innerHTML = this.picture.rest || EMPTY;
+    template.innerHTML = text || EMPTY;
     const svg = template.content.firstElementChild as SVGSVGElement;
     svg.classList.add("picture");
     svg.setAttribute("role", "none");
@@ -196,39 +192,47 @@ export class View {
     this.groups = new Map();
     for (const [index, group] of before) {
       const next = this.structure.at(old.nodes[index]!.key);
-      const card = this.cards[next];
-      if (card && group.content === this.contentOf(card) && !this.groups.has(next)) this.place(next, card, group);
+      const node = this.structure.nodes[next];
+      if (node?.card && group.content === this.contentOf(node) && !this.groups.has(next)) this.place(next, group);
       else group.element.remove();
     }
   }
 
   /** What the elements of a card depend on, besides its place and its number. */
-  private contentOf(card: Card, isFar = this.isFar): string {
-    return isFar ? outline(card) : `${card.text}\n${this.drawing!.about[this.structure.nodes[card.number - 1]!.id] ?? ""}`;
+  private contentOf({ card, id }: DrawnNode, isFar = this.isFar): string {
+    return isFar ? outline(card) : `${card}\n${this.drawing!.about[id] ?? ""}`;
   }
 
-  private place(index: number, card: Card, group: Group): void {
+  private place(index: number, group: Group): void {
     const { element } = group;
+    const { x, y } = this.structure.nodes[index]!;
     this.groups.set(index, group);
-    const number = String(card.number);
+    const number = String(index + 1);
     if (element.dataset.uid !== number) {
       element.dataset.uid = number;
       const written = element.querySelector(":scope > .uid");
       if (written) written.textContent = number;
     }
-    set(element, "transform", `translate(${card.x} ${card.y})`);
+    set(element, "transform", `translate(${x} ${y})`);
     this.describe(index, element);
     this.dress(index, element);
   }
 
   /** Whether the texts of the cards cannot be read, and are not drawn. */
   private get isFar(): boolean {
-    return this.zoom < FAR && this.picture.cards.length > MANY;
+    return this.zoom < FAR && this.cards.length > MANY;
+  }
+
+  private get left(): number { return this.drawing?.left ?? 0; }
+  private get top(): number { return this.drawing?.top ?? 0; }
+
+  private get size(): { width: number; height: number } {
+    return this.drawing?.svg ? this.drawing : { width: 100, height: 100 };
   }
 
   private resize(): void {
-    this.svg?.setAttribute("width", String(Math.round(this.picture.width * this.zoom)));
-    this.svg?.setAttribute("height", String(Math.round(this.picture.height * this.zoom)));
+    this.svg?.setAttribute("width", String(Math.round(this.size.width * this.zoom)));
+    this.svg?.setAttribute("height", String(Math.round(this.size.height * this.zoom)));
   }
 
   private refreshSoon(): void {
@@ -241,41 +245,42 @@ export class View {
   refresh(): void {
     if (!this.layer || !this.svg) return;
     const { isFar } = this;
-    const all = this.picture.cards.length <= MANY / 2;
+    const all = this.cards.length <= MANY / 2;
     const area = this.visible(MARGIN);
     const cursor = this.structure.at(this.source.selection.peek().at(-1) ?? "");
-    const shown = this.picture.cards.filter((card) => all || card.number - 1 === cursor || overlaps(card, area));
-    const wanted = new Set(shown.map((card) => card.number - 1));
+    const shown = this.cards.filter((index) => all || index === cursor || overlaps(this.boxes[index]!, area));
+    const wanted = new Set(shown);
     for (const [index, { element }] of this.groups) {
       if (wanted.has(index) && (element.dataset.far === "1") === isFar) continue;
       element.remove();
       this.groups.delete(index);
     }
-    const missing = shown.filter((card) => !this.groups.has(card.number - 1));
+    const missing = shown.filter((index) => !this.groups.has(index));
+    const { nodes } = this.structure;
     if (missing.length) {
       const template = document.createElement("template");
-      template.innerHTML = `<svg>${missing.map((card) => `<g>${isFar ? outline(card) : card.text}</g>`).join("")}</svg>`;
+      template.innerHTML = `<svg>${missing.map((index) => `<g>${isFar ? outline(nodes[index]!.card) : nodes[index]!.card}</g>`).join("")}</svg>`;
       Array.from(template.content.firstElementChild!.children).forEach((made, position) => {
         const element = made as SVGGElement;
-        const card = missing[position]!;
-        const index = card.number - 1;
+        const index = missing[position]!;
         if (isFar) element.dataset.far = "1";
-        const about = this.drawing!.about[this.structure.nodes[index]!.id];
+        const about = this.drawing!.about[nodes[index]!.id];
         if (about) element.querySelector(":scope > title")?.append(`\n${about}`);
-        this.place(index, card, { element, content: this.contentOf(card, isFar) });
+        this.place(index, { element, content: this.contentOf(nodes[index]!, isFar) });
       });
     }
     // The groups are in the order of the tree, for screen readers.
-    inOrder(this.layer, shown.map((card) => this.groups.get(card.number - 1)!.element), this.marks);
+    inOrder(this.layer, shown.map((index) => this.groups.get(index)!.element), this.marks);
     set(this.edges, "d", this.visibleEdges(area, all));
     this.markActive();
   }
 
   /** Return the edges in a part of the drawing as one path. An edge is in the box around both of its cards. */
   private visibleEdges(area: Box, all: boolean): string {
-    return this.picture.cards.map((card) => {
-      const parent = this.cards[this.structure.parent(card.number - 1)];
-      return all || (parent && overlaps(around(card, parent), area)) ? card.edge : "";
+    return this.cards.map((index) => {
+      const { x, y, edge } = this.structure.nodes[index]!;
+      const [box, parent] = [this.boxes[index]!, this.boxes[this.structure.parent(index)]];
+      return edge && (all || (parent && overlaps(around(box, parent), area))) ? `M${x} ${y}${edge}` : "";
     }).join("");
   }
 
@@ -353,7 +358,7 @@ export class View {
     if (!path) mark?.remove();
     else if (mark) set(mark.lastElementChild!, "d", path);
     else {
-      group.append(draw("g", { class: "mark", transform: `translate(14 ${this.cards[index]!.height})`, "aria-hidden": "true" },
+      group.append(draw("g", { class: "mark", transform: `translate(14 ${this.boxes[index]!.height})`, "aria-hidden": "true" },
         draw("circle", { r: 7.5 }), draw("path", { d: path })));
     }
   }
@@ -390,7 +395,7 @@ export class View {
   private dressButtons(index: number, group: SVGGElement, isSelected: boolean): void {
     if (this.source.changes) return;
     const node = this.structure.nodes[index]!;
-    const card = this.cards[index]!;
+    const card = this.boxes[index]!;
     const isFar = group.dataset.far === "1";
     const hasFold = !isFar && (isSelected || this.hovered === index) && !node.leaf && !node.hidden;
     const hasAdd = !isFar && isSelected && this.structure.canTake(index, 1);
@@ -407,14 +412,14 @@ export class View {
   /** Return the point of the drawing at a point of the screen. */
   point(clientX: number, clientY: number): [number, number] {
     const box = this.svg?.getBoundingClientRect() ?? new DOMRect();
-    return [(clientX - box.left) / this.zoom - this.picture.left, (clientY - box.top) / this.zoom - this.picture.top];
+    return [(clientX - box.left) / this.zoom - this.left, (clientY - box.top) / this.zoom - this.top];
   }
 
   /** Return a box of the drawing on the screen. */
   screen(box: Box): DOMRect {
     const outer = this.svg?.getBoundingClientRect() ?? new DOMRect();
     return new DOMRect(
-      outer.left + (box.x + this.picture.left) * this.zoom, outer.top + (box.y + this.picture.top) * this.zoom,
+      outer.left + (box.x + this.left) * this.zoom, outer.top + (box.y + this.top) * this.zoom,
       box.width * this.zoom, box.height * this.zoom);
   }
 
@@ -432,10 +437,6 @@ export class View {
 
   group(index: number): SVGGElement | undefined {
     return this.groups.get(index)?.element;
-  }
-
-  cardText(index: number): string {
-    return this.cards[index]?.text ?? "";
   }
 
   /** Scroll so that a node is visible. */
@@ -459,7 +460,7 @@ export class View {
   // --- zoom
 
   private fitZoom(): number {
-    const { width, height } = this.picture;
+    const { width, height } = this.size;
     return Math.min((this.frame.clientWidth - 4) / width, (this.frame.clientHeight - 4) / height);
   }
 
