@@ -1,5 +1,6 @@
 """The page with the keyboard alone, and what a screen reader gets of it."""
 
+import json
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -152,7 +153,7 @@ def test_changes_are_announced_and_the_focus_stays_on_the_page(
     page.locator(".cm-line", has_text="<ForceSuccess").first.click()
     page.keyboard.type("<Inverter name='a'", delay=40)
     hears(page, "New error: ")
-    page.keyboard.type(" _description='b'", delay=40)
+    page.keyboard.type(" _description='b'")
     page.wait_for_timeout(2000)
     assert page.evaluate("heard.filter(item => item.includes('error'))") == []
     while page.locator(".problems .summary.error").count():
@@ -178,3 +179,62 @@ def test_changes_are_announced_and_the_focus_stays_on_the_page(
         assert press(page, last) == "Change the tree MainTree"
     hears(page, "Tree Other")
     assert press(page).startswith("Other")
+
+
+def test_stop_at_a_breakpoint_is_announced_and_marked(
+    tmp_path: Path, start_studio: StartStudio, browser: Any
+) -> None:
+    (tmp_path / "tree.xml").write_text(TREE, encoding="utf-8")
+    studio = start_studio(tmp_path, "tree.xml")
+    context = browser.new_context()
+    page = context.new_page()
+    keys: list[str] = []
+    sockets: list[Any] = []
+
+    def connect(socket: Any) -> None:
+        def receive(text: str) -> None:
+            found = (json.loads(text).get("result") or {}) if '"nodes"' in text else {}
+            keys.extend(node["key"] for node in found.get("nodes", ()))
+            socket.send(text)
+
+        sockets.append(socket)
+        socket.connect_to_server().on_message(receive)
+
+    def show(stopped: str) -> None:
+        """Show a running tree, as the studio's process does."""
+        state = {
+            "address": "tcp://robot:1667",
+            "connection": "connected",
+            "detail": "",
+            "problem": "",
+            "statuses": "12001",
+            "results": "02030",
+            "entries": [],
+            "wanted": keys[4:5],
+            "breakpoints": keys[4:5],
+            "stopped": stopped,
+            "keys": keys[:5],
+        }
+        sockets[0].send(json.dumps({"jsonrpc": "2.0", "method": "btcore/live", "params": state}))
+
+    page.route_web_socket("**/socket", connect)
+    page.goto(studio.url)
+    page.locator("main svg g[data-uid]").first.wait_for()
+    page.evaluate(HEARD)
+    show("")
+    hears(page, "Connected to tcp://robot:1667.")
+    show(keys[4])
+    page.locator(".canvas").focus()
+    # A running node waits at the breakpoint again in the next tick.
+    for _ in range(2):
+        hears(page, "The tree waits at the breakpoint before Sleep.")
+        press(page, "c")
+        hears(page, "The tree continues.")
+    show("")
+    node = page.locator("g.node[aria-label^='Sleep'][aria-label$='breakpoint']")
+    assert node.get_attribute("aria-description") == "RUNNING, msec 10"
+    # The statuses differ by more than their colours.
+    marks = page.locator("g.mark path").evaluate_all("marks => marks.map(mark => mark.getAttribute('d'))")
+    assert len(marks) == 4
+    assert len(set(marks)) == 3
+    context.close()

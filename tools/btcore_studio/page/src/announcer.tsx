@@ -3,12 +3,13 @@
 import { effect, signal, untracked } from "@preact/signals";
 import { checked } from "./problems";
 import type { Diagnostic } from "./protocol";
-import { announce, announcements, diagnostics, drawing, live, message, nodesByKey, uri } from "./state";
+import { actions, announce, announcements, diagnostics, drawing, live, message, nodesByKey, showError, uri } from "./state";
 import { texts, treeTexts } from "./texts";
 import { fileName } from "./toolbar";
 
 /** While the user types, a text has passing errors. */
 const PAUSE_MS = 1200;
+const RELEASE_MS = 500;
 
 export function Announcer() {
   return <div class="unseen" aria-live="polite">{announcements.value.map(({ id, text }) => <p key={id}>{text}</p>)}</div>;
@@ -95,6 +96,14 @@ function reportLive(): void {
     else if (!at && stopped && now) message.value = treeTexts.continued;
   });
   [connection, stopped] = [now, at];
+}
+
+/** Let a tree continue that waits at a breakpoint. It may wait at the same node in the next tick. */
+export async function release(): Promise<void> {
+  stopped = "";
+  message.value = treeTexts.continued;
+  await actions.request("btcore/release", {}).catch(showError);
+  setTimeout(reportLive, RELEASE_MS);
 }
 
 /** Announce what changes on the page. */

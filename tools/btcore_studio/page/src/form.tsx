@@ -11,6 +11,7 @@ import { modelForm } from "./quick_state";
 import type { Command, Diagnostic, DrawnNode, Field, NodeForm, Problem } from "./protocol";
 import { actions, diagnostics, drawing, live, palette, problemsByKey, selectedNode, selectedNodes, start } from "./state";
 import { moment } from "./timeline";
+import { plain } from "./markdown";
 import { treeTexts } from "./texts";
 import { focusPicture } from "./view";
 
@@ -79,7 +80,7 @@ function Ports({ node }: { node: DrawnNode }) {
 /** A docstring, which has code between backquotes. */
 function About({ text }: { text: string }) {
   if (!text) return null;
-  return <p class="about">{text.split("`").map((part, index) => index % 2 ? <code key={index}>{part}</code> : part)}</p>;
+  return <p class="about">{plain(text).split("`").map((part, index) => index % 2 ? <code key={index}>{part}</code> : part)}</p>;
 }
 
 function Fields({ node, form }: { node: DrawnNode; form: NodeForm }) {
@@ -193,7 +194,7 @@ function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; pr
         const [found, ...hint] = problem.message.split("\n");
         return <span key={problem.message} class={problem.severity === 1 ? "error" : "warning"}>{found} <em>{hint.join(" ")}</em></span>;
       })}</p>}
-      {field.about && <p class={`about ${isFocused.value ? "" : "folded"}`} id={`${id}-about`}>{field.about}</p>}
+      {field.about && <p class={`about ${isFocused.value ? "" : "folded"}`} id={`${id}-about`}>{plain(field.about)}</p>}
     </div>
   );
 }

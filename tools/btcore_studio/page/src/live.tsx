@@ -2,6 +2,7 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
+import { release } from "./announcer";
 import type { Live, RunningCall } from "./protocol";
 import { actions, drawing, live, nodesByKey, showError, start, tree } from "./state";
 import { treeTexts } from "./texts";
@@ -81,9 +82,6 @@ export async function toggleBreakpoints(nodes: readonly string[]): Promise<void>
   const others = wanted.filter((key) => !nodes.includes(key));
   await send("btcore/breakpoints", { keys: others.length < wanted.length ? others : [...wanted, ...nodes] });
 }
-
-/** Let a tree continue that waits at a breakpoint. */
-export const release = () => send("btcore/release", {});
 
 const send = (method: string, params: unknown) => actions.request(method, params).catch(showError);
 

@@ -105,6 +105,7 @@ export function Help() {
           </section>
         ))}
       </div>
+      <p>{treeTexts.marks}</p>
       <p>{treeTexts.mouse}</p>
     </dialog>
   );

@@ -2,7 +2,8 @@
 
 import type { Making } from "./preview";
 import type { Command, DrawnNode, EditResult, PaletteItem, Place } from "./protocol";
-import { chooseCall, release, toggleBreakpoints } from "./live";
+import { release } from "./announcer";
+import { chooseCall, toggleBreakpoints } from "./live";
 import { actions, drawing, live, message, reasonOf, refuse, selection, start, tree as shownTree } from "./state";
 import { modelForm, prompt, quick } from "./quick_state";
 import { canWrap, placeOfTree, type Structure } from "./tree";

@@ -6,6 +6,7 @@ import { search } from "./fuzzy";
 import { lastUsed, noteUse } from "./last_used";
 import { commandOf, run, applyType } from "./operations";
 import { usePreview, Warning } from "./preview";
+import { plain } from "./markdown";
 import type { PaletteItem } from "./protocol";
 import { modelForm } from "./quick_state";
 import { palette, start } from "./state";
@@ -42,7 +43,7 @@ export function Palette() {
   const about = useSignal("");
   const [outlook, look] = usePreview();
   const describe = (item: PaletteItem) => {
-    about.value = item.about;
+    about.value = plain(item.about);
     look(() => commandOf("insert", item));
   };
   const current = useSignal("");
@@ -87,7 +88,7 @@ export function Palette() {
   ) : insertButton(item, at);
   const insertButton = (item: PaletteItem, at: readonly number[]) => (
     <button
-      key={item.id} class="palette-item" data-id={item.id} title={item.about} aria-describedby="palette-about"
+      key={item.id} class="palette-item" data-id={item.id} title={plain(item.about)} aria-describedby="palette-about"
       tabIndex={item.id === stop ? 0 : -1} onFocus={() => { describe(item); current.value = item.id; }} onPointerEnter={() => describe(item)} onPointerLeave={() => look(null)} onBlur={() => look(null)}
     >
       <Symbol item={item} /><Highlighted text={item.id} at={at} />

@@ -7,6 +7,7 @@ import { lastUsed, noteUse } from "./last_used";
 import { commandOf, edit, inTurn, applyType, type Where, wheres } from "./operations";
 import { Highlighted, Symbol } from "./palette";
 import { usePreview, Warning } from "./preview";
+import { plain } from "./markdown";
 import type { NodeForm, PaletteItem } from "./protocol";
 import { prompt, quick } from "./quick_state";
 import { actions, palette, selectedNode } from "./state";
@@ -127,7 +128,7 @@ function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
         {!matches.length && <li class="none">{treeTexts.noneFound}</li>}
       </ul>
       <Warning outlook={outlook} />
-      {chosenItem?.about && <p class="about">{firstSentence(chosenItem.about)}</p>}
+      {chosenItem?.about && <p class="about">{firstSentence(plain(chosenItem.about))}</p>}
       {places.length > 1 && (
         <div class="wheres" role="radiogroup" aria-label={treeTexts.where}>
           {places.map((name) => (

@@ -241,6 +241,7 @@ export const treeTexts = {
     { group: "view", keys: ", .", text: "One tick of a recording back, forward" },
     { group: "page", keys: "Enter", text: "Edit the attributes of the node" },
     { group: "page", keys: "Shift+F10", text: "Menu of the node" },
+    { group: "page", keys: "Tab", text: "In the list of node types: the place of the new node" },
     { group: "page", keys: "Ctrl+Z", text: "Undo" },
     { group: "page", keys: "Ctrl+Y", text: "Redo, as Ctrl+Shift+Z" },
     { group: "page", keys: "Ctrl+S", text: "Save" },
@@ -254,6 +255,7 @@ export const treeTexts = {
     { group: "text", keys: "F12", text: "Definition" },
     { group: "text", keys: "F2", text: "Rename in all files" },
   ] as const,
+  marks: "A running tree: ▶ RUNNING, ✔ SUCCESS, ✘ FAILURE, ↷ SKIPPED; at an idle node, its last result. ‖: the tree waits at a breakpoint.",
   mouse: "Mouse: drag a node to another place, or with Ctrl a copy. Ctrl+click and Shift+click select several nodes, Shift+drag all "
     + "nodes in a rectangle. A double-click renames a node or shows a called tree. Touch: hold a node to drag it, or release it for the menu.",
 
