@@ -139,6 +139,7 @@ export const treeTexts = {
     readOnly: "The studio was started with --read-only.",
     noSelection: "Select a node first.",
     several: "Select a single node.",
+    extractSeveral: "A tree has one root node. Wrap the nodes into a control node first.",
     notConsecutive: "The selected nodes are not a row of siblings.",
     oneRoot: "A tree has exactly one root node. Wrap the root into a control node first.",
     root: "The root stays where it is. Wrap it, or change its children.",
