@@ -21,6 +21,7 @@ from btcore.clock import NS_PER_MS
 from btcore_navigation.distance_field import SignedDistanceField
 from btcore_navigation.global_search import HEADINGS, GlobalSearch, SearchSpace
 from btcore_navigation.likelihood import LikelihoodField, obstacle_distances
+from btcore_navigation.parameters import AmclParameters
 from btcore_navigation.particles import best_cluster, resample, sample_motion_model, sample_particles
 from btcore_navigation.relocalisation import HEADINGS_A_STEP
 from btcore_robot.occupancy_map import OccupancyMap
@@ -33,7 +34,9 @@ from measure.report import Report, create_parser
 Floats = NDArray[np.float64]
 
 PERIOD = 100.0  # ms between two scans
-ALPHAS = (0.2, 0.2, 0.2, 0.2)  # AMCL's parameters of the odometry's errors
+PARAMETERS = AmclParameters()
+ALPHAS = (PARAMETERS.alpha1, PARAMETERS.alpha2, PARAMETERS.alpha3, PARAMETERS.alpha4)
+RANGE_MAX = 25.0  # m
 POSE = Pose2D(0.0, 0.0, 0.3)
 NEXT_POSE = Pose2D(0.25, 0.05, 0.4)
 LASER_POSITION = (0.202, 0.0)  # m, on the robot
@@ -44,7 +47,7 @@ class NaiveField:
 
     def __init__(self, field_map: OccupancyMap) -> None:
         self._map = field_map
-        self._z = obstacle_distances(field_map, 2.0)
+        self._z = obstacle_distances(field_map, PARAMETERS.laser_likelihood_max_dist)
 
     def weights(self, particles: Floats, points: Floats) -> Floats:
         """Return the weight 1 + Σ pz³ of each particle, shape ``(n,)``.
@@ -61,8 +64,10 @@ class NaiveField:
         rows = np.floor((y - self._map.origin[1]) / self._map.resolution).astype(int)
         height, width = self._z.shape
         inside = (rows >= 0) & (columns >= 0) & (rows < height) & (columns < width)
-        z = np.where(inside, self._z[rows.clip(0, height - 1), columns.clip(0, width - 1)], 2.0)
-        pz = 0.5 * np.exp(-(z**2) / (2.0 * 0.2**2)) + 0.5 / 25.0
+        z = self._z[rows.clip(0, height - 1), columns.clip(0, width - 1)]
+        z = np.where(inside, z, PARAMETERS.laser_likelihood_max_dist)
+        hits = PARAMETERS.z_hit * np.exp(-(z**2) / (2.0 * PARAMETERS.sigma_hit**2))
+        pz = hits + PARAMETERS.z_rand / RANGE_MAX
         weights: Floats = 1.0 + (pz**3).sum(axis=1)
         return weights
 
@@ -70,7 +75,7 @@ class NaiveField:
 def beam_ends(field_map: OccupancyMap, beams: int) -> Floats:
     """Return the ends of beams over 220° from POSE, in the robot's frame (m), shape ``(beams, 2)``."""
     angles = np.linspace(-math.radians(110.0), math.radians(110.0), beams)
-    steps = np.arange(0.0, 25.0, 0.01)
+    steps = np.arange(0.0, RANGE_MAX, 0.01)
     x = POSE.x + np.cos(POSE.yaw + angles)[:, None] * steps
     y = POSE.y + np.sin(POSE.yaw + angles)[:, None] * steps
     cells = field_map.indices(np.stack((x.ravel(), y.ravel()), axis=1))
@@ -90,7 +95,9 @@ def update(field: LikelihoodField | NaiveField, particles: Floats, points: Float
     weights /= weights.sum()
     best_cluster(ahead, weights)
     count = len(particles)
-    return resample(ahead, weights, random, err=0.05, z=0.99, least=min(500, count), most=count)
+    return resample(
+        ahead, weights, random, err=PARAMETERS.pf_err, z=PARAMETERS.pf_z, least=min(500, count), most=count
+    )
 
 
 def main() -> None:
@@ -100,7 +107,7 @@ def main() -> None:
     parser.add_argument("--beams", type=int, default=60)
     options = parser.parse_args()
     field_map = rasterise(load_world_description("house"))
-    field, naive = LikelihoodField(field_map), NaiveField(field_map)
+    field, naive = LikelihoodField(field_map, PARAMETERS, RANGE_MAX), NaiveField(field_map)
     points = beam_ends(field_map, options.beams)
     height, width = field_map.cells.shape
     question = f"The time for localising in the house, {width} × {height} cells, with {options.beams} beams"

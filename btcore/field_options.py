@@ -88,6 +88,9 @@ def create_options(options_class: type[Options], *names: str) -> list[FieldOptio
 def add_options(options_class: type[Options], *names: str) -> Callable[[Function], Function]:
     """Return a decorator that adds the options of a class to a command.
 
+    The command's function gets a parameter for each option. Options of `Settings` are an exception: a
+    `ProviderCommand` passes them, together with those of its providers, as the parameter *settings*.
+
     Args:
         options_class: The class of the options.
         names: The fields whose options are added; by default all.

@@ -19,9 +19,8 @@ import click
 from rich.text import Text
 
 from btcore.cli import terminal
-from btcore.cli.command_run import create_run
 from btcore.cli.node_libraries import load_libraries
-from btcore.cli.provider_command import ProviderCommand, command_providers
+from btcore.cli.provider_command import ProviderCommand, command_providers, create_run
 from btcore.cli.run_summary import END_REASON_TEXT, print_reports
 from btcore.cli.terminal import print_json
 from btcore.registry.registry import Registry

@@ -47,8 +47,7 @@ START_LIMIT = float(os.environ.get("BTCORE_TEST_START_LIMIT", "inf"))
 """The time (s) after the first test of the process after which no test is started."""
 WITHOUT_LIMIT = os.environ.get("BTCORE_TEST_WITHOUT_LIMIT", "")
 """The file or folder of the tests that are started nevertheless."""
-BROWSER_OPTIONS = ["--no-sandbox", "--disable-dev-shm-usage", "--use-angle=swiftshader"]
-BROWSER_OPTIONS += ["--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"]
+BROWSER_OPTIONS = ["--no-sandbox", "--disable-dev-shm-usage"]
 NOT_STARTED = "not started: the time limit of `make check` was exceeded"
 
 
@@ -143,9 +142,9 @@ def recorded_tree() -> Callable[[str], str]:
     return write
 
 
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    """Chromium without a window, which draws in software; skip the test if it is not installed."""
+@contextmanager
+def open_chromium(*options: str) -> Iterator[Any]:
+    """Open Chromium without a window; skip the test if it is not installed."""
     sync_api = pytest.importorskip("playwright.sync_api")
     with sync_api.sync_playwright() as playwright:
         installed = map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))
@@ -153,9 +152,16 @@ def browser() -> Iterator[Any]:
         path = next((path for path in paths if Path(path).exists()), None)
         if path is None:
             pytest.skip("there is no Chromium")
-        chromium = playwright.chromium.launch(executable_path=path, args=BROWSER_OPTIONS)
+        chromium = playwright.chromium.launch(executable_path=path, args=[*BROWSER_OPTIONS, *options])
         yield chromium
         chromium.close()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Chromium without WebGL, which would draw the pages in a process of its own."""
+    with open_chromium("--disable-gpu") as chromium:
+        yield chromium
 
 
 @pytest.fixture(scope="session")

@@ -71,7 +71,7 @@ class NodeLibraries:
     def _load(self, with_btcore: bool) -> None:
         self._has_btcore_libraries = with_btcore
         self.nodes = Registry.standard()
-        self.unavailable: Sequence[UnavailableEntryPoint] = self.nodes.add_plugins(
+        self.unavailable: Sequence[UnavailableEntryPoint] = self.nodes.add_installed_libraries(
             own=with_btcore, strict=False
         )
         for unavailable in self.unavailable:

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from btcore.engine.journal import Journal  # imported when a recording begins
 
 _REPETITIONS_PER_CHECK: Final = 16
-"""The number of repetitions after which a node in a tree without a tick limit checks the limit."""
+"""Without a tick limit, a node lets Python handle signals after this number of repetitions."""
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

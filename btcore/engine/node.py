@@ -374,7 +374,8 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
     status: Status
     try:
         result = node.tick() if wrapper is None else wrapper.tick(node)
-        # Without calls of `_as_status` and `set_status`, which would take 15 % of a tick of `wide` (pure).
+        # Without calls of `_as_status` and `set_status`: with them, a tick of the benchmark's tree `deep`
+        # executes 7 % more instructions of the engine (compiled).
         if result is SUCCESS:
             status = SUCCESS
         elif result is RUNNING:
@@ -465,7 +466,7 @@ def input_or(node: TreeNode, name: str, default: object) -> object:
         return default
 
 
-# `execute_tick` contains a copy of `set_status`, and the loops in `control.py` copies of `reset_status`.
+# `execute_tick` contains a copy of `set_status`, and `ControlNode.reset_children` copies of `reset_status`.
 
 
 def set_status(node: TreeNode, status: Status) -> None:

@@ -20,8 +20,9 @@ class NodeSpec:
 
     A class declares the fields in which it differs from its base class. Reading `spec`, of a class or a node,
     returns all fields, with those that are inherited. Ticks do not read it, but attributes to which `prepare`
-    has copied fields, which is faster. Only btcore reads a spec; the static method `metadata()` returns the
-    texts that are also written to the TreeNodesModel, so that Groot and C++ see them.
+    has copied fields, which is faster. What only the methods of the class read, such as `Repeat.is_async`, is
+    a class variable instead. Only btcore reads a spec; the static method `metadata()` returns the texts that
+    are also written to the TreeNodesModel, so that Groot and C++ see them.
 
     Attributes:
         node_type: The type of the nodes: action, condition, control or decorator.

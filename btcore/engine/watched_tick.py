@@ -41,29 +41,29 @@ class WatchedTick(TickWrapper):
 
     Attributes:
         counts: The counters, or None.
-        started: Called at the start of each tick, before the pre-conditions; or None.
+        on_tick_start: Called at the start of each tick, before the pre-conditions; or None.
     """
 
     def __init__(self, former: TickWrapper | None = None) -> None:
         super().__init__(former)
         self.counts: TickCounts | None = None
-        self.started: Callable[[], object] | None = None
+        self.on_tick_start: Callable[[], object] | None = None
         if isinstance(former, WatchedTick):
             self.counts = former.counts
-            self.started = former.started
+            self.on_tick_start = former.on_tick_start
 
     @property
     def is_empty(self) -> bool:
         """Whether the node needs no wrapper."""
-        return super().is_empty and self.counts is None and self.started is None
+        return super().is_empty and self.counts is None and self.on_tick_start is None
 
     def tick(self, node: TreeNode) -> Status:
         """Count the tick and its result."""
         counts = self.counts
         if counts is not None:
             counts.ticks += 1
-        if self.started is not None:
-            self.started()
+        if self.on_tick_start is not None:
+            self.on_tick_start()
         status = super().tick(node)
         if counts is not None:
             counts.add_result(status)

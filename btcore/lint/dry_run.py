@@ -20,6 +20,7 @@ from btcore.lint.possible_results import is_built_in
 from btcore.loading.instantiate import NodeCreator, SubtreeDraft
 from btcore.registry.manifest import Manifest
 from btcore.registry.nodes_without_code import is_mock
+from btcore.script.expressions import Assignment
 from btcore.xml.plan.key_uses import WRITING, AccessKind, find_name_uses, port_uses, uses_whole_blackboard
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
@@ -31,7 +32,8 @@ class EntryUse:
     """One place where *key* is used in *scope*: an attribute, or a name in its script.
 
     *column* is the column (from 1) of the name in the script, or 0 outside of a script. *port* is the port
-    that uses the key; it is None in a script and in an attribute of a SubTree element.
+    that uses the key; it is None in a script and in an attribute of a SubTree element. *statement* is the
+    statement of a script that assigns to the name.
     """
 
     access: AccessKind
@@ -42,6 +44,12 @@ class EntryUse:
     attribute: str
     column: int = 0
     port: Port | None = None
+    statement: Assignment | None = None
+
+    @property
+    def is_in_script(self) -> bool:
+        """Whether the key is a name in a script."""
+        return self.column > 0
 
     @property
     def title(self) -> str:
@@ -53,7 +61,7 @@ class EntryUse:
     ) -> Diagnostic:
         """Return a diagnostic about this place."""
         mark: Mark = {"attribute": self.attribute, "column": self.column, "width": len(self.key)}
-        return self.document.diagnostic(code, message, self.node.element, hint=hint, fixes=fixes, **mark)
+        return self.document.diagnostic(code, message, self.node.element, hint, fixes, **mark)
 
 
 class DryRun(NodeCreator):
@@ -155,7 +163,9 @@ class DryRun(NodeCreator):
     def _record_script(self, node_plan: NodePlan, attribute: str, text: str, draft: SubtreeDraft) -> None:
         document, board = draft.document, draft.subtree.blackboard
         self._recorded += [
-            EntryUse(use.access, use.name, board, document, node_plan, attribute, use.column)
+            EntryUse(
+                use.access, use.name, board, document, node_plan, attribute, use.column, None, use.statement
+            )
             for use in find_name_uses(text, self.enums)
         ]
 

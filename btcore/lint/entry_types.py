@@ -6,7 +6,7 @@ without a type) and W214 (object of a base class).
 
 from collections.abc import Collection, Mapping
 
-from btcore.blackboard.blackboard import Entry
+from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.ports import Binding, Port, PortRole
 from btcore.diagnostic_codes import (
     BASE_CLASS_READ,
@@ -24,10 +24,10 @@ from btcore.lint.unwritten_keys import is_declaration
 from btcore.names import POSTCONDITION_ATTRIBUTES
 from btcore.registry.manifest import Manifest
 from btcore.registry.nodes_without_code import is_mock
-from btcore.script.expressions import Assignment, Literal, Name
+from btcore.script.expressions import Assignment, Literal
 from btcore.status import SUCCESS
 from btcore.values import INT64, STRING
-from btcore.xml.plan.key_uses import WRITING, AccessKind, parse_statements
+from btcore.xml.plan.key_uses import WRITING, AccessKind
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
 from btcore.xml.read.document import DiagnosticCollector
 
@@ -49,18 +49,14 @@ def check_value_types(dry_run: DryRun, is_main: bool, given: Collection[str]) ->
         untyped = _untyped_entries(dry_run, is_main, given)
         _check_untyped_entries(dry_run, untyped)
         _check_copied_integers(dry_run, untyped)
-    scripts: dict[str, dict[int, Assignment]] = {}
     for entry, uses in dry_run.uses.items():
         for use in uses:
             if use.access is AccessKind.WRITES and use.port is not None:
                 _check_port(dry_run, entry, use, use.port)
             elif use.access is AccessKind.READS and use.port is not None:
                 _check_base_class(dry_run, entry, use, use.port)
-            elif use.access in WRITING and use.column:
-                text = use.node.element.get(use.attribute) or ""
-                if text not in scripts:
-                    scripts[text] = _assignments_of(text, dry_run.enums)
-                _check_script(dry_run, entry, use, scripts[text].get(use.column))
+            elif use.statement is not None:
+                _check_script(dry_run, entry, use, use.statement)
         _check_constant(dry_run, uses, entry)
 
 
@@ -117,16 +113,13 @@ def _check_written_literal(dry_run: DryRun, entry: Entry, use: EntryUse) -> None
         _warn_refused_write(dry_run, entry, use, f"{use.node.label} writes '{text}'")
 
 
-def _assigns_integer(use: EntryUse, enums: dict[str, int]) -> bool:
-    if not use.column:
-        return False
-    text = use.node.element.get(use.attribute) or ""
-    assignment = _assignments_of(text, enums).get(use.column)
+def _assigns_integer(use: EntryUse) -> bool:
+    statement = use.statement
     return (
-        assignment is not None
-        and assignment.operator in (":=", "=")
-        and isinstance(assignment.value, Literal)
-        and isinstance(assignment.value.value, int)
+        statement is not None
+        and statement.operator in (":=", "=")
+        and isinstance(statement.value, Literal)
+        and isinstance(statement.value.value, int)
     )
 
 
@@ -165,7 +158,7 @@ def _check_copied_integers(dry_run: DryRun, untyped: list[Entry]) -> None:
         if source not in sources:
             continue
         writers = [other for other in dry_run.uses[source] if other.access in WRITING]
-        if writers and all(_assigns_integer(writer, dry_run.enums) for writer in writers):
+        if writers and all(map(_assigns_integer, writers)):
             write = f"{use.node.label} copies an integer of 64 bits, which a script has written"
             _warn_refused_write(dry_run, entry, use, write)
 
@@ -179,15 +172,15 @@ def _check_untyped_entries(dry_run: DryRun, untyped: list[Entry]) -> None:
             continue
         creators = [use for use in uses if _creates_untyped(use)]
         # Ports and constants create their entries when the tree is loaded, scripts when they run.
-        creator = next((use for use in creators if not use.column), creators[0] if creators else None)
+        creator = next((use for use in creators if not use.is_in_script), creators[0] if creators else None)
         if creator is None:
             continue
         plan = dry_run.plan_of(creator.scope)
-        if creator.column and plan not in places:
+        if creator.is_in_script and plan not in places:
             children = ((node, *at) for node in plan.nodes() for at in enumerate(node.children))
             places[plan] = {child: (node, index) for node, index, child in children}
         for use in texts:
-            if not creator.column or (
+            if not creator.is_in_script or (
                 use.scope is creator.scope and _runs_before(creator, use, places[plan])
             ):
                 _warn_untyped(use, creator, dry_run.collector)
@@ -210,7 +203,7 @@ def _creates_untyped(use: EntryUse) -> bool:
     """Return whether *use* creates the entry without a type: a script, a constant, or a port in braces."""
     if use.port is not None:
         return is_declaration(use)
-    return use.access is AccessKind.WRITES and (use.column > 0 or use.node.subtree_call is not None)
+    return use.access is AccessKind.WRITES and (use.is_in_script or use.node.subtree_call is not None)
 
 
 def _runs_before(script: EntryUse, use: EntryUse, places: Mapping[NodePlan, ChildPlace]) -> bool:
@@ -248,27 +241,16 @@ def _warn_untyped(use: EntryUse, creator: EntryUse, collector: DiagnosticCollect
     collector.add(use.diagnostic(TEXT_FOR_UNTYPED_ENTRY, message, hint))
 
 
-def _assignments_of(text: str, enums: dict[str, int]) -> dict[int, Assignment]:
-    try:
-        statements = parse_statements(text, enums)
-    except ScriptError:
-        return {}
-    return {
-        statement.target.column: statement
-        for statement in statements
-        if isinstance(statement, Assignment) and isinstance(statement.target, Name)
-    }
-
-
-def _check_script(dry_run: DryRun, entry: Entry, use: EntryUse, assignment: Assignment | None) -> None:
-    """Warn if *assignment*, a statement of a script, assigns a constant that the entry's type refuses."""
-    if not entry.declared.strong or entry.value is not None or assignment is None:
+def _check_script(dry_run: DryRun, entry: Entry, use: EntryUse, statement: Assignment) -> None:
+    """Warn if *statement*, of a script, assigns a constant that the entry's type refuses."""
+    if not entry.declared.strong or entry.value is not None:
         return
-    if assignment.operator not in (":=", "=") or not is_constant(assignment.value, dry_run.enums):
+    if statement.operator not in (":=", "=") or not is_constant(statement.value, dry_run.enums):
         return
-    # The dry run's blackboard converts the value; the entry is emptied again below.
+    board = Blackboard()  # with an entry of the same type, because the evaluation writes the value
+    board.declare(use.key, entry.declared)
     try:
-        assignment.evaluate(use.scope)
+        statement.evaluate(board)
     except BtcoreError as error:
         reason = error.message if isinstance(error, ScriptError) else str(error)
         declaration = dry_run.declared_by(entry)
@@ -276,8 +258,6 @@ def _check_script(dry_run: DryRun, entry: Entry, use: EntryUse, assignment: Assi
         hint = place if declaration else ""
         message = f"{use.title} always raises: {reason}"
         dry_run.collector.add(use.diagnostic(REFUSED_ENTRY_VALUE, message, hint))
-    finally:
-        entry.value = None
 
 
 def _check_constant(dry_run: DryRun, uses: list[EntryUse], entry: Entry) -> None:
@@ -287,7 +267,7 @@ def _check_constant(dry_run: DryRun, uses: list[EntryUse], entry: Entry) -> None
     the value, or the code of the leaf reads the port in its own way.
     """
     writers = [use for use in uses if use.access in WRITING]
-    constants = [use for use in writers if use.node.subtree_call is not None and not use.column]
+    constants = [use for use in writers if use.node.subtree_call is not None and not use.is_in_script]
     if len(constants) != 1 or len(writers) != 1 or not isinstance(entry.value, str):
         return
     use, text = constants[0], entry.value

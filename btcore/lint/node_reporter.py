@@ -20,10 +20,9 @@ class NodeReporter(NamedTuple):
         node: NodePlan,
         code: DiagnosticCode,
         message: str,
-        *,
         hint: str = "",
         fixes: Sequence[Fix] = (),
         **mark: Unpack[Mark],
     ) -> None:
         """Add a diagnostic about *node* or one of its attributes; see `Document.diagnostic`."""
-        self.collector.report(self.document, code, message, node.element, hint=hint, fixes=fixes, **mark)
+        self.collector.report(self.document, code, message, node.element, hint, fixes, **mark)

@@ -59,10 +59,8 @@ def check_ignored_attributes(node: NodePlan, reporter: NodeReporter) -> None:
             near = _similar_attribute(key, node.subtree_call is not None)
             if near is not None:
                 message = f"the attribute '{key}' of {node.label} is ignored: unknown name"
-                hint, fixes = HintAndFixes.similar_name(near)
-                reporter.report(
-                    node, IGNORED_ATTRIBUTE, message, attribute=key, hint=hint, fixes=fixes, part="name"
-                )
+                advice = HintAndFixes.similar_name(near)
+                reporter.report(node, IGNORED_ATTRIBUTE, message, *advice, attribute=key, part="name")
         elif key not in ("ID", "name"):
             reason = port_name_error(key)
             message = f"the attribute '{key}' of {node.label} is ignored: invalid port name ({reason})"
@@ -140,30 +138,28 @@ def check_port_literals(node: NodePlan, format: int, reporter: NodeReporter) -> 
                 key = intended or (text if is_port_name(text) else "")
                 hint, fixes = entry_hint("use the blackboard entry", key) if key else HintAndFixes()
                 fixes = [*value_fixes(port.type), *fixes]
-                reporter.report(
-                    node, INCONVERTIBLE_TEXT, message, attribute=port.name, hint=hint, fixes=fixes
-                )
+                reporter.report(node, INCONVERTIBLE_TEXT, message, hint, fixes, attribute=port.name)
         elif intended:
             message = f"the {label} is the text '{text}', not an entry"
-            hint, fixes = entry_hint("use the entry", intended)
-            reporter.report(node, INCOMPLETE_POINTER, message, attribute=port.name, hint=hint, fixes=fixes)
+            advice = entry_hint("use the entry", intended)
+            reporter.report(node, INCOMPLETE_POINTER, message, *advice, attribute=port.name)
         elif port.direction is Direction.OUT and format == 4:
             message = f"the output {label} has no entry: '{text}' is only a text"
             key = f"{{{text}}}" if text.isidentifier() else f"{{{port.name}}}"
             shown = key if text.isidentifier() else "{…}"
-            hint, fixes = f'write {port.name}="{shown}"', [SetValue(key)]
-            reporter.report(node, UNCONNECTED_OUTPUT, message, attribute=port.name, hint=hint, fixes=fixes)
+            advice = HintAndFixes(f'write {port.name}="{shown}"', [SetValue(key)])
+            reporter.report(node, UNCONNECTED_OUTPUT, message, *advice, attribute=port.name)
         else:
             for item, part, type_name in partly_read(text, _literal_type(node, port), format):
                 message = f"the {label} has the type {type_name}: only '{part}' of '{item}' is read"
-                hint, fixes = _number_hint(text, item, part, type_name)
-                reporter.report(node, PARTIAL_NUMBER, message, attribute=port.name, hint=hint, fixes=fixes)
+                advice = _number_hint(text, item, part, type_name)
+                reporter.report(node, PARTIAL_NUMBER, message, *advice, attribute=port.name)
     for key, text in node.subtree_call.constants.items() if node.subtree_call is not None else ():
         intended = intended_key(text)
         if intended:
             message = f"'{key}' of {node.label} is the text '{text}', not an entry"
-            hint, fixes = entry_hint("use the entry", intended)
-            reporter.report(node, INCOMPLETE_POINTER, message, attribute=key, hint=hint, fixes=fixes)
+            advice = entry_hint("use the entry", intended)
+            reporter.report(node, INCOMPLETE_POINTER, message, *advice, attribute=key)
 
 
 def check_literals_of_class(node: NodePlan, reporter: NodeReporter) -> None:

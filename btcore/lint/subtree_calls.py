@@ -67,8 +67,8 @@ def check_remappings(
             continue
         message = f"no port or script in the tree of {node.label} uses '{key}'"
         may_search = reporter.collector.take_comparisons(used)
-        hint, fixes = _unused_key_hint(key, used, call.port_texts) if may_search else HintAndFixes()
-        reporter.report(node, USELESS_REMAPPING, message, attribute=key, hint=hint, fixes=fixes, part="name")
+        advice = _unused_key_hint(key, used, call.port_texts) if may_search else HintAndFixes()
+        reporter.report(node, USELESS_REMAPPING, message, *advice, attribute=key, part="name")
 
 
 def _unused_key_hint(key: str, used: set[str], written: Mapping[str, str]) -> HintAndFixes:

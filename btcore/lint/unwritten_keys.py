@@ -59,7 +59,7 @@ def check_keys(dry_run: DryRun, is_main: bool, given: Collection[str]) -> None:
         if has_writer(uses):
             _warn_never_created(uses, collector, key if of_root else "")
         # A name in capitals may be an enum member that only the C++ code registers.
-        elif not (dry_run.has_mocks and all(use.column and use.key.isupper() for use in uses)):
+        elif not (dry_run.has_mocks and all(use.is_in_script and use.key.isupper() for use in uses)):
             _warn_never_written(keys, uses, board, key)
 
 
@@ -125,7 +125,7 @@ def _warn_never_written(keys: WrittenKeys, uses: Sequence[EntryUse], board: Blac
         keys.dry_run.collector.add(use.diagnostic(UNWRITTEN_KEY, message, *correction))
         return
     hint = f"write it first, or fill the blackboard before the first tick: {fill_example(key)}"
-    if use.column and use.key.isupper():
+    if use.is_in_script and use.key.isupper():
         hint = f"if it is the name of an enum member, register the enum with nodes.add_enum(…); else {hint}"
     keys.dry_run.collector.add(use.diagnostic(UNWRITTEN_KEY, message, hint)._replace(outer_key=key))
 

@@ -26,6 +26,7 @@ from btcore.diagnostic_codes import (
 )
 from btcore.diagnostics import Diagnostic
 from btcore.errors import ConversionError, PortError, TreeError, UnknownNodeError, XmlSyntaxError
+from btcore.fixes import Fix
 from btcore.loading.instantiate import instantiate
 from btcore.loading.load import paused_garbage_collection
 from btcore.registry.manifest import Manifest
@@ -275,7 +276,13 @@ class _BuiltDocument(Document):
         return draft.where[1] if draft is not None else 0
 
     def diagnostic(
-        self, code: DiagnosticCode, message: str, element: Element, *, hint: str = "", **_: object
+        self,
+        code: DiagnosticCode,
+        message: str,
+        element: Element,
+        hint: str = "",
+        fixes: Sequence[Fix] = (),
+        **_: object,
     ) -> Diagnostic:
         """Return a diagnostic at the place in the code, with the generated XML in the hint; without fixes."""
         draft = self._drafts[self.source_map.index(element)]

@@ -57,7 +57,7 @@ def instantiate(
         TreeError: The plans have errors, or nodes could not be created. It holds all errors.
         TypeError: *resources* is not a list.
     """
-    resources = list_resources(resources)
+    resources = resources_as_sequence(resources)
     plans.diagnostics.raise_errors()
     main = plans.main_tree
     assert main is not None, "a missing main tree is an error"
@@ -77,8 +77,8 @@ def instantiate(
     )
 
 
-def list_resources(resources: object) -> Sequence[object]:
-    """Return the *resources* of a program as a list.
+def resources_as_sequence(resources: object) -> Sequence[object]:
+    """Return the *resources* of a program as a sequence.
 
     Raises:
         TypeError: They are not a list.
@@ -194,26 +194,11 @@ class NodeCreator:
         return self._create_with_children(tree_plan.root, draft)
 
     def _create_with_children(self, node_plan: NodePlan, draft: SubtreeDraft) -> TreeNode:
-        document, call = draft.document, node_plan.subtree_call
-        self._uid = uid = self._uid + 1
-        id = node_plan.id
-        name = id if node_plan.name is None else node_plan.name
-        config = NodeConfig(
-            id,
-            name,
-            uid,
-            self.format,
-            file=document.file,
-            line=document.line(node_plan.element),
-            conditions=node_plan.conditions,
-            attributes=node_plan.attributes,
-            enums=self.enums,
-        )
+        call = node_plan.subtree_call
+        config = self._create_config(node_plan, draft)
         if call is not None:
-            self._configure_call(node_plan, call, config, draft)
+            self._check_path(node_plan, config.path, draft)
         else:
-            # BehaviorTree.CPP appends the uid to the path of a node without a name.
-            config.path = f"{draft.prefix}{name}::{uid}" if name == id else draft.prefix + name
             self.bind_ports(node_plan, config, draft)
         manifest = self._substitute(node_plan, config, draft) if self._rules else node_plan.manifest
         if call is None and not node_plan.children:
@@ -236,6 +221,35 @@ class NodeCreator:
         node = self.create_node(node_plan, manifest, config, draft, children)
         self.nodes[index] = draft.subtree.nodes[own_index] = node
         return node
+
+    def _create_config(self, node_plan: NodePlan, draft: SubtreeDraft) -> NodeConfig:
+        """Return the configuration of the next node, without its ports."""
+        call, own_name = node_plan.subtree_call, node_plan.name
+        self._uid = uid = self._uid + 1
+        attributes = node_plan.attributes
+        if call is None:
+            default_name = node_plan.id
+            is_named = own_name is not None and own_name != default_name
+        else:
+            default_name = call.tree_id
+            attributes = {**call.port_texts, **attributes}
+            # Format 3 ignores the name of a SubTree node in paths.
+            is_named = own_name is not None and self.format == 4
+        name = default_name if own_name is None else own_name
+        config = NodeConfig(
+            node_plan.id,
+            name,
+            uid,
+            self.format,
+            file=draft.document.file,
+            line=draft.document.line(node_plan.element),
+            conditions=node_plan.conditions,
+            attributes=attributes,
+            enums=self.enums,
+        )
+        # The path of a node without a name ends with the uid, as in BehaviorTree.CPP.
+        config.path = draft.prefix + (name if is_named else f"{default_name}::{uid}")
+        return config
 
     def bind_ports(self, node_plan: NodePlan, config: NodeConfig, draft: SubtreeDraft) -> None:
         """Bind the ports, and declare the entries that the ports point to."""
@@ -351,20 +365,12 @@ class NodeCreator:
 
     # --- SubTree elements
 
-    def _configure_call(
-        self, node_plan: NodePlan, call: SubtreeCall, config: NodeConfig, draft: SubtreeDraft
-    ) -> None:
-        """Set the name, path and attributes of a SubTree node, and report a path that occurs twice."""
-        config.name = node_plan.name if node_plan.name is not None else call.tree_id
-        # Format 3 ignores the name of a SubTree node in paths.
-        own_name = node_plan.name if self.format == 4 else None
-        config.path = draft.prefix + (own_name if own_name is not None else f"{call.tree_id}::{config.uid}")
-        config.attributes = {**call.port_texts, **node_plan.attributes}
-        if config.path in self._paths:
-            message = f"two SubTree nodes have the path '{config.path}'"
+    def _check_path(self, node_plan: NodePlan, path: str, draft: SubtreeDraft) -> None:
+        if path in self._paths:
+            message = f"two SubTree nodes have the path '{path}'"
             hint = "give them different names, or remove the names"
             draft.report(DUPLICATE_SUBTREE_PATH, message, node_plan.element, attribute="name", hint=hint)
-        self._paths.add(config.path)
+        self._paths.add(path)
 
     def create_scope(self, node_plan: NodePlan, call: SubtreeCall, draft: SubtreeDraft) -> Blackboard:
         """Return the blackboard of the called tree, connected with that of *draft*, which calls it."""

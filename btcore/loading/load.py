@@ -90,7 +90,7 @@ def load(
     """
     with paused_garbage_collection():
         main, *shared = _parse_all(parse_file, (path, *more), confined)
-        plans = plan_document(main, check_registry(nodes), tree, format, shared, packages)
+        plans = plan_document(main, registry_or_standard(nodes), tree, format, shared, packages)
         return instantiate(plans, resources, blackboard, clock, tick_limit)
 
 
@@ -135,7 +135,7 @@ def loads(
     """
     with paused_garbage_collection():
         main, *shared = _parse_all(parse_text, (text, *more), confined)
-        plans = plan_document(main, check_registry(nodes), tree, format, shared, packages)
+        plans = plan_document(main, registry_or_standard(nodes), tree, format, shared, packages)
         return instantiate(plans, resources, blackboard, clock, tick_limit)
 
 
@@ -177,7 +177,7 @@ def make(
         >>> first is second
         False
     """
-    registry = check_registry(nodes)
+    registry = registry_or_standard(nodes)
     documents = registry.documents
     if not documents:
         hint = "register it: nodes.add_trees(…)"
@@ -212,7 +212,7 @@ def _defines(document: Document, tree: str) -> bool:
     return any(element.get("ID") == tree for element in document.root.iterchildren("BehaviorTree"))
 
 
-def check_registry(nodes: object) -> Registry:
+def registry_or_standard(nodes: object) -> Registry:
     """Return the registry *nodes*; None stands for `Registry.standard`.
 
     Raises:

@@ -10,33 +10,35 @@ from btcore.names import PLUGIN_FILE_PREFIX
 from btcore.suggestions import similar_file, suggestion
 
 
-def import_module_or_file(library: str, name: str | None) -> ModuleType:
-    """Import the module or Python file *library*; errors also have the *name* of the node library."""
-    title = library if name in (None, library) else f"{library}' of '{name}"
+def import_module_or_file(module_or_file: str, library_name: str | None) -> ModuleType:
+    """Import a module or Python file of a node library; errors also have the name of the library."""
+    title = f"'{module_or_file}'"
+    if library_name not in (None, module_or_file):
+        title += f" of '{library_name}'"
     try:
-        if library.endswith(".py") or Path(library).name != library:
-            return _import_file(Path(library))
-        return importlib.import_module(library)
+        if module_or_file.endswith(".py") or Path(module_or_file).name != module_or_file:
+            return _import_file(Path(module_or_file), title)
+        return importlib.import_module(module_or_file)
     except RegistrationError:
         raise
     except (Exception, SystemExit) as error:
         # The plugin itself may be missing, or a module that it imports.
-        if isinstance(error, ModuleNotFoundError) and f"{library}.".startswith(f"{error.name}."):
+        if isinstance(error, ModuleNotFoundError) and f"{module_or_file}.".startswith(f"{error.name}."):
             message = "give the name of a module that can be imported, or a file ending in .py"
-            hint = _file_hint(Path(library))
-            raise RegistrationError(f"plugin '{title}' is not found: {message}{hint}") from error
+            hint = _file_hint(Path(module_or_file))
+            raise RegistrationError(f"plugin {title} is not found: {message}{hint}") from error
         raise plugin_error(title, error) from error
 
 
-def _import_file(path: Path) -> ModuleType:
+def _import_file(path: Path, title: str) -> ModuleType:
     if not path.is_file():
-        raise RegistrationError(f"plugin '{path}' is not found: there is no such file{_file_hint(path)}")
+        raise RegistrationError(f"plugin {title} is not found: there is no such file{_file_hint(path)}")
     from importlib.util import module_from_spec, spec_from_file_location
 
     name = f"{PLUGIN_FILE_PREFIX}{path.stem}"
     spec = spec_from_file_location(name, path)
     if spec is None or spec.loader is None:
-        raise RegistrationError(f"plugin '{path}' is not a Python file")
+        raise RegistrationError(f"plugin {title} is not a Python file")
     module = module_from_spec(spec)
     # Before the module runs: dataclasses look up their module in sys.modules.
     sys.modules[name] = module
@@ -53,8 +55,12 @@ def _file_hint(path: Path) -> str:
     return "" if near is None else "; " + suggestion(f"'{near}'")
 
 
-def plugin_error(library: str, error: BaseException, doing: str = "it was imported") -> RegistrationError:
-    """Return the error about a node library that raised *error* while *doing*; it names the line."""
+def plugin_error(title: str, error: BaseException, doing: str = "it was imported") -> RegistrationError:
+    """Return the error about a plugin that raised *error* while *doing*; it names the line.
+
+    Args:
+        title: The name of the plugin, in quotes.
+    """
     if isinstance(error, SyntaxError):
         where = f"{error.filename}:{error.lineno}"
     else:
@@ -62,6 +68,4 @@ def plugin_error(library: str, error: BaseException, doing: str = "it was import
 
         last = traceback.extract_tb(error.__traceback__)[-1]
         where = f"{last.filename}:{last.lineno}"
-    return RegistrationError(
-        f"plugin '{library}' raised while {doing}: {where}: {type(error).__name__}: {error}"
-    )
+    return RegistrationError(f"plugin {title} raised while {doing}: {where}: {type(error).__name__}: {error}")

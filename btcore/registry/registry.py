@@ -356,7 +356,9 @@ class Registry:
 
     # --- node libraries
 
-    def add_plugins(self, *, own: bool = True, strict: bool = True) -> list[UnavailableEntryPoint]:
+    def add_installed_libraries(
+        self, *, own: bool = True, strict: bool = True
+    ) -> list[UnavailableEntryPoint]:
         """Register the node libraries of all installed packages (entry points "btcore.nodes").
 
         They can be overridden: a node that is registered later under the same ID replaces the library's node.
@@ -389,23 +391,23 @@ class Registry:
                 self.types.installing = False
         return unavailable
 
-    def add_plugin(self, library: "str | Path | ModuleType | Plugin", name: str | None = None) -> None:
-        """Register a node library.
+    def add_plugin(self, plugin: "str | Path | ModuleType | Plugin", name: str | None = None) -> None:
+        """Register a plugin: a node library that the program names.
 
         If the module has a function `register(nodes)`, or `module:function` names another function,
         this function is called to register the nodes. Otherwise the node classes and the functions marked
         with `@action` or `@condition` that the module defines are registered.
 
         Args:
-            library: A module, its name, `module:function`, the path of a Python file, or a `Plugin`.
+            plugin: A module, its name, `module:function`, the path of a Python file, or a `Plugin`.
             name: The name of the library; by default the module's name.
 
         Raises:
-            RegistrationError: The library cannot be imported or registered; the message names the line.
+            RegistrationError: The plugin cannot be imported or registered; the message names the line.
         """
-        if isinstance(library, ModuleType):
-            library = Plugin(library)
-        module, function = library if isinstance(library, Plugin) else import_plugin(library, name)
+        if isinstance(plugin, ModuleType):
+            plugin = Plugin(plugin)
+        module, function = plugin if isinstance(plugin, Plugin) else import_plugin(plugin, name)
         name = name or module.__name__.removeprefix(PLUGIN_FILE_PREFIX)
         register = getattr(module, function, None)
         if function != "register" and not callable(register):
@@ -427,7 +429,7 @@ class Registry:
         except Exception as error:
             from btcore.registry.plugin_modules import plugin_error
 
-            raise plugin_error(name, error, f"its {function}() was called") from error
+            raise plugin_error(f"'{name}'", error, f"its {function}() was called") from error
         if name not in self._libraries:
             self._libraries.append(name)
 
@@ -445,16 +447,16 @@ class Plugin(NamedTuple):
         return has_function or next(iter(_leaves_in(self.module)), None) is not None
 
 
-def import_plugin(library: str | Path, name: str | None = None) -> Plugin:
-    """Import a node library without registering it; the arguments are those of `Registry.add_plugin`."""
+def import_plugin(plugin: str | Path, name: str | None = None) -> Plugin:
+    """Import a plugin without registering it; the arguments are those of `Registry.add_plugin`."""
     function = "register"
-    if isinstance(library, str) and not library.strip():
+    if isinstance(plugin, str) and not plugin.strip():
         raise RegistrationError("a plugin has no name: give the name of a module, or the path of a file")
-    if isinstance(library, str) and not library.endswith(".py") and ":" in library:
-        library, function = library.split(":", 1)
+    if isinstance(plugin, str) and not plugin.endswith(".py") and ":" in plugin:
+        plugin, function = plugin.split(":", 1)
     from btcore.registry.plugin_modules import import_module_or_file  # not for runs without plugins
 
-    return Plugin(import_module_or_file(str(library), name), function)
+    return Plugin(import_module_or_file(str(plugin), name), function)
 
 
 def _id_of(implementation: Any, id: str | None = None) -> str:

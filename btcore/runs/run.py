@@ -14,8 +14,8 @@ from btcore.clock import NS_PER_S, Clock
 from btcore.engine.leaf import StatefulAction
 from btcore.errors import BtcoreError, NodeExecutionError, OutputError, ProviderError, TreeError
 from btcore.exit_codes import ExitCode
-from btcore.loading.instantiate import create_leaf_tree, instantiate, list_resources
-from btcore.loading.load import check_registry, paused_garbage_collection
+from btcore.loading.instantiate import create_leaf_tree, instantiate, resources_as_sequence
+from btcore.loading.load import paused_garbage_collection, registry_or_standard
 from btcore.registry.registry import Registry
 from btcore.registry.resources import Resources, TypeRef
 from btcore.runs.available_providers import AvailableProviders
@@ -69,7 +69,7 @@ def _plan(source: object, nodes: Registry | None, tree: str | None) -> Plans | T
     """Plan the tree of a file, and check plans for errors. A program is returned unchanged."""
     if isinstance(source, (str, PathLike)):
         with paused_garbage_collection():
-            source = plan_document(parse_file(source), check_registry(nodes), tree)
+            source = plan_document(parse_file(source), registry_or_standard(nodes), tree)
     if isinstance(source, Plans):
         source.diagnostics.raise_errors()
     elif not isinstance(source, TreelessProgram):
@@ -170,7 +170,7 @@ class Run:
         self.wall_s = 0.0
         available = providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)
         self._providers = RunProviders(
-            available, self.settings, leaf_types, list_resources(resources), clock, self.report
+            available, self.settings, leaf_types, resources_as_sequence(resources), clock, self.report
         )
         self._loop = TickLoop(self.run_settings)
         self._signals = EndingSignals()

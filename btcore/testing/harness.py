@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import NS_PER_S, SimClock, SystemClock, TickSchedule
-from btcore.loading.load import check_registry, load, loads
+from btcore.loading.load import load, loads, registry_or_standard
 from btcore.status import IDLE, RUNNING, Status
 from btcore.testing.trace import Trace, TraceStep, format_trace
 from btcore.tree.tree import Tree
@@ -140,7 +140,7 @@ class Harness:
         document = (
             parse_text(str(source), confined=confined) if is_text else parse_file(source, confined=confined)
         )
-        nodes = check_registry(options.pop("nodes", None))
+        nodes = registry_or_standard(options.pop("nodes", None))
         about_tree = {name: options.pop(name) for name in ("tree", "format", "packages") if name in options}
         run = Run(
             plan_document(document, nodes, **about_tree),

@@ -69,8 +69,8 @@ class TypeRegistry:
 
     Attributes:
         enums: The enum names that scripts and enum ports may use, with their numbers.
-        installing: Whether `Registry.add_plugins` is adding the types and nodes of an installed library. Such
-            a type gives its name to a type of the user that is called the same.
+        installing: Whether `Registry.add_installed_libraries` is adding the types and nodes of a library.
+            Such a type gives its name to a type of the user that is called the same.
         overridden: Pairs of types: a type of an installed library, and the user's type that has its name now.
 
     Examples:

@@ -33,7 +33,7 @@ EXAMPLES: Final[dict[str, dict[str, Any]]] = tomllib.loads(
 def all_nodes() -> Registry:
     """Return a registry of the built-in nodes and of the installed node libraries."""
     nodes = Registry.standard()
-    for unavailable in nodes.add_plugins():
+    for unavailable in nodes.add_installed_libraries():
         raise unavailable.error
     return nodes
 

@@ -14,10 +14,10 @@ shapes of all nodes below (top-down).
 import math
 from bisect import bisect_right
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import accumulate
 from operator import add
-from typing import Final, TypeVar
+from typing import Final, NamedTuple, TypeVar
 
 GAP_X: Final = 22.0
 GAP_Y: Final = 36.0
@@ -49,8 +49,7 @@ _TRIES: Final = 18
 T = TypeVar("T")
 
 
-@dataclass(frozen=True, slots=True)
-class Box:
+class Box(NamedTuple):
     """A node to be placed: the size of its card, its *children* (indices), and whether it has a frame.
 
     A frame encloses the card and everything below it.
@@ -77,8 +76,7 @@ class Box:
         return CHAIN_Y if len(self.children) == 1 else GAP_Y
 
 
-@dataclass(frozen=True, slots=True)
-class Place:
+class Place(NamedTuple):
     """The place of a card: (x, y) is the middle of its left end, *width* its length; y points down."""
 
     x: float
@@ -109,8 +107,7 @@ class TreeLayout:
     size: tuple[float, float]
 
 
-@dataclass(frozen=True, slots=True)
-class _Shape:
+class _Shape(NamedTuple):
     """A way to draw a node and all nodes below it.
 
     *width* and *height* are the size of its area, and *anchor* is the distance from the area's left edge to
@@ -343,8 +340,8 @@ def _best(shapes: Iterable[_Shape]) -> list[_Shape]:
 
 def _framed(shape: _Shape) -> _Shape:
     pad = FRAME_PAD
-    return replace(
-        shape, width=shape.width + 2 * pad, height=shape.height + 2 * pad, anchor=shape.anchor + pad
+    return shape._replace(
+        width=shape.width + 2 * pad, height=shape.height + 2 * pad, anchor=shape.anchor + pad
     )
 
 
@@ -498,8 +495,8 @@ class _Drawing:
         box, first, start = self._boxes[index], shape.groups[0], self._boxes[index].pad + shape.starts[0]
         if len(box.children) == 1:
             first = (self._leftmost(box.children[0], first[0]),)
-            return replace(shape, groups=(first,), anchor=box.pad, starts=(0.0,))
+            return shape._replace(groups=(first,), anchor=box.pad, starts=(0.0,))
         middle = start + COLUMN_INDENT / 3
         if len(first) == 1:
             middle = start + first[0].anchor + self._boxes[box.children[0]].width / 2
-        return replace(shape, anchor=max(box.pad, min(middle - box.width / 2, shape.anchor)))
+        return shape._replace(anchor=max(box.pad, min(middle - box.width / 2, shape.anchor)))

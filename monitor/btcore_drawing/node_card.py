@@ -30,11 +30,15 @@ _WIDE: Final = frozenset("mwMWQO@%—→")
 
 
 class Card(NamedTuple):
-    """The card of a node: *width* and *height* in px, and its *drawing*, SVG elements at (0, 0)."""
+    """The card of a node: *width* and *height* in px, and its *drawing* without the number, SVG at (0, 0)."""
 
     width: float
     height: float
-    drawing: list[str]
+    drawing: str
+
+    def number(self, text: str) -> str:
+        """Return the SVG of the number at the upper right."""
+        return f'<text class="uid" x="{self.width - 9:.1f}" y="15">{text}</text>'
 
 
 @lru_cache(maxsize=1 << 15)
@@ -64,8 +68,7 @@ def card_of(node: DiagramNode) -> Card:
     """Return the card of *node*, without its children."""
     type_name = NODE_TYPE_COLOURS[node.type][0]
     second = _second_name(node)
-    number = str(node.uid)
-    number_room = text_width(number, 9) + 14
+    number_room = text_width(str(node.uid), 9) + 14
     head = 46.0 if second else 36.0
     lines = [
         _script_line(name, text) if direction == "script" else _port_line(name, text, direction)
@@ -92,13 +95,12 @@ def card_of(node: DiagramNode) -> Card:
             f'<text class="id {type_name}" x="{_TEXT_AT:g}" y="{baseline + 14:g}">'
             f"{escape_text(second)}</text>"
         )
-    drawing.append(f'<text class="uid" x="{width - 9:.1f}" y="15">{number}</text>')
     if lines:
         drawing.append(f'<path class="rule" d="M{_MARGIN:g} {head:g}H{width - _MARGIN:.1f}"/>')
     for row, (_, words) in enumerate(lines):
         y = head + 15 + row * _PORT_LINE
         drawing.append(f'<text class="port" x="{_MARGIN + 1:g}" y="{y:g}">{words}</text>')
-    return Card(width, height, drawing)
+    return Card(width, height, "".join(drawing))
 
 
 def _second_name(node: DiagramNode) -> str:

@@ -1,8 +1,9 @@
 """Draw a tree as a self-contained SVG, without embedded fonts, scripts or external files, or as a PNG."""
 
-import math
+import itertools
 import re
-from typing import Final
+from collections.abc import Callable
+from typing import Final, NamedTuple
 
 from btcore.errors import BtcoreError
 from btcore.escaping import escape_text
@@ -66,7 +67,51 @@ def drawing_style() -> str:
     return f"{_STYLE}{_colours()}"
 
 
-def diagram_to_svg(root: DiagramNode, title: str, format: int = 4, styled: bool = True) -> str:
+class DrawnCard(NamedTuple):
+    """The card of a node in a picture.
+
+    Attributes:
+        uid: The number of the node.
+        x: The place of the left end, in the coordinates of the cards.
+        y: The place of the upper end.
+        width: The width.
+        height: The height.
+        svg: The SVG elements, for a group at (*x*, *y*).
+        edge: The path from the parent, relative to (*x*, *y*); "" for the root.
+    """
+
+    uid: int
+    x: float
+    y: float
+    width: float
+    height: float
+    svg: str
+    edge: str
+
+
+class Picture(NamedTuple):
+    """A drawing in parts, so that a page can show and replace each card alone.
+
+    Attributes:
+        head: The SVG before the edges and the cards.
+        cards: The cards, in the order of the tree.
+        tail: The SVG after the cards.
+        left: Where the coordinates of the cards begin.
+        top: Where the coordinates of the cards begin.
+        width: The width of the drawing.
+        height: The height of the drawing.
+    """
+
+    head: str
+    cards: list[DrawnCard]
+    tail: str
+    left: float
+    top: float
+    width: float
+    height: float
+
+
+def diagram_to_svg(root: DiagramNode, title: str, format: int = 4) -> str:
     """Return a drawing of a tree as an SVG document.
 
     Cards are coloured by node type, and show the attributes of the node. A SubTree's content has a frame.
@@ -75,7 +120,34 @@ def diagram_to_svg(root: DiagramNode, title: str, format: int = 4, styled: bool 
 
     Args:
         format: The format of the tree, 3 or 4.
-        styled: Whether the document contains `drawing_style()`.
+    """
+    picture = draw_diagram(root, title, format)
+    # Later elements cover earlier elements: cards are drawn last.
+    edges = [
+        f'<path class="edge" d="M{card.x:.1f} {card.y:.1f}{card.edge}"/>'
+        for card in picture.cards
+        if card.edge
+    ]
+    cards = [
+        f'<g data-uid="{card.uid}" transform="translate({card.x:.1f} {card.y:.1f})">{card.svg}</g>'
+        for card in picture.cards
+    ]
+    return "\n".join([picture.head, *edges, *cards, picture.tail])
+
+
+def draw_diagram(
+    root: DiagramNode,
+    title: str,
+    format: int = 4,
+    card_of: Callable[[DiagramNode], Card] = card_of,
+    is_page: bool = False,
+) -> Picture:
+    """Return a drawing of a tree in parts.
+
+    Args:
+        format: The format of the tree, 3 or 4.
+        card_of: Returns the card of a node.
+        is_page: Whether the page has `drawing_style()`, and writes the numbers of the nodes.
     """
     nodes: list[DiagramNode] = []
     cards: list[Card] = []
@@ -86,43 +158,47 @@ def diagram_to_svg(root: DiagramNode, title: str, format: int = 4, styled: bool 
         nodes.append(node)
         cards.append(card)
         boxes.append(Box(card.width, card.height, ()))
-        children = tuple([add(child, node.type is NodeType.SUBTREE) for child in node.children])
-        boxes[index] = Box(card.width, card.height, children, is_called)
+        if node.children:
+            children = tuple([add(child, node.type is NodeType.SUBTREE) for child in node.children])
+            boxes[index] = Box(card.width, card.height, children, is_called)
+        elif is_called:
+            boxes[index] = Box(card.width, card.height, (), is_called)
         return index
 
     add(root, False)
     layout = lay_out(boxes, aspect=1.2, comfort=_WIDEST, is_quick=len(boxes) > _MAX_SEARCHED)
     count = len(nodes) + sum(node.hidden for node in nodes)
     about = f"format {format} · {count} node{'' if count == 1 else 's'}"
-    node_types = [
-        node_type for node_type in NODE_TYPE_COLOURS if any(node.type is node_type for node in nodes)
-    ]
+    used = {node.type for node in nodes}
+    node_types = [node_type for node_type in NODE_TYPE_COLOURS if node_type in used]
     title_width = text_width(title, 19, bold=True)
     drawing_width, height = layout.size
     width = max(drawing_width, title_width + 10, 92.0 * len(node_types)) + 2 * _MARGIN
     height += _HEAD + _FOOT + _MARGIN
-    left = (width - drawing_width) / 2
+    left, top = (width - drawing_width) / 2, _HEAD + 14
     # The number of nodes is written after the title, or below it if there is no space.
     beside = title_width + text_width(about, 12) + 12 <= width - 2 * _MARGIN
     place = f'x="{_MARGIN + title_width + 12:.1f}" y="36"' if beside else f'x="{_MARGIN:g}" y="51"'
-    lines = [
+    head = [
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:.0f}" height="{height:.0f}" '
         f'viewBox="0 0 {width:.1f} {height:.1f}" role="img">',
         f"<title>{escape_text(title)}</title>",
-        f"<style>{drawing_style()}</style>" if styled else "",
+        "" if is_page else f"<style>{drawing_style()}</style>",
         '<rect class="sheet" width="100%" height="100%" fill="#f7f8fb"/>',
         f'<text class="title" x="{_MARGIN:g}" y="36">{escape_text(title)}</text>',
         f'<text class="about" {place}>{about}</text>',
-        f'<g transform="translate({left:.1f} {_HEAD + 14:g})">',
+        f'<g transform="translate({left:.1f} {top:g})">',
+        *(_frame(*corners) for _, *corners in layout.frames),
     ]
-    # Later elements cover earlier elements: cards are drawn last.
-    lines += [_frame(*corners) for _, *corners in layout.frames]
-    lines += [_edge(line) for line in layout.edges if line]
-    for node, card, at in zip(nodes, cards, layout.places, strict=True):
-        place = f'data-uid="{node.uid}" transform="translate({at.x:.1f} {at.y - card.height / 2:.1f})"'
-        badge = _hidden_badge(node.hidden, card) if node.hidden else ""
-        lines.append(f"<g {place}>{''.join(card.drawing)}{badge}</g>")
-    return "\n".join([*lines, "</g>", _legend(node_types, height - 18), "</svg>"]) + "\n"
+    drawn: list[DrawnCard] = []
+    for node, card, at, line in zip(nodes, cards, layout.places, layout.edges, strict=True):
+        number = card.number("" if is_page else str(node.uid))
+        svg = f"{card.drawing}{number}{_hidden_badge(node.hidden, card) if node.hidden else ''}"
+        x, y = round(at.x, 1), round(at.y - card.height / 2, 1)
+        edge = _edge(line, x, y) if line else ""
+        drawn.append(DrawnCard(node.uid, x, y, card.width, card.height, svg, edge))
+    tail = "\n".join(["</g>", _legend(node_types, height - 18), "</svg>"]) + "\n"
+    return Picture("\n".join(head), drawn, tail, round(left, 1), top, round(width, 1), round(height, 1))
 
 
 def svg_to_png(svg: str) -> bytes:
@@ -180,17 +256,28 @@ def _frame(x0: float, y0: float, x1: float, y1: float) -> str:
     return f'<rect class="frame" x="{x0:.1f}" y="{y0:.1f}" {size} rx="12"/>'
 
 
-def _edge(line: Line) -> str:
-    """Return an edge with round corners."""
-    path = f"M{line[0][0]:.1f} {line[0][1]:.1f}"
-    for before, (x, y), after in zip(line, line[1:], line[2:], strict=False):
-        ends = []
-        for other in (before, after):
-            length = math.dist(other, (x, y))
-            share = min(_CORNER, length / 2) / length
-            ends.append(f"{x + (other[0] - x) * share:.1f} {y + (other[1] - y) * share:.1f}")
-        path += f"L{ends[0]}Q{x:.1f} {y:.1f} {ends[1]}"
-    return f'<path class="edge" d="{path}L{line[-1][0]:.1f} {line[-1][1]:.1f}"/>'
+def _edge(line: Line, x: float, y: float) -> str:
+    """Return the path of an edge with round corners, relative to (x, y).
+
+    Args:
+        line: Horizontal and vertical lines.
+    """
+    path, last = f"m{line[0][0] - x:.1f} {line[0][1] - y:.1f}", len(line) - 2
+    turn_x = turn_y = 0.0
+    for index, ((from_x, from_y), (to_x, to_y)) in enumerate(itertools.pairwise(line)):
+        along_x, along_y = to_x - from_x, to_y - from_y
+        length = abs(along_x) + abs(along_y)
+        along_x, along_y = along_x / length, along_y / length
+        radius = min(_CORNER, length / 2)
+        if index:
+            length -= radius
+            end_x, end_y = turn_x + along_x * radius, turn_y + along_y * radius
+            path += f"q{turn_x:.1f} {turn_y:.1f} {end_x:.1f} {end_y:.1f}"
+        if index < last:
+            length -= radius
+            turn_x, turn_y = along_x * radius, along_y * radius
+        path += f"l{along_x * length:.1f} {along_y * length:.1f}"
+    return path
 
 
 def _legend(node_types: list[NodeType], y: float) -> str:

@@ -159,7 +159,7 @@ class ActionServer(Generic[Goal, Feedback, Value]):
         return self._next
 
     @property
-    def busy(self) -> bool:
+    def is_busy(self) -> bool:
         """Whether a goal has not ended yet; a goal that is not accepted yet counts too."""
         return self._next is not None or (self.current is not None and not self.current.done)
 

@@ -172,7 +172,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
     def step(self, now: int) -> None:
         """Run one period at *now* (ns); without a goal, brake until the robot stands."""
         super().step(now)
-        if not self.busy:
+        if not self.is_busy:
             self._smoother.slow_to_stop(now, self.period)
 
     def start(self, handle: Handle[MotionGoal], now: int, previous: Handle[MotionGoal] | None) -> None:
@@ -191,7 +191,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         goal = handle.goal
         elapsed, self._last = now - self._last, now
         odometry = self._robot.odometry()
-        if self._waits_for_sensors(handle, elapsed, now):
+        if self._wait_for_sensors(handle, elapsed, now):
             return
         self._travelled = self._progress(odometry)
         handle.feedback = BehaviourFeedback(self._travelled)
@@ -220,10 +220,11 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         """Return how far to move (rad or m, not negative)."""
         return abs(goal.dist)
 
-    def _waits_for_sensors(self, handle: Handle[MotionGoal], elapsed: int, now: int) -> bool:
-        """Brake and return True if a sensor has an outage; *elapsed* (ns) is the time since the last step.
+    def _wait_for_sensors(self, handle: Handle[MotionGoal], elapsed: int, now: int) -> bool:
+        """Brake if a sensor has an outage, and return whether it has.
 
-        A goal without collision checks needs the odometry only.
+        A goal without collision checks needs the odometry only. *elapsed* (ns) is the time since the last
+        step.
         """
         odometry_outage = self._sensors.odometry_outage(now)
         outage = odometry_outage

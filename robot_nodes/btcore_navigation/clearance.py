@@ -28,7 +28,7 @@ _THREE_RAYS = np.ones((1, 3), dtype=np.uint8)
 _PASSING_DISTANCE = 0.05  # m by which a ray must pass a remembered obstacle that counts as gone
 
 
-def min_clearance(base: BaseInfo, robot_radius: float = 0.0) -> float:
+def min_clearance(base: BaseInfo, robot_radius: float) -> float:
     """Return the distance (m) that the centre of a robot keeps from obstacles while it drives.
 
     Args:
@@ -84,10 +84,10 @@ class ClearanceGrid:
     laser's view are kept.
     """
 
-    def __init__(self, size: float = 4.0, resolution: float = 0.025) -> None:
-        self.resolution = resolution
+    def __init__(self) -> None:
+        self.resolution = 0.025
         """The side length (m) of a cell."""
-        self._side = round(size / resolution)
+        self._side = round(4.0 / self.resolution)  # cells in 4 m
         self.origin = (0.0, 0.0)
         """The lower-left corner (x, y in m)."""
         self.distances: NDArray[np.float32] = np.zeros((self._side, self._side), dtype=np.float32)

@@ -106,37 +106,31 @@ class GoalChecker:
 
     With *stateful*, a position that was reached once stays reached until `reset`; only the heading is checked
     from then on.
+
+    Attributes:
+        is_position_reached: Whether the last check found the robot at the goal's position, with any heading.
     """
 
     def __init__(self, xy: float, yaw: float, stateful: bool = True) -> None:
         self._xy = xy
         self._yaw = yaw
         self._stateful = stateful
-        self._position_reached = False
+        self.is_position_reached = False
 
     def reset(self) -> None:
         """Forget that the position was reached, for a new goal."""
-        self._position_reached = False
+        self.is_position_reached = False
 
-    def is_position_reached(self, pose: Pose2D, goal: Pose2D) -> bool:
-        """Return whether the robot is at the position of the goal, with any heading.
-
-        Args:
-            pose: The robot's pose.
-            goal: The goal, in the same frame as *pose*.
-        """
-        close = math.hypot(goal.x - pose.x, goal.y - pose.y) <= self._xy
-        self._position_reached = close or (self._stateful and self._position_reached)
-        return self._position_reached
-
-    def is_goal_reached(self, pose: Pose2D, goal: Pose2D) -> bool:
+    def check(self, pose: Pose2D, goal: Pose2D) -> bool:
         """Return whether the robot has the position and the heading of the goal.
 
         Args:
             pose: The robot's pose.
             goal: The goal, in the same frame as *pose*.
         """
-        return self.is_position_reached(pose, goal) and abs(wrap_angle(goal.yaw - pose.yaw)) <= self._yaw
+        is_close = math.hypot(goal.x - pose.x, goal.y - pose.y) <= self._xy
+        self.is_position_reached = is_close or (self._stateful and self.is_position_reached)
+        return self.is_position_reached and abs(wrap_angle(goal.yaw - pose.yaw)) <= self._yaw
 
 
 class ProgressChecker:
@@ -262,7 +256,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
     def step(self, now: int) -> None:
         """Run one period at *now* (ns); without a goal, brake until the robot stands."""
         super().step(now)
-        if not self.busy:
+        if not self.is_busy:
             self._smoother.slow_to_stop(now, self.period)
 
     def start(self, handle: FollowPathHandle, now: int, previous: FollowPathHandle | None) -> None:
@@ -328,7 +322,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
             self._pause(elapsed)
             self._smoother.send_command(0.0, 0.0, now, self.period)
             return
-        if self._goals.is_goal_reached(pose, goal):
+        if self._goals.check(pose, goal):
             handle.succeed()
             self._smoother.send_command(0.0, 0.0, now, self.period)
             return
@@ -339,7 +333,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
             )
             self._smoother.send_command(0.0, 0.0, now, self.period)
             return
-        if self._goals.is_position_reached(pose, goal):
+        if self._goals.is_position_reached:
             self._could_move_at = now
             self._turn(wrap_angle(goal.yaw - pose.yaw), now)
             return

@@ -165,7 +165,7 @@ class LayeredCostmap(Costmap):
 
     def _refresh(self, changed: GridWindow) -> None:
         """Compute the costs again wherever the inflation of *changed* cells reaches."""
-        if changed.empty:
+        if changed.is_empty:
             return
         shape = (len(self.costs), len(self.costs[0]))
         affected = changed.grown(self.inflation.cells, shape)
@@ -250,7 +250,7 @@ class GlobalCostmap(LayeredCostmap):
         windows = [self.obstacles.reachable(laser, self.origin) for _, laser in self._pending.values()]
         if robot_pose is not None:
             windows.append(self.square(robot_pose, 2 * self.inflation.radius + self.resolution))
-        windows = [window for window in windows if not window.empty]
+        windows = [window for window in windows if not window.is_empty]
         # Most scans of a known place change nothing: comparing is cheaper than inflating.
         before = [self.obstacles.values[window.slices].copy() for window in windows]
         self._take_observations()

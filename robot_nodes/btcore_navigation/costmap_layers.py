@@ -48,7 +48,7 @@ class GridWindow(NamedTuple):
             shape: The number of rows and columns of the grid.
         """
         window = cls(max(0, low_row), max(0, low_col), min(shape[0], high_row), min(shape[1], high_col))
-        return cls(0, 0, 0, 0) if window.empty else window
+        return cls(0, 0, 0, 0) if window.is_empty else window
 
     @property
     def slices(self) -> tuple[slice, slice]:
@@ -56,7 +56,7 @@ class GridWindow(NamedTuple):
         return slice(self.low_row, self.high_row), slice(self.low_col, self.high_col)
 
     @property
-    def empty(self) -> bool:
+    def is_empty(self) -> bool:
         """Whether the window holds no cell."""
         return self.low_row >= self.high_row or self.low_col >= self.high_col
 
@@ -207,9 +207,9 @@ class ObstacleLayer:
         resolution: float,
         default_value: int,
         *,
-        min_range: float = 0.0,
-        max_range: float = 2.5,
-        raytrace_range: float = 3.0,
+        min_range: float,
+        max_range: float,
+        raytrace_range: float,
     ) -> None:
         self.default_value = default_value
         self.restart(shape)

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from btcore_navigation.parameters import AmclParameters
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import LaserInfo, LaserScan
 
@@ -88,24 +89,22 @@ class LikelihoodField:
     """The contribution of a beam to a particle's weight, as a table over the beam's end point.
 
     `pz = z_hit · exp(-z²/2σ²) + z_rand / range_max`. z is the distance (m) from the end point to the
-    nearest occupied cell, at most *max_distance* (m); off the map, z is *max_distance*. σ is *sigma_hit* (m).
+    nearest occupied cell, at most `laser_likelihood_max_dist`, which is also z off the map. σ is `sigma_hit`.
     A particle's weight is `1 + Σ pz³` over the beams: a sum of cubes as in nav2_amcl, not a product.
+
+    Args:
+        field_map: The map.
+        parameters: The parameters `z_hit`, `z_rand`, `sigma_hit` and `laser_likelihood_max_dist`.
+        range_max: The maximum length (m) of a beam.
     """
 
-    def __init__(
-        self,
-        field_map: OccupancyMap,
-        *,
-        sigma_hit: float = 0.2,
-        z_hit: float = 0.5,
-        z_rand: float = 0.5,
-        max_distance: float = 2.0,
-        range_max: float = 25.0,
-    ) -> None:
+    def __init__(self, field_map: OccupancyMap, parameters: AmclParameters, range_max: float) -> None:
+        max_distance = parameters.laser_likelihood_max_dist
         distances = obstacle_distances(field_map, max_distance).astype(np.float64)
         # The margin of one cell stands for all points beyond the map.
         z = np.pad(distances, 1, constant_values=max_distance)
-        pz = z_hit * np.exp(-(z**2) / (2.0 * sigma_hit**2)) + z_rand / range_max
+        hits = parameters.z_hit * np.exp(-(z**2) / (2.0 * parameters.sigma_hit**2))
+        pz = hits + parameters.z_rand / range_max
         self._image = (pz**3).astype(np.float32).ravel()
         self._width = np.int32(z.shape[1])
         self._last = (np.float32(z.shape[1] - 1), np.float32(z.shape[0] - 1))

@@ -192,15 +192,7 @@ class Localiser:
             self.set_pose(self.pose())
 
     def _use_map(self, field_map: OccupancyMap) -> None:
-        settings = self.parameters
-        self._field = LikelihoodField(
-            field_map,
-            sigma_hit=settings.sigma_hit,
-            z_hit=settings.z_hit,
-            z_rand=settings.z_rand,
-            max_distance=settings.laser_likelihood_max_dist,
-            range_max=self._most_range,
-        )
+        self._field = LikelihoodField(field_map, self.parameters, self._most_range)
         self._visibility = RayCaster(field_map, self._most_range, self._robot.laser_info)
         self._surfaces = SignedDistanceField(field_map, self._robot.laser_info, self._visibility)
         self._validator = PoseValidator(self._surfaces, self._visibility)

@@ -57,7 +57,7 @@ class RayCaster:
     *laser* is the laser whose beams are compared with the map.
     """
 
-    def __init__(self, field_map: OccupancyMap, reach: float = 25.0, laser: LaserInfo | None = None) -> None:
+    def __init__(self, field_map: OccupancyMap, reach: float, laser: LaserInfo | None = None) -> None:
         self._laser = laser
         field_map = with_margin(field_map, _OUTSIDE)
         self._distance = np.pad(obstacle_distances(field_map, reach), 1, constant_values=reach)

@@ -223,7 +223,7 @@ class Servers(NavigationServers):
     @property
     def is_recovering(self) -> bool:
         """Whether a recovery behaviour has a goal that has not ended."""
-        return any(server.busy for server in self._recoveries())
+        return any(server.is_busy for server in self._recoveries())
 
     @property
     def is_pose_contradicted(self) -> bool:

@@ -87,7 +87,7 @@ class Navigation:
         global_costmap: The costmap of the planner.
         local_costmap: The costmap of the controller and of the recoveries.
         servers: The action servers.
-        localises: Whether scans correct the pose. While it is False, the pose counts as unknown.
+        is_localising: Whether scans correct the pose. While it is False, the pose counts as unknown.
         navigate_to_pose: The server for goals with a single pose.
         navigate_through_poses: The server for goals with several poses.
 
@@ -123,7 +123,7 @@ class Navigation:
         limits = parameters.controller
         self.sensors = SensorWatch(robot, self.transforms, limits.scan_timeout, limits.odometry_timeout)
         self.localiser = self._create_localiser(random)
-        self.localises = True
+        self.is_localising = True
         self.global_costmap = self._create_global_costmap()
         local_parameters = parameters.local_costmap
         self.local_costmap = LocalCostmap(
@@ -269,7 +269,7 @@ class Navigation:
         return self._is_battery_empty()
 
     def _is_localised(self) -> bool:
-        return self.localises and self._processed_scans >= INITIAL_SCANS and self.localiser.is_confident
+        return self.is_localising and self._processed_scans >= INITIAL_SCANS and self.localiser.is_confident
 
     def _is_battery_empty(self) -> bool:
         battery = self.robot.battery()
@@ -285,7 +285,7 @@ class Navigation:
         """
         if self._is_battery_empty():
             return Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS, "the battery is empty"
-        if not self.localises:
+        if not self.is_localising:
             return (
                 Nav2ErrorCode.NAVIGATE_TF_ERROR,
                 "the robot's pose is unknown: the localisation is not active",
@@ -328,12 +328,12 @@ class Navigation:
 
     def _localise(self, now: int) -> None:
         before = self.localiser.stamp
-        if self.localises:
+        if self.is_localising:
             self.localiser.step(now)
         self._processed_scans += self.localiser.stamp != before
         is_confident = not self.must_wait()
         self._odometry_was_missing |= self.sensors.odometry_outage(now) is not None
-        if self.localiser.is_searching and self.localises:
+        if self.localiser.is_searching and self.is_localising:
             self._look_around(now)
         else:
             self._gave_up = None

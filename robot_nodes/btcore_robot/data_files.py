@@ -13,6 +13,8 @@ from btcore.input_files import read_file
 from btcore.json_text import load_json
 from btcore.typed_data import DataError, Keys
 
+MAX_YAML_DEPTH = 100
+
 
 def read_text(path: Path, expected: str, error_type: type[Exception]) -> str:
     """Return the text of a file in UTF-8.
@@ -78,13 +80,31 @@ def yaml_data(path: Path, content: str, error_type: type[Exception]) -> Iterator
 
 
 class YamlLoader(yaml.SafeLoader):
-    """A loader whose keys are texts and unique, and that reads 1e-2 as a number, as YAML 1.2 does."""
+    """A loader whose keys are texts and unique, and that reads 1e-2 as a number, as YAML 1.2 does.
+
+    The time that PyYAML needs for deeply nested data grows with the square of the depth, which is limited.
+    """
+
+    _depth = 0
+
+    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
+        """Return the next node, which is not deeper than `MAX_YAML_DEPTH`."""
+        if self._depth == MAX_YAML_DEPTH:
+            mark = parent.start_mark if parent is not None else None
+            raise yaml.composer.ComposerError(None, None, "nested too deeply", mark)
+        self._depth += 1
+        node = super().compose_node(parent, index)
+        self._depth -= 1
+        return node
 
     def construct_mapping(self, node: yaml.MappingNode, deep: bool = False) -> dict[Any, Any]:
         """Return the map of *node*."""
         values: dict[Any, Any] = {}
         for key_node, value_node in node.value:
-            key = str(self.construct_object(key_node, deep=True))
+            if not isinstance(key_node, yaml.ScalarNode):
+                mark = key_node.start_mark
+                raise yaml.constructor.ConstructorError(None, None, "a key must be a single value", mark)
+            key = str(self.construct_object(key_node))
             if key in values:
                 raise yaml.constructor.ConstructorError(
                     None, None, f"'{key}' occurs twice", key_node.start_mark
@@ -112,8 +132,6 @@ def yaml_errors(path: Path, error_type: type[Exception]) -> Iterator[None]:
         mark = error.problem_mark
         place = f"{path}:{mark.line + 1}:{mark.column + 1}" if mark else str(path)
         raise error_type(f"{place}: not valid YAML: {error.problem}") from None
-    except RecursionError:
-        raise error_type(f"{path}: not valid YAML: nested too deeply") from None
     except yaml.reader.ReaderError as error:
         raise error_type(f"{path}: not valid YAML: {error.reason}") from None
 

@@ -37,7 +37,7 @@ class UrdfJoint:
     type: str
 
     @property
-    def moves(self) -> bool:
+    def is_movable(self) -> bool:
         """Whether the joint has a position."""
         return self.type in TURNING or self.type == SLIDING
 

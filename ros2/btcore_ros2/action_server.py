@@ -127,15 +127,6 @@ class RosActionServer(Generic[Goal, Result, Feedback]):
         self._start(goal)
         return goal
 
-    def take_newest(self) -> ServerGoal[Goal, Result, Feedback] | None:
-        """Return the last waiting goal, which becomes EXECUTING, or None; abort the other waiting goals."""
-        goal = None
-        while (newer := self.take()) is not None:
-            if goal is not None:
-                goal.canceled(self._untaken_result)
-            goal = newer
-        return goal
-
     def close(self) -> None:
         """Abort the goals that have not ended, and destroy the server. Further calls have no effect."""
         if self._is_closed:

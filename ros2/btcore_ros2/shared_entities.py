@@ -38,8 +38,8 @@ class SharedEntity:
         self.users.add(user)
         self._was_unused = False
 
-    def is_over(self) -> bool:
-        """Return whether there is no user, and was none since the call before."""
+    def check_unused(self) -> bool:
+        """Return whether there is no user, and was none in the check before."""
         was_unused, self._was_unused = self._was_unused, not self.users
         return was_unused and self._was_unused
 
@@ -99,7 +99,7 @@ class SharedEntities:
         """Destroy the entities that have been unused for a second, if it is time to."""
         if (now := time.monotonic_ns()) >= self._next_check:
             self._next_check = now + CHECK_NS
-            self._destroy([key for key, shared in self._entities.items() if shared.is_over()])
+            self._destroy([key for key, shared in self._entities.items() if shared.check_unused()])
 
     def close(self, group: "CallbackGroup") -> None:
         """Destroy all entities of leaves, and all other entities of the callback group *group*."""

@@ -42,8 +42,8 @@ class Kinematics:
             )
         still = [(frame.name, frame.parent, Transform(frame.position)) for frame in _base(description, urdf)]
         joints = [joint for joint in urdf.joints if joint.child not in description.wheels.ground]
-        still += [(joint.child, joint.parent, joint.origin) for joint in joints if not joint.moves]
-        self._moving = [joint for joint in joints if joint.moves]
+        still += [(joint.child, joint.parent, joint.origin) for joint in joints if not joint.is_movable]
+        self._moving = [joint for joint in joints if joint.is_movable]
         self.joints = [joint.name for joint in self._moving]
         """The names of the moving joints, in the order in which `frames` expects their positions."""
         self.moving_frames = frozenset(joint.child for joint in self._moving)

@@ -389,7 +389,7 @@ def world_extent(description: WorldDescription) -> Rectangle:
         return description.walls.known
     if not description.objects:
         return x0 - _OPEN, y0 - _OPEN, x1 + _OPEN, y1 + _OPEN
-    outlines = [item.outline() for item in description.objects if not item.parked]
+    outlines = [item.outline() for item in description.objects if not item.is_parked]
     lows, highs = [(x0, y0), *(box[:2] for box in outlines)], [(x1, y1), *(box[2:] for box in outlines)]
     return *map(min, zip(*lows, strict=True)), *map(max, zip(*highs, strict=True))
 

@@ -115,7 +115,7 @@ class WorldObject:
         return self.mass == 0.0 and not self.is_kinematic
 
     @property
-    def parked(self) -> bool:
+    def is_parked(self) -> bool:
         """Whether the object is below the floor, where it waits to be moved into the world."""
         return self.position[2] + self.size[2] <= 0.0
 
@@ -321,7 +321,7 @@ class WorldDescription:
             x: The x coordinate of the point in the world frame (m).
             y: The y coordinate of the point in the world frame (m).
         """
-        away = (item.distance(x, y) for item in self.objects if not item.parked)
+        away = (item.distance(x, y) for item in self.objects if not item.is_parked)
         walls = math.inf if self.walls is None else self.walls.distance(x, y)
         return min((walls, *away))
 

@@ -7,6 +7,7 @@
   is saved. Nothing is requested elsewhere, and the console has no error.
 - A running tree is coloured, its entries are listed, and a breakpoint stops it at one node.
 - A recording of a run is shown at any tick, with the values of a leaf.
+- Of two versions, what was changed, added, removed and moved is marked.
 - A tree of 1,000 nodes is shown in a few times the time in which Chromium opens its static SVG. With less
   than seven trials this is only reported.
 
@@ -55,6 +56,15 @@ ROUNDS = """<root BTCPP_format="4" main_tree_to_execute="Rounds">
   </BehaviorTree>
 </root>
 """
+_REST = '        <Sleep name="rest" msec="700"/>\n'
+_VISIT = '        <SubTree ID="Visit" place="{room}"/>\n'
+_OPEN = '<Sleep name="open it" msec="400"/>'
+_GREET = '      <ForceSuccess>\n        <AlwaysFailure name="greet"/>\n      </ForceSuccess>\n'
+EDITS = (
+    (_OPEN, f'<RetryUntilSuccessful num_attempts="3">{_OPEN}</RetryUntilSuccessful>'),
+    (_VISIT + _REST, _REST.replace("700", "900") + _VISIT),
+    (_GREET, ""),
+)
 RATIO = 4.0
 """The page of 1,000 nodes may take so many times as long as its SVG alone."""
 FEW_TRIALS = 7
@@ -72,10 +82,10 @@ addEventListener('DOMContentLoaded', () => {
 
 
 @contextmanager
-def start_studio(*arguments: str) -> Iterator[str]:
-    """Start `btcore studio`, and yield the address of its page."""
+def start_studio(*arguments: str, folder: Path | None = None) -> Iterator[str]:
+    """Start `btcore studio`, by default in the current folder, and yield the address of its page."""
     command = [sys.executable, "-m", "btcore", "studio", "--json", *arguments]
-    with Popen(command, stdout=PIPE, text=True, env=environment()) as process:
+    with Popen(command, stdout=PIPE, text=True, env=environment(), cwd=folder) as process:
         try:
             assert process.stdout is not None
             yield json.loads(process.stdout.readline())["url"]
@@ -241,6 +251,31 @@ def check_recording(browser: Any, folder: Path, pictures: Path | None) -> list[s
     return wrong
 
 
+def check_versions(browser: Any, folder: Path, pictures: Path | None) -> list[str]:
+    """Return what is wrong with the page of two versions of a file."""
+    old, new = folder / "old/rounds.xml", folder / "rounds.xml"
+    old.parent.mkdir()
+    old.write_text(ROUNDS, encoding="utf-8")
+    edited = ROUNDS.replace("lap := 3", "lap := 4")
+    for before, after in EDITS:
+        edited = edited.replace(before, after)
+    new.write_text(edited, encoding="utf-8")
+    wrong: list[str] = []
+    with start_studio("--compare", "old/rounds.xml", "rounds.xml", folder=folder) as url:
+        page = open_page(browser, url, wrong)
+        page.wait_for_selector(".differences li:nth-child(3)")
+        for classes, number in (("changed", 4), ("added", 1), ("removed", 2), ("moved", 2)):
+            if page.locator(f"{CARDS}.{classes}").count() != number:
+                wrong.append(f"{number} nodes are {classes}")
+        page.keyboard.press("n")
+        page.wait_for_selector(f"{CARDS}.selected.changed:has-text('choose') >> nth=1")
+        if pictures is not None:
+            page.set_viewport_size({"width": 1440, "height": 470})
+            page.screenshot(path=pictures / "studio_comparison.png")
+        page.close()
+    return wrong
+
+
 def measure(browser: Any, url: str) -> float:
     """Return the time in ms from the request of *url* until its drawing is on the screen."""
     context = browser.new_context(viewport={"width": 1440, "height": 900})
@@ -293,6 +328,7 @@ def main() -> int:
             ("a running tree", check_run(browser, Path(name), options.pictures)),
             ("a recording", check_recording(browser, Path(name), options.pictures)),
             ("a file", check_file(browser, Path(name), options.pictures)),
+            ("versions", check_versions(browser, Path(name), options.pictures)),
             ("speed", check_speed(browser, Path(name), options.trials)),
         ):
             print(f"studio: {title}: {'; '.join(found) or 'passed'}")

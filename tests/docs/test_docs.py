@@ -80,6 +80,7 @@ COPIED = (
     "tests",
     "tools",
     "trees",
+    "CHANGELOG.md",
     "pyproject.toml",
 )
 # `btcore run` prints such a line every 10 s of real time.

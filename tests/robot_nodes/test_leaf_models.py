@@ -53,7 +53,7 @@ ROS = frozenset({"RosSession"})
 def shipped() -> dict[str, Manifest]:
     """Return what a proof replaces by models: leaves that are not built in, and decorators with resources."""
     nodes = Registry.standard()
-    nodes.add_plugins()
+    nodes.add_installed_libraries()
     leaves = (NodeType.ACTION, NodeType.CONDITION)
     return {
         id: manifest
@@ -207,7 +207,7 @@ def _element(manifest: Manifest, number: int) -> str:
 def tree_of(elements: list[str], resources: list[object], clock: Any, watch: type[Watch]) -> btcore.Tree:
     """Return a tree in which *watch* ticks the nodes with these elements."""
     nodes = Registry.standard()
-    nodes.add_plugins()
+    nodes.add_installed_libraries()
     nodes.add(watch, ID="Watch")
     inside = "".join(elements)
     text = f'<root BTCPP_format="4"><BehaviorTree ID="T"><Watch>{inside}</Watch></BehaviorTree></root>'

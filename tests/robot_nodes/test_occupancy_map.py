@@ -2,6 +2,7 @@
 
 import os
 import struct
+import sys
 import zlib
 from pathlib import Path
 
@@ -279,7 +280,23 @@ def test_a_map_file_above_the_limit_is_refused(tmp_path: Path, monkeypatch: pyte
         load_map(tmp_path / "map.yaml")
 
 
-def test_a_deeply_nested_map_file_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "map.yaml").write_text("[" * 100_000 + "]" * 100_000)
-    with pytest.raises(MapError, match="not valid YAML: nested too deeply"):
-        load_map(tmp_path / "map.yaml")
+@pytest.mark.parametrize(
+    ("text", "error"),
+    [
+        ("[" * 100_000 + "]" * 100_000, ":1:100: not valid YAML: nested too deeply"),
+        (
+            "".join(" " * depth + "a:\n" for depth in range(500)),
+            ":100:100: not valid YAML: nested too deeply",
+        ),
+        ("a: &a [x, x]\n? *a\n: 1\n", ":1:4: not valid YAML: a key must be a single value"),
+    ],
+)
+def test_nesting_and_keys_of_a_map_file_are_bounded(tmp_path: Path, text: str, error: str) -> None:
+    (tmp_path / "map.yaml").write_text(text)
+    limit = sys.getrecursionlimit()
+    sys.setrecursionlimit(100_000)  # as after a deep tree was loaded
+    try:
+        with pytest.raises(MapError, match=error):
+            load_map(tmp_path / "map.yaml")
+    finally:
+        sys.setrecursionlimit(limit)

@@ -28,7 +28,7 @@ NAMES = (
 @pytest.mark.parametrize("name", NAMES)
 def test_the_standard_questions_are_proved(name: str) -> None:
     nodes = Registry.standard()
-    assert nodes.add_plugins() == []
+    assert nodes.add_installed_libraries() == []
     assert_proved(TREES / f"{name}.xml", nodes=nodes)
 
 
@@ -38,7 +38,7 @@ def test_the_nodes_of_the_packages_may_run_twice_from_the_same_state(
     # As the nodes of users, so that the declarations of their states are checked.
     monkeypatch.setattr("btcore_proof.user_code._OWN_PACKAGES", ("btcore", "btcore_proof"))
     nodes = Registry.standard()
-    nodes.add_plugins()
+    nodes.add_installed_libraries()
     found = [
         manifest
         for manifest in nodes.manifests_of(4).values()

@@ -16,7 +16,7 @@ GIVEN = {"navigation": ("goal", "goals", "waypoint_statuses")}
 
 def palette() -> Registry:
     nodes = Registry.standard()
-    assert nodes.add_plugins() == []
+    assert nodes.add_installed_libraries() == []
     return nodes
 
 

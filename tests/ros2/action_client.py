@@ -11,7 +11,7 @@ import threading
 from collections.abc import Callable
 from typing import Any
 
-LIMIT_S = 120.0
+CLIENT_LIMIT_S = 120.0  # not from conftest: the client process cannot import `tests`
 
 
 class ClientProcess:
@@ -97,7 +97,7 @@ class ClientProcess:
     def close(self) -> None:
         assert self.process.stdin is not None
         self.process.stdin.close()
-        self.process.wait(LIMIT_S)
+        self.process.wait(CLIENT_LIMIT_S)
         self.reader.join()
         assert self.process.returncode == 0
 
@@ -160,7 +160,7 @@ def main() -> None:
     def answer_of(client: Any, message: Any) -> Any:
         for _ in range(20):
             future = client.call_async(message)
-            rclpy.spin_until_future_complete(node, future, timeout_sec=LIMIT_S / 20)
+            rclpy.spin_until_future_complete(node, future, timeout_sec=CLIENT_LIMIT_S / 20)
             if future.done():
                 return future
             client.remove_pending_request(future)
@@ -172,7 +172,7 @@ def main() -> None:
         client = node.create_client(CancelGoal, f"{action}/_action/cancel_goal")
         no_goal = CancelGoal.Request()
         no_goal.goal_info.goal_id.uuid[0] = 1
-        assert client.wait_for_service(LIMIT_S), action
+        assert client.wait_for_service(CLIENT_LIMIT_S), action
         assert answer_of(client, no_goal) is not None, action
         node.destroy_client(client)
 
@@ -185,7 +185,7 @@ def main() -> None:
         client = clients.get(request["action"])
         if client is None:
             client = clients[request["action"]] = ActionClient(node, kind, request["action"])
-            assert client.wait_for_server(LIMIT_S), request["action"]
+            assert client.wait_for_server(CLIENT_LIMIT_S), request["action"]
             wait_until_known(request["action"])
             topic = f"{request['action']}/_action/status"
             node.create_subscription(GoalStatusArray, topic, take_statuses, qos_profile_action_status_default)
@@ -212,7 +212,7 @@ def main() -> None:
         client = clients.get(request["service"])
         if client is None:
             client = clients[request["service"]] = node.create_client(kind, request["service"])
-            assert client.wait_for_service(LIMIT_S), request["service"]
+            assert client.wait_for_service(CLIENT_LIMIT_S), request["service"]
         message = kind.Request()
         set_fields(message, request["fields"])
         future = answer_of(client, message)

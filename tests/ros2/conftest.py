@@ -20,6 +20,9 @@ if HAS_ROS:
     isolate_ros()
 
 
+LIMIT_S = 120
+"""The longest wait (s) for anything, on a slow machine."""
+
 LONG_WAIT_S = 50.0
 """The duration (s) of a failed test after which its process runs no further tests.
 

@@ -4,7 +4,7 @@ from typing import Any
 
 from action_msgs.srv import CancelGoal
 
-LIMIT = 120.0  # s, on a slow machine
+from tests.ros2.conftest import LIMIT_S
 
 
 def wait_until_known(session: Any, action: str) -> None:
@@ -21,13 +21,13 @@ def wait_until_service_knows(session: Any, service: str, service_type: Any, requ
     entities of a process in order, so that a response to a new client shows that those before it are known.
     """
     client = session.node.create_client(service_type, service)
-    assert session.wait_for(client.service_is_ready, LIMIT), service
+    assert session.wait_for(client.service_is_ready, LIMIT_S), service
 
     def responds() -> bool:
         future = client.call_async(request)
-        answered: bool = session.wait_for(future.done, LIMIT / 20)
+        answered: bool = session.wait_for(future.done, LIMIT_S / 20)
         client.remove_pending_request(future)
         return answered
 
-    assert session.wait_for(responds, LIMIT), service
+    assert session.wait_for(responds, LIMIT_S), service
     session.node.destroy_client(client)

@@ -13,7 +13,8 @@ from test_msgs.action import Fibonacci
 
 from btcore_ros2.action_server import RosActionServer
 from btcore_ros2.session import RosSession
-from tests.ros2.action_client import LIMIT_S, ClientProcess
+from tests.ros2.action_client import ClientProcess
+from tests.ros2.conftest import LIMIT_S
 
 FIBONACCI = "test_msgs/action/Fibonacci"
 
@@ -125,16 +126,6 @@ def test_waiting_goal_that_is_cancelled_is_not_taken(rig: ServerRig) -> None:
     goal.succeed()
     rig.expect_result(first, GoalStatus.STATUS_SUCCEEDED)
     assert rig.server.take() is None
-
-
-def test_take_newest_aborts_older_goals(rig: ServerRig) -> None:
-    numbers = [rig.send(order) for order in (1, 2, 3)]
-    goal = rig.server.take_newest()
-    assert goal.request.order == 3
-    for number in numbers[:2]:
-        rig.expect_result(number, GoalStatus.STATUS_ABORTED)
-    goal.canceled()  # replaced, not cancelled by the client
-    rig.expect_result(numbers[2], GoalStatus.STATUS_ABORTED)
 
 
 def test_close_ends_goals(rig: ServerRig) -> None:

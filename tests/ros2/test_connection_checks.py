@@ -15,8 +15,7 @@ from test_msgs.action import Fibonacci
 
 from btcore_ros2.connection_checks import CHECK_NS, qos_problem
 from btcore_ros2.session import RosSession
-
-LIMIT = 60  # s
+from tests.ros2.conftest import LIMIT_S
 
 BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 RELIABLE = QoSProfile(depth=1, reliability=ReliabilityPolicy.RELIABLE)
@@ -58,9 +57,9 @@ def test_each_mismatch_is_reported_once_with_both_sides(
             and node.count_subscribers("wanted_latched")
             and dict(node.get_service_names_and_types()).get("/switch", [])[-1:] == ["std_srvs/srv/Trigger"]
         ),
-        LIMIT,
+        LIMIT_S,
     )
-    assert session.wait_for(lambda: len(session.reports) == 6, LIMIT), session.reports
+    assert session.wait_for(lambda: len(session.reports) == 6, LIMIT_S), session.reports
     assert dict(session.reports) == {
         "topic /unreliable": "topic /unreliable: no message of the ROS node /robot1/peer arrives, because "
         "its QoS is incompatible: it publishes BEST_EFFORT, VOLATILE, this program subscribes with RELIABLE, "
@@ -91,10 +90,10 @@ def test_each_mismatch_is_reported_once_with_both_sides(
 @pytest.mark.usefixtures("mismatched_peer")
 def test_report_ends_with_its_cause(session: RosSession) -> None:
     wrong = session.node.create_subscription(String, "unreliable", lambda message: None, RELIABLE)
-    assert session.wait_for(lambda: session.reports, LIMIT)
+    assert session.wait_for(lambda: session.reports, LIMIT_S)
     session.node.destroy_subscription(wrong)
     session.node.create_subscription(String, "unreliable", lambda message: None, BEST_EFFORT)
-    assert session.wait_for(lambda: not session.reports, LIMIT)
+    assert session.wait_for(lambda: not session.reports, LIMIT_S)
 
 
 @pytest.mark.usefixtures("mismatched_peer")
@@ -102,10 +101,10 @@ def test_report_ends_with_the_connection(session: RosSession) -> None:
     node = session.node
     wrong = node.create_subscription(String, "unreliable", lambda message: None, RELIABLE)
     client = node.create_client(SetBool, "switch")
-    assert session.wait_for(lambda: len(session.reports) == 2, LIMIT)
+    assert session.wait_for(lambda: len(session.reports) == 2, LIMIT_S)
     node.destroy_subscription(wrong)
     node.destroy_client(client)
-    assert session.wait_for(lambda: not session.reports, LIMIT)
+    assert session.wait_for(lambda: not session.reports, LIMIT_S)
 
 
 @pytest.mark.usefixtures("server", "mismatched_peer")
@@ -119,7 +118,7 @@ def test_connections_that_work_are_not_reported(session: RosSession) -> None:
         node.create_client(Trigger, "switch"),
         node.create_client(SetBool, "absent"),
     )
-    assert session.wait_for(lambda: clients[0].service_is_ready() and clients[1].service_is_ready(), LIMIT)
+    assert session.wait_for(lambda: clients[0].service_is_ready() and clients[1].service_is_ready(), LIMIT_S)
     check_all(session)
     assert session.reports == {}
 

@@ -26,8 +26,7 @@ from btcore_ros2.leaves import RosAction, register
 from btcore_ros2.session import RosSession
 from btcore_ros2.tree_server import TreeServer
 from tests.docs.test_docs import blocks
-
-LIMIT_S = 60.0
+from tests.ros2.conftest import LIMIT_S
 
 CALLS = """
 <root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>

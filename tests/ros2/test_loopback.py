@@ -14,9 +14,9 @@ if not Path("/proc/self/net/igmp").exists():
 from std_msgs.msg import String
 
 from btcore_ros2.session import RosSession
+from tests.ros2.conftest import LIMIT_S
 
 LOOPBACK = IPv4Address("127.0.0.1")
-LIMIT = 60  # s
 
 
 def own_sockets() -> set[str]:
@@ -65,9 +65,9 @@ def test_no_socket_receives_from_another_interface(session: RosSession) -> None:
     session.node.create_subscription(String, "words", lambda message: received.append(message.data), 10)
     with RosSession("other") as other:
         publisher = other.node.create_publisher(String, "words", 10)
-        assert session.wait_for(publisher.get_subscription_count, LIMIT)
+        assert session.wait_for(publisher.get_subscription_count, LIMIT_S)
         publisher.publish(String(data="hello"))
-        assert session.wait_for(lambda: received, LIMIT)
+        assert session.wait_for(lambda: received, LIMIT_S)
         first = 7400 + 250 * int(os.environ["ROS_DOMAIN_ID"])
         receiving = [(address, port) for address, port in bound_to("udp") if first <= port < first + 250]
         joined = {(device, group) for device, group in memberships() - before if device != "lo"}

@@ -7,11 +7,12 @@ from types import ModuleType
 
 import pytest
 
+from tests.ros2.conftest import LIMIT_S
+
 pytest.importorskip("rclpy")
 pytest.importorskip("btcpp_ros2_interfaces")
 pytest.importorskip("tf2_msgs")
 
-LIMIT_S = 60
 LATER = ("objects ServerGoalHandle", "objects", "memory (kB)")
 """What grows until goals expire, 10 s after their end."""
 

@@ -23,8 +23,7 @@ from btcore_ros2.nav2.pose_listener import PoseListener
 from btcore_ros2.robot.topic_report import sees_others, takes
 from btcore_ros2.session import RosSession
 from btcore_ros2.tree_server import TreeServer
-
-LIMIT_S = 60.0
+from tests.ros2.conftest import LIMIT_S
 
 TREES = """
 <root BTCPP_format="4"><BehaviorTree ID="Say"><Sequence>

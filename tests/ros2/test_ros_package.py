@@ -26,7 +26,8 @@ from std_srvs.srv import Trigger
 
 from btcore_ros2.session import RosSession
 from tests.colcon_installation import PACKAGE, install_as_by_colcon
-from tests.ros2.action_client import LIMIT_S, ClientProcess
+from tests.ros2.action_client import ClientProcess
+from tests.ros2.conftest import LIMIT_S
 from tests.ros2.nav2.conftest import start
 
 EXECUTE_TREE = "btcpp_ros2_interfaces/action/ExecuteTree"

@@ -24,8 +24,7 @@ from btcore import Status
 from btcore_ros2.errors import RosError
 from btcore_ros2.session import RosSession
 from btcore_ros2.testing import isolate_ros
-
-LIMIT = 60  # s
+from tests.ros2.conftest import LIMIT_S
 
 
 class Listen(btcore.StatefulAction):
@@ -116,7 +115,7 @@ def test_message_arrives_while_the_clock_waits(session: RosSession) -> None:
     with Speaker("hello"):
         wake = threading.Event()
         session.node.create_subscription(String, "words", lambda message: wake.set(), 10)
-        assert session.clock.wait_until(session.clock.now() + LIMIT * 10**9, wake)
+        assert session.clock.wait_until(session.clock.now() + LIMIT_S * 10**9, wake)
     assert received
     assert set(received) == {"hello"}
 
@@ -156,7 +155,7 @@ def test_tree_receives_in_an_event_loop(session: RosSession) -> None:
 def test_leaf_without_waiting_receives_by_refresh(session: RosSession) -> None:
     tree = listening_tree(session)
     with Speaker("hello"):
-        assert RosSession.wait_for(session, lambda: tree.tick_once() is Status.SUCCESS, LIMIT)
+        assert RosSession.wait_for(session, lambda: tree.tick_once() is Status.SUCCESS, LIMIT_S)
 
 
 @pytest.mark.parametrize(
@@ -244,14 +243,14 @@ def test_fork_refuses_the_session_of_its_parent_and_leaves_it_intact(session: Ro
     ours, theirs = multiprocessing.Pipe()
     child = multiprocessing.get_context("fork").Process(target=in_forked_process, args=[session, theirs])
     child.start()
-    child.join(LIMIT)
+    child.join(LIMIT_S)
     assert child.exitcode == 0
     assert ours.poll()
     assert "forked from the process that created the ROS session" in ours.recv()
     received: list[str] = []
     session.node.create_subscription(String, "words", lambda message: received.append(message.data), 10)
     with Speaker("hello"):
-        assert session.wait_for(lambda: received, LIMIT)
+        assert session.wait_for(lambda: received, LIMIT_S)
 
 
 def test_two_sessions_of_a_process_are_separate(session: RosSession, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -263,10 +262,10 @@ def test_two_sessions_of_a_process_are_separate(session: RosSession, monkeypatch
     session.node.create_subscription(String, "words", lambda message: received.append(message.data), 10)
     with RosSession("near") as near, RosSession("far", domain=elsewhere) as far:
         publishers = {made: made.node.create_publisher(String, "words", 10) for made in (near, far)}
-        assert session.wait_for(publishers[near].get_subscription_count, LIMIT)
+        assert session.wait_for(publishers[near].get_subscription_count, LIMIT_S)
         publishers[far].publish(String(data="far"))
         publishers[near].publish(String(data="near"))
-        assert session.wait_for(lambda: received, LIMIT)
+        assert session.wait_for(lambda: received, LIMIT_S)
         assert publishers[far].get_subscription_count() == 0
         near.close()
         publishers[far].publish(String(data="far"))
@@ -351,11 +350,11 @@ def test_last_messages_go_out_after_ctrl_c(session: RosSession, tmp_path: Path) 
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     ) as process:
         try:
-            assert session.wait_for(lambda: commands, LIMIT)
+            assert session.wait_for(lambda: commands, LIMIT_S)
             process.send_signal(signal.SIGINT)
-            assert session.wait_for(lambda: commands[-1] == "stop", LIMIT)
-            assert session.wait_for(lambda: GoalStatus.STATUS_CANCELED in statuses, LIMIT)
-            output, errors = process.communicate(timeout=LIMIT)
+            assert session.wait_for(lambda: commands[-1] == "stop", LIMIT_S)
+            assert session.wait_for(lambda: GoalStatus.STATUS_CANCELED in statuses, LIMIT_S)
+            output, errors = process.communicate(timeout=LIMIT_S)
         finally:
             process.kill()
     assert process.returncode == 130, errors

@@ -12,8 +12,8 @@ from btcore import Registry, Status, Tree
 from btcore_ros2 import shared_entities
 from btcore_ros2.leaves import RosSubscriber, register
 from btcore_ros2.session import RosSession
+from tests.ros2.conftest import LIMIT_S
 
-LIMIT_S = 60
 PUBLISH = """<RosTopicPublish topic_name="{}" type="std_msgs/msg/{}" message='json:{{}}'
                               wait_for_subscriber_timeout="0"/>"""
 

@@ -22,9 +22,9 @@ from btcore.clock import NS_PER_S
 from btcore_ros2 import direct_take
 from btcore_ros2.executor_take import MAX_CALLBACKS
 from btcore_ros2.session import RosSession
+from tests.ros2.conftest import LIMIT_S
 from tests.ros2.discovery import wait_until_known
 
-LIMIT = 60  # s, for something that takes some milliseconds
 KEEP_ALL = QoSProfile(history=QoSHistoryPolicy.KEEP_ALL, reliability=QoSReliabilityPolicy.RELIABLE)
 
 
@@ -88,13 +88,13 @@ def other(shared_other: RosSession) -> Iterator[RosSession]:
 def publisher(session: RosSession, other: RosSession, topic: str, qos: Any = 10) -> Callable[[str], None]:
     """Return a function with which *other* publishes a text for *session*, which has subscribed to it."""
     publisher = other.node.create_publisher(String, topic, qos)
-    assert session.wait_for(lambda: publisher.get_subscription_count() > 0, LIMIT)
+    assert session.wait_for(lambda: publisher.get_subscription_count() > 0, LIMIT_S)
     return lambda text: publisher.publish(String(data=text))
 
 
 def arrives(session: RosSession, condition: Callable[[], Any]) -> None:
     """Drain *session* until *condition* is met."""
-    assert session.wait_for(condition, LIMIT)
+    assert session.wait_for(condition, LIMIT_S)
 
 
 def test_messages_of_a_process_arrive_in_order(session: RosSession, server: None) -> None:
@@ -184,11 +184,11 @@ def test_waiting_for_a_response_drains_rarely(server: None, monkeypatch: pytest.
         session.after_drain(lambda: drains.append(None))
         assert not session.wait_for(lambda: False, 0.1, client)
         assert len(drains) < 20
-        assert session.wait_for(lambda: len(drains) > 20, LIMIT, client)
+        assert session.wait_for(lambda: len(drains) > 20, LIMIT_S, client)
         drains.clear()
-        monkeypatch.setattr(direct_take, "REST_NS", LIMIT * NS_PER_S)
+        monkeypatch.setattr(direct_take, "REST_NS", LIMIT_S * NS_PER_S)
         for _ in range(10):
-            assert session.wait_for(client.call_async(SetBool.Request()).done, LIMIT, client)
+            assert session.wait_for(client.call_async(SetBool.Request()).done, LIMIT_S, client)
         assert len(drains) <= 20  # before and after the arrival of each response
 
 
@@ -243,7 +243,9 @@ def test_feedback_that_waits_is_taken_before_the_result(server: None) -> None:
                 qos_profile_action_status_default,
             )
             identifier = goal.result().goal_id
-            assert watch.wait_for(lambda: identifier in [status.goal_info.goal_id for status in ended], LIMIT)
+            assert watch.wait_for(
+                lambda: identifier in [status.goal_info.goal_id for status in ended], LIMIT_S
+            )
             for _ in range(10):  # meanwhile everything arrives, unless the machine stops ten times
                 assert not watch.wait_for(lambda: False, 0.05)
         arrives(session, lambda: len(seen) == 4)
@@ -380,7 +382,7 @@ def test_exception_of_callback_is_raised_and_nothing_is_lost(session: RosSession
                 return raised == 4
 
     with RosSession("wait") as wait:
-        assert wait.wait_for(complete, LIMIT)
+        assert wait.wait_for(complete, LIMIT_S)
     assert sorted(received) == ["a", "a", "b", "b"]
 
 
@@ -399,12 +401,12 @@ def test_exceptions_of_other_callbacks_are_raised(session: RosSession, server: N
         client = session.node.create_client(SetBool, "set_bool")
         arrives(session, client.service_is_ready)
         client.call_async(SetBool.Request()).add_done_callback(fail)
-        assert wait.wait_for(fails, LIMIT)
+        assert wait.wait_for(fails, LIMIT_S)
         timer = session.node.create_timer(0.01, fail)
-        assert wait.wait_for(fails, LIMIT)
+        assert wait.wait_for(fails, LIMIT_S)
         session.node.destroy_timer(timer)
         goal = fibonacci(session).send_goal_async(Fibonacci.Goal(order=1), feedback_callback=fail)
-        assert wait.wait_for(fails, LIMIT)
+        assert wait.wait_for(fails, LIMIT_S)
         arrives(session, goal.done)
         result = goal.result().get_result_async()
         arrives(session, result.done)
@@ -448,7 +450,7 @@ def test_exception_of_a_suspended_coroutine_is_raised(
     publish("wrong")
     publish("right")
     with pytest.raises(ZeroDivisionError):
-        session.wait_for(lambda: received, LIMIT)
+        session.wait_for(lambda: received, LIMIT_S)
     assert received == []
     arrives(session, lambda: received)  # the callback group was released
 

@@ -21,8 +21,7 @@ from btcore.cli.main import main
 from btcore.entry_points import EntryPoint
 from btcore_ros2.errors import RosError
 from btcore_ros2.telemetry import MAX_WAITING, RosTelemetry
-
-LIMIT_S = 60
+from tests.ros2.conftest import LIMIT_S
 
 
 def wait(condition: Callable[[], Any], shown: object = "") -> None:

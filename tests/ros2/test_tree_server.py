@@ -35,7 +35,8 @@ from btcore_ros2.interfaces import load_interface
 from btcore_ros2.leaves import RosSubscriber
 from btcore_ros2.session import RosSession
 from btcore_ros2.tree_server import COLLECT_GOALS, TreeServer
-from tests.ros2.action_client import LIMIT_S, ClientProcess
+from tests.ros2.action_client import ClientProcess
+from tests.ros2.conftest import LIMIT_S
 from tests.ros2.discovery import wait_until_known
 
 EXECUTE_TREE = "btcpp_ros2_interfaces/action/ExecuteTree"

@@ -19,7 +19,7 @@ from btcore_ros2.testing import isolate_ros
 from tests.docs.test_docs import PROGRESS, commands, environment, files, output_matches
 
 PAGE = Path(__file__).parents[2] / "docs/tutorials/ros2_robot.md"
-LIMIT = 250.0
+COMMAND_LIMIT_S = 250.0
 """The longest time (s) of a command, on a slow machine."""
 
 SHORTER = {
@@ -66,10 +66,10 @@ class Terminal:
 
     def check(self, command: str, expected: str) -> None:
         """Check that *command* prints *expected*."""
-        end = time.monotonic() + LIMIT
+        end = time.monotonic() + COMMAND_LIMIT_S
         while True:
             with self.start(command) as process:
-                output = SLOW.sub("", PROGRESS.sub("", process.communicate(timeout=LIMIT)[0]))
+                output = SLOW.sub("", PROGRESS.sub("", process.communicate(timeout=COMMAND_LIMIT_S)[0]))
             if output_matches(expected, output):
                 return
             # A slow machine finds the ROS nodes later.
@@ -100,11 +100,13 @@ def test_the_commands_of_the_tutorial_print_what_it_shows(tmp_path: Path) -> Non
         for command, expected in runs[:-1]:
             terminal.check(f"{command} --lockstep", expected)
         with RosSession() as session, terminal.start(reader) as process:
-            assert session.wait_for(lambda: session.node.count_subscribers("/behavior_tree_log"), LIMIT)
+            assert session.wait_for(
+                lambda: session.node.count_subscribers("/behavior_tree_log"), COMMAND_LIMIT_S
+            )
             while process.poll() is None:
                 # A run may end before it has discovered the reader; then nothing is read.
                 terminal.check(f"{runs[-1][0]} --lockstep", runs[-1][1])
                 with suppress(subprocess.TimeoutExpired):
                     process.wait(5)
             # Which transitions it prints depends on the moment.
-            assert " → " in process.communicate(timeout=LIMIT)[0]
+            assert " → " in process.communicate(timeout=COMMAND_LIMIT_S)[0]

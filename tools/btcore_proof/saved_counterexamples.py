@@ -108,7 +108,7 @@ def _node_lines(source: TreeReference, folder: Path) -> list[str]:
         return []
     lines = ["    nodes = Registry.standard()"]
     if source.has_libraries:
-        lines.append("    nodes.add_plugins()")
+        lines.append("    nodes.add_installed_libraries()")
     for plugin in source.plugins:
         place = _place(Path(plugin), folder) if plugin.endswith(".py") else _text(plugin)
         lines.append(f"    nodes.add_plugin({place})")

@@ -52,7 +52,7 @@ class TickProgress:
             wrapper = watch(node)
             if node.children:
                 reads = _reads_entries(node)
-                wrapper.started = partial(self._start, node, reads, bool(state_fields_of(type(node))))
+                wrapper.on_tick_start = partial(self._start, node, reads, bool(state_fields_of(type(node))))
             wrapper.post_tick = partial(self._end, number, wrapper.post_tick)
 
     def begin(self) -> None:

@@ -94,7 +94,7 @@ class _ObservedCode(ExternalCode):
         self._count = 0
 
     def tick(self, node: TreeNode) -> Status:
-        if node.children or not self._may_observe():
+        if node.children or not self._count_observation():
             return super().tick(node)
         before = _input_values(node)
         self._messages.clear()
@@ -121,12 +121,13 @@ class _ObservedCode(ExternalCode):
         return {"logged": "; ".join(self._messages)[:MAX_SHOWN]} if self._messages else {}
 
     def post_tick(self, node: TreeNode, status: Status) -> Status:
-        if not node.children and not is_external(type(node)) and self._may_observe():
+        if not node.children and not is_external(type(node)) and self._count_observation():
             read, written = _script_values(node)
             self._add(node, status, {**_input_values(node), **read}, {**_output_values(node), **written})
         return super().post_tick(node, status)
 
-    def _may_observe(self) -> bool:
+    def _count_observation(self) -> bool:
+        """Count an observation; return whether it has to be made."""
         self._count += 1
         return self.is_observing and self._count <= _MAX_OBSERVATIONS
 

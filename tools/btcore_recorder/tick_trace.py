@@ -133,7 +133,7 @@ class TickTrace(Observer):
     def _follow(self, node: TreeNode) -> None:
         node._wrapper = wrapper = WatchedTick(node._wrapper)
         wrapper.counts = None
-        wrapper.started = partial(self._start, node)
+        wrapper.on_tick_start = partial(self._start, node)
         wrapper.pre_tick = partial(self._pre_tick, wrapper.pre_tick)
         wrapper.post_tick = partial(self._post_tick, wrapper.post_tick)
 

@@ -3,20 +3,19 @@
 import math
 from collections.abc import Sequence
 from html import escape
+from typing import Final
 
 from btcore_sweep.sweep_statistics import LEVEL, SuccessRate
 
+_MAX_BINS: Final = 24
 
-def interval(rate: SuccessRate, width: int = 360, height: int = 18) -> str:
+
+def interval(rate: SuccessRate) -> str:
     """Return an SVG chart of a success rate on a line from 0 to 100 %.
 
     A dot marks the rate, and a bar its confidence interval.
-
-    Args:
-        rate: The success rate.
-        width: The width of the chart in px.
-        height: The height of the chart in px.
     """
+    width, height = 360, 18
     low, high, at = (6 + (width - 12) * part for part in (rate.low, rate.high, rate.share))
     middle = height / 2
     ends = f"{percent(rate.low)} and {percent(rate.high)}"
@@ -36,17 +35,16 @@ def interval(rate: SuccessRate, width: int = 360, height: int = 18) -> str:
     )
 
 
-def histogram(times: Sequence[tuple[float, bool]], unit: str, bins: int = 24) -> str:
+def histogram(times: Sequence[tuple[float, bool]], unit: str) -> str:
     """Return an SVG histogram of the durations of episodes; successes are stacked below other episodes.
 
     Args:
         times: The duration of each episode, and whether it was a success.
         unit: The unit of the durations, for the labels.
-        bins: The largest number of bins.
     """
     width, height, left, bottom, top = 860, 230, 44, 34, 8
     low, high = min(time for time, _ in times), max(time for time, _ in times)
-    edges = _edges(low, high, bins)
+    edges = _edges(low, high, _MAX_BINS)
     good, bad = [0] * (len(edges) - 1), [0] * (len(edges) - 1)
     for time, success in times:
         place = min(int((time - edges[0]) / (edges[1] - edges[0])), len(good) - 1)

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from btcore.cli import terminal
-from btcore.cli.command_run import create_run
 from btcore.cli.node_libraries import NodeLibraries, load_libraries
 from btcore.cli.progress import Progress, log_to_console
-from btcore.cli.provider_command import ProviderCommand, command_providers, given_settings
+from btcore.cli.provider_command import ProviderCommand, command_providers, create_run, given_settings
 from btcore.cli.run_summary import print_leaf_error, print_summary, results_as_data
 from btcore.cli.tree_changes import TreeChanges
 from btcore.cli.tree_source import STDIN, TreeOptions, TreeReader, complete_tree, find_source
@@ -28,8 +27,8 @@ if TYPE_CHECKING:
     from btcore.loading.hot_reload import FileWatcher
 
 
-class RunOptions(TreeOptions):
-    """The options of `btcore run` about the tree and its end."""
+class RunCommandOptions(TreeOptions):
+    """The options of `btcore run` itself, about the tree and its end, beside `RunSettings` of every run."""
 
     outcomes: Annotated[
         tuple[str, ...],
@@ -93,10 +92,10 @@ class RunOptions(TreeOptions):
 
 @click.command(cls=ProviderCommand, short_help="Run a tree until it ends.")
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
-@pass_options(RunOptions, "options")
+@pass_options(RunCommandOptions, "options")
 @add_options(RunSettings)
 @click.pass_context
-def run(ctx: click.Context, /, source: str, options: RunOptions, settings: GivenSettings) -> int:
+def run(ctx: click.Context, /, source: str, options: RunCommandOptions, settings: GivenSettings) -> int:
     """Run TREE until it ends.
 
     TREE is an XML file, - for stdin, or the name of a tree that is bundled with btcore, such as bumpgo. The
@@ -141,7 +140,7 @@ class RunSession:
         self,
         ctx: click.Context,
         source: str,
-        options: RunOptions,
+        options: RunCommandOptions,
         settings: GivenSettings,
         installed: Callable[[], NodeLibraries] | None = None,
     ) -> None:
@@ -210,7 +209,7 @@ def _watch_files(path: Path, confined: bool) -> "FileWatcher":
 
 
 def _load_libraries(
-    ctx: click.Context, options: RunOptions, installed: Callable[[], NodeLibraries] | None
+    ctx: click.Context, options: RunCommandOptions, installed: Callable[[], NodeLibraries] | None
 ) -> NodeLibraries:
     if installed is None or options.plugins:
         return load_libraries(
@@ -235,6 +234,6 @@ def parse_run(
         installed: As in `RunSession`.
     """
     with run.make_context("run", list(arguments)) as ctx:
-        options = from_values(RunOptions, ctx.params)
+        options = from_values(RunCommandOptions, ctx.params)
         assert options is not None, "no option is required"
         yield RunSession(ctx, ctx.params["source"], options, given_settings(ctx), installed)

@@ -105,8 +105,8 @@ class UnknownNameHints:
         if provided is None:
             return None
         text = (
-            f"the installed library {provided.library} provides it: call nodes.add_plugins() of the "
-            "registry, and pass nodes=nodes"
+            f"the installed library {provided.library} provides it: call "
+            "nodes.add_installed_libraries() of the registry, and pass nodes=nodes"
         )
         return HintAndFixes(text, _declaration(name))
 
@@ -141,4 +141,4 @@ def _declaration(name: str) -> tuple[Fix, ...]:
 @cache
 def _installed_nodes() -> tuple[Registry, list[UnavailableEntryPoint]]:
     nodes = Registry()
-    return nodes, nodes.add_plugins(strict=False)
+    return nodes, nodes.add_installed_libraries(strict=False)

@@ -51,11 +51,15 @@ NON_KEY_ATTRIBUTES: Final = ("name", "_description")
 
 
 class NameUse(NamedTuple):
-    """One use of a name in a script; *column* counts from 1."""
+    """One use of a name in a script; *column* counts from 1.
+
+    *statement* is the statement that assigns to the name; None if the name is not the target of a statement.
+    """
 
     access: AccessKind
     name: str
     column: int
+    statement: Assignment | None = None
 
 
 def parse_statements(text: str, enums: Mapping[str, int]) -> Sequence[Expression]:
@@ -88,7 +92,8 @@ def find_name_uses(text: str, enums: Mapping[str, int]) -> list[NameUse]:
             if isinstance(part, Assignment) and isinstance(part.target, Name):
                 target = part.target
                 access = _ASSIGNMENTS.get(part.operator, AccessKind.UPDATES)
-                uses.append(NameUse(access, target.name, target.column))
+                is_statement = part is statement
+                uses.append(NameUse(access, target.name, target.column, part if is_statement else None))
             elif isinstance(part, Name) and part.name not in enums:
                 uses.append(NameUse(AccessKind.READS, part.name, part.column))
     return uses

@@ -1,6 +1,6 @@
 """Make the plans of trees in two passes: first their nodes, then the attributes and ports of the nodes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import partial
 from itertools import islice
 from typing import TYPE_CHECKING, Final
@@ -237,8 +237,8 @@ class TreePlanner:
         elif tag in EXPLICIT_TAGS:
             self._check_explicit(tag, element, children)
         elif (manifest := self._context.manifest(tag)) is None:
-            hint, fixes = self._context.name_hints.for_node(tag)
-            self._report(UNKNOWN_NODE, f"unknown node <{tag}>", element, hint=hint, fixes=fixes)
+            advice = self._context.name_hints.for_node(tag)
+            self._report(UNKNOWN_NODE, f"unknown node <{tag}>", element, *advice)
         elif manifest.type in _LEAF_PHRASES:
             self._context.leaf_tags.add(tag)
             if dialect.checks_leaf_children:
@@ -260,9 +260,8 @@ class TreePlanner:
             return
         manifest = self._context.manifest(id)
         if manifest is None:
-            message = f"unknown node '{id}'"
-            hint, fixes = self._context.name_hints.for_node(id)
-            self._report(UNKNOWN_NODE, message, element, attribute="ID", hint=hint, fixes=fixes)
+            advice = self._context.name_hints.for_node(id)
+            self._report(UNKNOWN_NODE, f"unknown node '{id}'", element, *advice, attribute="ID")
             return
         node_type = manifest.type if self._dialect.type_from_id else EXPLICIT_TAGS[tag]
         self._check_child_count(manifest, node_type, element, children)
@@ -296,7 +295,7 @@ class TreePlanner:
         self, label: str, count: int, rule: str, element: Element, advice: HintAndFixes
     ) -> None:
         message = f"{label} has {child_count_text(count)}; {rule}"
-        self._report(WRONG_CHILD_COUNT, message, element, hint=advice.hint, fixes=advice.fixes)
+        self._report(WRONG_CHILD_COUNT, message, element, *advice)
 
     def _check_asynchronous(self, children: list[Element]) -> None:
         # W106 covers other asynchronous children, whose results must be inferred.
@@ -395,29 +394,32 @@ class TreePlanner:
         if others:
             if self._dialect.has_conditions:
                 node.conditions = {key: others.pop(key) for key in SCRIPT_ATTRIBUTES if key in others}
-            node.attributes = {key: text for key, text in others.items() if self._keeps(key, node)}
+            node.attributes = self._select_attributes(node, others)
         if cache.defaults and len(bindings) < len(cache.ports):
             set_ports = {binding.port for binding in bindings}
             bindings += [binding for binding in cache.defaults if binding.port not in set_ports]
         node.bindings = bindings
 
-    def _keeps(self, key: str, node: NodePlan) -> bool:
-        """Return whether the attribute *key*, which is no port, is an attribute of the node; or report it."""
+    def _select_attributes(self, node: NodePlan, others: Mapping[str, str]) -> dict[str, str]:
+        """Return those of *others*, which are no ports, that are attributes of *node*; report the rest."""
         dialect, element = self._dialect, node.element
-        if key == "ID":
-            if dialect.requires_explicit_tag_for_id and element.tag not in EXPLICIT_TAGS:
-                message = f'unexpected ID in <{node.id}>: only explicit tags such as <Action ID="…"> have one'
-                hint = 'to name the node, write name="…"'
-                fixes: Sequence[Fix] = [RenameAttribute("name"), Remove()]
-                self._report(UNEXPECTED_ID, message, element, attribute=key, hint=hint, fixes=fixes)
-            return False
-        is_other = dialect.allows_non_port_attributes and not is_port_name(key)
-        if is_other or key in dialect.comment_attributes:
-            return True
-        message = f"<{node.id}> has no port '{key}'"
-        hint, fixes = self._context.name_hints.for_port(node.manifest, key)
-        self._report(UNKNOWN_PORT, message, element, attribute=key, hint=hint, fixes=fixes, part="name")
-        return False
+        attributes = {}
+        for key, text in others.items():
+            if key == "ID":
+                if dialect.requires_explicit_tag_for_id and element.tag not in EXPLICIT_TAGS:
+                    rule = 'only explicit tags such as <Action ID="…"> have one'
+                    message = f"unexpected ID in <{node.id}>: {rule}"
+                    hint, fixes = 'to name the node, write name="…"', [RenameAttribute("name"), Remove()]
+                    self._report(UNEXPECTED_ID, message, element, hint, fixes, attribute=key)
+            elif key in dialect.comment_attributes or (
+                dialect.allows_non_port_attributes and not is_port_name(key)
+            ):
+                attributes[key] = text
+            else:
+                message = f"<{node.id}> has no port '{key}'"
+                advice = self._context.name_hints.for_port(node.manifest, key)
+                self._report(UNKNOWN_PORT, message, element, *advice, attribute=key, part="name")
+        return attributes
 
     def _check_name(self, node: NodePlan, text: str) -> None:
         if self._dialect.checks_names and not _CONTROL_CHARACTERS.isdisjoint(text):
@@ -453,8 +455,8 @@ class TreePlanner:
         """Return the plan of a SubTree element; None if its node or the called tree is unknown."""
         manifest = self._context.manifest(tag)
         if manifest is None:
-            hint, fixes = self._context.name_hints.for_node(tag)
-            self._report(UNKNOWN_NODE, f"unknown node <{tag}>", element, hint=hint, fixes=fixes)
+            advice = self._context.name_hints.for_node(tag)
+            self._report(UNKNOWN_NODE, f"unknown node <{tag}>", element, *advice)
             return None
         format, definitions = self._dialect.format, self._definitions
         node = NodePlan(element, tag, manifest)
@@ -474,8 +476,7 @@ class TreePlanner:
             hint, fixes = tree_hint(id, trees) if self._collector.take_comparisons(trees) else HintAndFixes()
             if id:
                 fixes = [*fixes, CreateTree(id)]
-            message = f"unknown subtree '{id}'"
-            self._report(UNKNOWN_TREE, message, element, attribute="ID", hint=hint, fixes=fixes)
+            self._report(UNKNOWN_TREE, f"unknown subtree '{id}'", element, hint, fixes, attribute="ID")
         return None
 
     def _select_call_attributes(self, node: NodePlan, call: SubtreeCall) -> None:

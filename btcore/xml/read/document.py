@@ -106,7 +106,6 @@ class Document:
         code: DiagnosticCode,
         message: str,
         element: Element,
-        *,
         hint: str = "",
         fixes: Sequence[Fix] = (),
         **mark: Unpack[Mark],
@@ -174,13 +173,12 @@ class DiagnosticCollector:
         code: DiagnosticCode,
         message: str,
         element: Element,
-        *,
         hint: str = "",
         fixes: Sequence[Fix] = (),
         **mark: Unpack[Mark],
     ) -> None:
         """Add a diagnostic about an element of *document*; see `Document.diagnostic`."""
-        self.add(document.diagnostic(code, message, element, hint=hint, fixes=fixes, **mark))
+        self.add(document.diagnostic(code, message, element, hint, fixes, **mark))
 
     def add(self, diagnostic: Diagnostic) -> None:
         """Add *diagnostic*, unless it was added before, or MAX_PER_CODE diagnostics with its code were.

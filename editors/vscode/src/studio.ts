@@ -45,7 +45,9 @@ interface Live {
 }
 
 interface Drawing {
+  tree: string;
   nodes: DrawnNode[];
+  trees: { id: string; isMain: boolean }[];
   versions?: Versions;
 }
 
@@ -73,7 +75,7 @@ function pageHtml(webview: vscode.Webview, folder: vscode.Uri): string {
 class Studio {
   private readonly disposables: vscode.Disposable[] = [];
   /** The last drawing of the page. */
-  private drawing: Drawing = { nodes: [] };
+  private drawing: Drawing = { tree: "", nodes: [], trees: [] };
   tree: string | null = null;
   /** The documents of each command that can be undone or redone, since the last other change. */
   private steps: { undo: string[][]; redo: string[][] } = { undo: [], redo: [] };
@@ -165,6 +167,7 @@ class Studio {
     if (method === "btcore/drawing") {
       this.tree = (params as { tree: string | null }).tree;
       this.drawing = { ...(result as Drawing), versions };
+      this.studios.sendBreakpoints();
       return this.drawing;
     }
     return withVersions(result, versions);
@@ -269,14 +272,12 @@ class Studio {
     addBreakpoints(changed.filter(({ key }) => wanted.has(key)));
   }
 
-  /** Return the nodes that a running tree may have: of the main tree, and of the shown tree. */
+  /** Return the nodes that a running tree may have: of the shown tree, and of the main tree. */
   async nodes(): Promise<DrawnNode[]> {
-    const textDocument = { uri: this.document.uri.toString() };
-    const trees = this.tree === null ? [null] : [null, this.tree];
-    const drawings = await Promise.all(
-      trees.map((tree) => this.studios.server.request<Drawing>("btcore/drawing", { textDocument, tree, folded: [] })),
-    );
-    return drawings.flatMap(({ nodes }) => nodes);
+    const { nodes, tree, trees } = this.drawing;
+    if (this.tree === null || trees.some(({ id, isMain }) => isMain && id === tree)) return nodes;
+    const params = { textDocument: { uri: this.document.uri.toString() }, tree: null, folded: [] };
+    return [...nodes, ...(await this.studios.server.request<Drawing>("btcore/drawing", params)).nodes];
   }
 }
 
@@ -285,6 +286,12 @@ function editable(address: string): vscode.Uri {
   const uri = vscode.Uri.parse(address, true);
   if (uri.scheme !== "file" || !EDITABLE.test(uri.path)) throw new Error(`The studio does not change ${address}.`);
   return uri;
+}
+
+/** Open a document as one of the language server. */
+async function openTree(uri: vscode.Uri): Promise<void> {
+  const document = await vscode.workspace.openTextDocument(uri);
+  if (document.languageId !== LANGUAGE) await vscode.languages.setTextDocumentLanguage(document, LANGUAGE);
 }
 
 /** Return a result whose edits have the versions of the texts for which they were made. */
@@ -328,7 +335,7 @@ export class Studios implements vscode.CustomTextEditorProvider {
   /** Fill the editor that VS Code opens for a document. */
   async resolveCustomTextEditor(document: vscode.TextDocument, panel: vscode.WebviewPanel): Promise<void> {
     // A document without a tree gets its first tree in the studio.
-    if (document.languageId !== LANGUAGE) await vscode.languages.setTextDocumentLanguage(document, LANGUAGE);
+    await openTree(document.uri);
     const studio = new Studio(document, panel, this);
     const uri = document.uri.toString();
     studio.tree = this.wantedTrees.get(uri) ?? null;
@@ -382,6 +389,8 @@ export class Studios implements vscode.CustomTextEditorProvider {
 
   /** Apply an edit of several documents as one step of undo. */
   async apply({ changes, versions }: VersionedEdit): Promise<void> {
+    // The language server learns of a change only if the document has its language.
+    await Promise.all(Object.keys(changes).map((address) => openTree(editable(address))));
     for (let trial = 0; trial < MAX_EDIT_TRIALS; trial++) {
       const edit = new vscode.WorkspaceEdit();
       for (const [address, edits] of Object.entries(changes)) {
@@ -461,11 +470,10 @@ export class Studios implements vscode.CustomTextEditorProvider {
     this.changes.note(event);
     this.open.forEach((studio) => studio.changed());
     this.notify("studio/changed", { uri: event.document.uri.toString() });
-    this.sendBreakpoints();
   }
 
   /** Set breakpoints in the running tree before the nodes whose lines have one in the margin, after a pause. */
-  private sendBreakpoints(): void {
+  sendBreakpoints(): void {
     clearTimeout(this.typing);
     this.typing = setTimeout(() => void this.sendKeys().catch(() => undefined), TYPING_PAUSE_MS);
   }

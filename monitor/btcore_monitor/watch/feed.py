@@ -144,7 +144,7 @@ class Feed(Closeable):
         # updates until then; otherwise None.
         self._groot1_feed: Groot1Feed | None = None
         self._groot1_events: list[Event] = []
-        self._events: list[Event] = []  # of the present call of `_collect_events`
+        self._events: list[Event] = []  # that `poll` has not returned yet
         self._stopped = threading.Event()
         self._connection_state: ConnectionState | None = None
         # Time of the reply that ended the state SEARCHING.
@@ -159,13 +159,13 @@ class Feed(Closeable):
     def poll(self, timeout: float) -> list[Event]:
         """Return the events since the last call. If there are none, wait up to *timeout* s (wall clock)."""
         deadline = time.monotonic() + timeout
-        events: list[Event] = []
         while True:
-            events += self._collect_events()
+            self._collect_events()
             left = deadline - time.monotonic()
             # A robot's buffer would overflow while the caller processes the events.
             is_behind = self._groot2_feed.is_behind and self._state is not _State.RUN_CHANNEL
-            if (events and not is_behind) or left <= 0 or self._stopped.is_set():
+            if (self._events and not is_behind) or left <= 0 or self._stopped.is_set():
+                events, self._events = self._events, []
                 return events
             self._wait(min(left, _POLL_INTERVAL_S))
 
@@ -205,8 +205,7 @@ class Feed(Closeable):
         self._groot2_client.close()
         self._close_groot1()
 
-    def _collect_events(self) -> list[Event]:
-        self._events = []
+    def _collect_events(self) -> None:
         if self._connection_state is None:
             self._report_connection("waiting", f"waiting for the robot at {self.address}")
         for message in self._run_channel_client.read():
@@ -233,7 +232,6 @@ class Feed(Closeable):
                 self._read_groot1(now)
             elif self._state is not _State.ANNOUNCED:
                 self._read_groot2(now)
-        return self._events
 
     def _change_state(self, state: _State) -> None:
         self._state = state

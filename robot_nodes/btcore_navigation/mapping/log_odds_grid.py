@@ -31,9 +31,7 @@ class LogOddsGrid:
         keepout: Rectangles that are added to the map unchanged.
     """
 
-    def __init__(
-        self, resolution: float = 0.05, radius: float = 0.27, keepout: tuple[Rectangle, ...] = ()
-    ) -> None:
+    def __init__(self, resolution: float, radius: float, keepout: tuple[Rectangle, ...] = ()) -> None:
         self.resolution = resolution
         self.radius = radius
         self.keepout = keepout

@@ -22,7 +22,7 @@ TRAIL = (46, 130, 80)
 class ObstacleWatcher(Component):
     """A component that drives at *v* (m/s) and *w* (rad/s), and records where the obstacle is in `odom`."""
 
-    def __init__(self, context: ComponentContext, v: float = 0.0, w: float = 0.0) -> None:
+    def __init__(self, context: ComponentContext, v: float, w: float) -> None:
         super().__init__("obstacle_watcher", context)
         self.twist = Twist2D(v, w)
         self.positions: list[tuple[float, float]] = []

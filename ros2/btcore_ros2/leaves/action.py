@@ -146,7 +146,7 @@ class RosAction(ServerLeaf):
         if goal is None:
             return self._send()
         server = self._endpoint.name
-        if goal.accepted is None and not goal.lost:
+        if goal.accepted is None and not goal.is_lost:
             if not self._is_late():
                 return RUNNING
             goal.cancel()
@@ -169,7 +169,7 @@ class RosAction(ServerLeaf):
         if not goal.done:
             return RUNNING
         self.last_result = goal.result
-        if goal.lost:
+        if goal.is_lost:
             return self._fail(
                 ActionErrorCode.SERVER_UNREACHABLE,
                 f"the action server '{server}' disappeared while it worked on the goal: its process ended or "

@@ -62,7 +62,7 @@ class ClientGoal:
         status: The state of the goal.
         feedback: The messages of feedback that the leaf has not taken yet, oldest first.
         result: The result message, or None before the goal has ended.
-        lost: Whether the server has disappeared, or no longer knows the goal. It stays true.
+        is_lost: Whether the server has disappeared, or no longer knows the goal. It stays true.
         cancel_requested: Whether `cancel` was called.
     """
 
@@ -81,7 +81,7 @@ class ClientGoal:
         self.status = GoalStatus.UNKNOWN
         self.feedback: deque[Any] = deque(maxlen=MAX_FEEDBACK)
         self.result: Any = None
-        self.lost = False
+        self.is_lost = False
         self.cancel_requested = False
         self._session = session
         self._client = client
@@ -108,7 +108,7 @@ class ClientGoal:
     @property
     def done(self) -> bool:
         """Whether nothing more is expected: the goal was rejected, has ended, or its server disappeared."""
-        return self.accepted is False or self.status in ENDED or self.lost
+        return self.accepted is False or self.status in ENDED or self.is_lost
 
     def cancel(self) -> None:
         """Request the server to end the goal, and return at once. The outcome is logged."""
@@ -172,7 +172,7 @@ class ClientGoal:
                     self.status = status
                     self.result = answer.result
                 else:
-                    self.lost = True
+                    self.is_lost = True
                 self._finish()
                 return
 
@@ -228,7 +228,7 @@ class ClientGoal:
 
     def _give_up(self) -> None:
         """Stop watching a cancelled goal that has not ended."""
-        if self.lost or (self._handle is None and self._is_unknown):
+        if self.is_lost or (self._handle is None and self._is_unknown):
             self._end_watch()
             return
         log.warning(
@@ -243,15 +243,15 @@ class ClientGoal:
 
     def _miss_server(self) -> None:
         """Report that the server has disappeared; cancel the goal if the server is visible again."""
-        if not self.lost:
-            self.lost = True
+        if not self.is_lost:
+            self.is_lost = True
             self._session.unfinished.discard(self)
             self._on_progress()
             self._follow_up()
 
     def _end_watch(self) -> None:
         """End the watch of a goal whose server has disappeared or does not know the goal."""
-        self.lost = True
+        self.is_lost = True
         self._finish()
 
     def _handle_by_id(self) -> Any:

@@ -150,7 +150,7 @@ class Nav2GoalHandle(_SessionHandle):
             self.abort(
                 int(Nav2ErrorCode.GOAL_REJECTED), f"the action server '{self._name}' rejected the goal"
             )
-        elif sent.lost:
+        elif sent.is_lost:
             self.abort(
                 int(Nav2ErrorCode.SEND_GOAL_FAILURE),
                 f"the action server '{self._name}' disappeared while it worked on the goal",

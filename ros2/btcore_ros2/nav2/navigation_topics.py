@@ -156,7 +156,7 @@ class NavigationTopics:
         self._publish_map()
         # As AMCL does: the transform is valid until the next scans have been processed.
         tolerance = navigation.parameters.amcl.transform_tolerance
-        transforms = [self._transform(MAP_FRAME, ODOM_FRAME, tolerance)] if navigation.localises else []
+        transforms = [self._transform(MAP_FRAME, ODOM_FRAME, tolerance)] if navigation.is_localising else []
         if self._publishes_odometry:
             transforms.append(self._transform(ODOM_FRAME, BASE_FRAME, 0.0))
         known = [transform for transform in transforms if transform is not None]

@@ -92,14 +92,14 @@ class NavigatorServer:
     @property
     def tree(self) -> Tree | None:
         """The tree of the goal in progress, or of the last goal of `navigate_to_pose`."""
-        busy = self._through_poses.busy
+        busy = self._through_poses.is_busy
         return self._through_poses.tree if busy or self._to_pose.tree is None else self._to_pose.tree
 
     def close(self) -> None:
         """Cancel all goals, halt the trees, and destroy the servers."""
         for served, navigator in zip(self._served, (self._to_pose, self._through_poses), strict=True):
             served.cancel_all()
-            if navigator.busy and navigator.current is not None:
+            if navigator.is_busy and navigator.current is not None:
                 navigator.current.cancel()
             navigator.step(self.session.clock.now())
             served.close()
@@ -130,7 +130,7 @@ class NavigatorServer:
         except RosError as error:
             log.warning("the goal of the topic goal_pose is ignored: %s", error)
             return
-        reason = f"{self._through_poses.name} has a goal in progress" if self._through_poses.busy else ""
+        reason = f"{self._through_poses.name} has a goal in progress" if self._through_poses.is_busy else ""
         reason = reason or refusal_reason(self._to_pose, goal)
         if reason:
             log.warning("the goal of the topic goal_pose is ignored: %s", reason)

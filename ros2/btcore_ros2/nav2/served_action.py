@@ -88,7 +88,7 @@ class ServedAction:
         if not self._server.is_active:
             return f"{self._server.node} is not active"
         other = self._other
-        return f"{other.name} has a goal in progress" if other is not None and other.busy else ""
+        return f"{other.name} has a goal in progress" if other is not None and other.is_busy else ""
 
     def _start(self, ros: ServerGoal[Any, Any, Any]) -> None:
         try:

@@ -161,7 +161,7 @@ class ServedNavigation:
             maps.is_active = active
 
         def set_localiser(active: bool) -> None:
-            navigation.localises = active
+            navigation.is_localising = active
 
         def node_of(servers: Sequence[ActionServer[Any, Any, Any]]) -> ServedNode:
             def set_active(active: bool) -> None:

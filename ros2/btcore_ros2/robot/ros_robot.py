@@ -261,7 +261,7 @@ class RosRobot(TopicRobot):
             assert isinstance(session.clock, RosClock)
             return session.clock.schedule
         sim_time = SimTime(session, on_standstill=self._on_standstill)
-        if not session.wait_for(lambda: sim_time.started, self._start_time_left()):
+        if not session.wait_for(lambda: sim_time.has_started, self._start_time_left()):
             from rosgraph_msgs.msg import Clock
 
             raise RosError(

@@ -61,7 +61,7 @@ class SimTime(RealTimeSchedule):
         return self._now
 
     @property
-    def started(self) -> bool:
+    def has_started(self) -> bool:
         """Whether a message has arrived."""
         return self._now > 0
 

@@ -357,9 +357,9 @@ class TopicRobot(Robot):
     def _receive_description(self, message: Any) -> None:
         joints = _urdf_of(message).joints
         for joint in joints:
-            if not joint.moves:
+            if not joint.is_movable:
                 self._frames.set(joint.child, joint.parent, joint.origin, None)
-        self._moving_joints = {joint.name: joint for joint in joints if joint.moves}
+        self._moving_joints = {joint.name: joint for joint in joints if joint.is_movable}
         for name in self._joints:
             self._place_link(name)
 
@@ -381,7 +381,11 @@ class TopicRobot(Robot):
         placed = {frame.child for frame in frames} | {FOOTPRINT, self.description.base_frame}
         for joint in self._model_joints:
             if joint.child not in placed:
-                pose = joint.pose(self._joints.get(joint.name, (0.0, 0))[0]) if joint.moves else joint.origin
+                pose = (
+                    joint.pose(self._joints.get(joint.name, (0.0, 0))[0])
+                    if joint.is_movable
+                    else joint.origin
+                )
                 parent = FOOTPRINT if joint.parent == self.description.base_frame else joint.parent
                 frames.append(Frame(joint.child, parent, pose.position, pose.quaternion))
         return frames

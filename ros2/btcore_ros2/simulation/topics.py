@@ -165,7 +165,7 @@ class RobotTopics:
 
     def publish_clock(self, now: int) -> None:
         """Publish the simulated time *now* (ns)."""
-        if self._clock is not None and self._is_new(self._clock, now):
+        if self._clock is not None and self._take_if_new(self._clock, now):
             self._clock.publish(Clock(clock=time_of(now)))
 
     def publish_again(self) -> None:
@@ -177,8 +177,8 @@ class RobotTopics:
         self._publish_camera(now)
         self.publish_clock(now)
 
-    def _is_new(self, topic: Topic, stamp: int) -> bool:
-        """Whether a reading of *stamp* (ns) has to be published on *topic*; notes that it was."""
+    def _take_if_new(self, topic: Topic, stamp: int) -> bool:
+        """Return whether a reading of *stamp* (ns) has to be published on *topic*, which is true once."""
         if not topic.is_subscribed or self._published_stamps.get(topic) == stamp:
             return False
         self._published_stamps[topic] = stamp
@@ -186,7 +186,7 @@ class RobotTopics:
 
     def _publish_scan(self, now: int) -> None:
         scan = self._robot.scan()
-        if scan is None or not self._is_new(self._scan, scan.stamp):
+        if scan is None or not self._take_if_new(self._scan, scan.stamp):
             return
         message = LaserScan(
             angle_min=scan.angle_min,
@@ -203,7 +203,7 @@ class RobotTopics:
 
     def _publish_motion(self, now: int) -> None:
         odometry = self._robot.odometry()
-        if self._is_new(self._odometry, odometry.stamp):
+        if self._take_if_new(self._odometry, odometry.stamp):
             message = Odometry(child_frame_id=FOOTPRINT)
             self._set_header(message, odometry.stamp, "odom")
             place = Transform.from_pose(odometry.pose)
@@ -212,18 +212,18 @@ class RobotTopics:
             message.twist.twist.linear.x = odometry.twist.v
             message.twist.twist.angular.z = odometry.twist.w
             self._odometry.publish(message)
-        if self._tf is not None and self._is_new(self._tf, now):
+        if self._tf is not None and self._take_if_new(self._tf, now):
             place = Transform.from_pose(odometry.pose)
             base = TransformStamped(FOOTPRINT, "odom", place.position, place.quaternion, odometry.stamp)
             self._tf.publish(self._transforms([base, *self._frames(moving=True)]))
-        if self._is_new(self._joints, now):
+        if self._take_if_new(self._joints, now):
             positions = self._robot.joint_positions()
             joints = JointState(name=list(positions), position=list(positions.values()))
             self._set_header(joints, now, "")
             self._joints.publish(joints)
 
     def _publish_battery(self, now: int) -> None:
-        if not self._is_new(self._battery, now):
+        if not self._take_if_new(self._battery, now):
             return
         state = self._robot.battery()
         unknown = dict.fromkeys(("voltage", "current", "charge", "capacity", "design_capacity"), math.nan)
@@ -242,12 +242,12 @@ class RobotTopics:
             return
         picture = self._robot.camera() if self._rgb.is_subscribed or self._depth.is_subscribed else None
         if picture is not None:
-            if self._is_new(self._rgb, picture.stamp):
+            if self._take_if_new(self._rgb, picture.stamp):
                 self._rgb.publish(self._image(picture, "rgb8", picture.rgb.tobytes(), 3))
-            if picture.depth is not None and self._is_new(self._depth, picture.stamp):
+            if picture.depth is not None and self._take_if_new(self._depth, picture.stamp):
                 self._depth.publish(self._image(picture, "32FC1", picture.depth.tobytes(), 4))
         stamp = now if picture is None else picture.stamp
-        if self._is_new(self._camera_info, stamp):
+        if self._take_if_new(self._camera_info, stamp):
             fx, fy, cx, cy = lens.fx, lens.fy, lens.cx, lens.cy
             message = CameraInfo(
                 width=lens.width,

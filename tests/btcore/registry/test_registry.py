@@ -427,10 +427,10 @@ def install_metadata(home: Path, name: str, points: str) -> None:
     (meta / "entry_points.txt").write_text(f"[btcore.nodes]\n{points}\n", encoding="utf-8")
 
 
-def test_add_plugins_finds_installed_entry_points(library: Path) -> None:
+def test_add_installed_libraries_finds_installed_entry_points(library: Path) -> None:
     install_metadata(library.parent, "polite-robot", "gestures = gestures")
     nodes = Registry.standard()
-    nodes.add_plugins()
+    nodes.add_installed_libraries()
     assert added_ids(nodes) >= LIBRARY_IDS
     assert "polite-robot" in nodes.libraries
     assert nodes.manifests["Linger"].library == "polite-robot"
@@ -446,7 +446,7 @@ def test_every_part_of_btcore_registers_the_same_installed_libraries(
     if limit is not None:
         monkeypatch.setenv("BTCORE_ENTRY_POINTS", limit)
     program = Registry.standard()
-    ignored = program.add_plugins()
+    ignored = program.add_installed_libraries()
     others = [load_libraries(()).nodes, worker.Libraries([], (), (), trusted=False).nodes]
     for other in others:
         assert other.libraries == program.libraries
@@ -462,7 +462,7 @@ def test_every_part_of_btcore_registers_the_same_installed_libraries(
 def test_user_registration_overrides_an_installed_plugin(library: Path) -> None:
     install_metadata(library.parent, "polite-robot", "gestures = gestures")
     nodes = Registry.standard()
-    nodes.add_plugins()
+    nodes.add_installed_libraries()
 
     class Linger(SyncAction):
         def tick(self) -> bool:
@@ -557,7 +557,7 @@ def test_user_type_overrides_type_of_library(library: Path, monkeypatch: pytest.
     )
 
     def install(nodes: Registry) -> None:
-        assert nodes.add_plugins() == []
+        assert nodes.add_installed_libraries() == []
 
     @dataclass
     class Pose2D:
@@ -603,7 +603,7 @@ def test_subtree_may_have_the_name_of_an_installed_node(library: Path) -> None:
         <BehaviorTree ID="Main"><SubTree ID="Linger"/></BehaviorTree>
         <BehaviorTree ID="Linger"><AlwaysSuccess/></BehaviorTree></root>"""
     nodes = Registry.standard()
-    nodes.add_plugins()
+    nodes.add_installed_libraries()
     assert btcore.loads(text, nodes=nodes).tick_once() is Status.SUCCESS
 
 
@@ -672,7 +672,7 @@ def test_missing_or_repeated_plugin_is_named(library: Path, plugin: str, expecte
 def test_a_broken_entry_point_names_its_distribution(library: Path) -> None:
     library.write_text("raise ValueError('out of luck')\n", encoding="utf-8")
     install_metadata(library.parent, "broken-robot", "gestures = gestures")
-    expected_message = refused(Registry.standard().add_plugins)
+    expected_message = refused(Registry.standard().add_installed_libraries)
     assert "broken-robot" in expected_message
     assert "out of luck" in expected_message
 
@@ -680,7 +680,9 @@ def test_a_broken_entry_point_names_its_distribution(library: Path) -> None:
 def test_installed_plugin_that_lacks_a_module_is_skipped_and_reported(library: Path) -> None:
     library.write_text("import no_such_camera\n", encoding="utf-8")
     install_metadata(library.parent, "seeing-robot", "gestures = gestures")
-    (reported,) = [fault for fault in Registry.standard().add_plugins() if "seeing-robot" in str(fault)]
+    (reported,) = [
+        fault for fault in Registry.standard().add_installed_libraries() if "seeing-robot" in str(fault)
+    ]
     assert "ModuleNotFoundError: No module named 'no_such_camera'" in str(reported)
 
 
@@ -688,7 +690,7 @@ def test_an_entry_point_may_name_a_function_of_a_module(library: Path) -> None:
     library.write_text(LIBRARY + "\ndef bring(nodes):\n    nodes.add(Linger, ID='Pause')\n", encoding="utf-8")
     install_metadata(library.parent, "polite-robot", "gestures = gestures:bring")
     nodes = Registry.standard()
-    nodes.add_plugins()
+    nodes.add_installed_libraries()
     assert "Pause" in added_ids(nodes)
 
 

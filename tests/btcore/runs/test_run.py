@@ -215,6 +215,21 @@ def test_a_pause_stops_ticks_and_simulated_time() -> None:
     assert run.missed_ticks == 0
 
 
+def test_ticks_keep_their_rate_after_a_slow_tick() -> None:
+    times: list[float] = []
+
+    def on_tick(status: btcore.Status) -> None:
+        times.append(run.clock.now() / 1e9)
+        if len(times) == 2:
+            assert isinstance(run.clock, btcore.SimClock)
+            run.clock.advance(0.25)
+
+    with Run(program(ticks=4), settings=[FAST]) as run:
+        run.tick_to_end(on_tick=on_tick)
+    assert times == pytest.approx([0.0, 0.1, 0.4, 0.5])
+    assert run.missed_ticks == 2
+
+
 def test_a_tree_that_was_reloaded_is_ticked_at_once() -> None:
     times: list[float] = []
     attempts = iter([False, True])  # at the beginning of the wait after the first tick, and 50 ms later

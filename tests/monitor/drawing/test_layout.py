@@ -5,7 +5,6 @@ import math
 import random
 import time
 from collections.abc import Sequence, Set
-from dataclasses import replace
 
 import pytest
 from hypothesis import given
@@ -261,7 +260,7 @@ def test_a_tree_is_wrapped_when_it_is_wider_than_comfortable() -> None:
 def test_subtrees_without_frames_are_packed_by_their_contours() -> None:
     boxes = [pill(100, 1, 2), pill(100), pill(100, 3, 4, 5), *[pill(100)] * 3]
     assert lay_out(boxes, 1.6, COMFORT).size[0] == 3 * 100 + 2 * GAP_X
-    boxes[2] = replace(boxes[2], has_frame=True)
+    boxes[2] = boxes[2]._replace(has_frame=True)
     assert lay_out(boxes, 1.6, COMFORT).size[0] == 4 * 100 + 3 * GAP_X + 2 * FRAME_PAD
 
 

@@ -5,7 +5,7 @@ import re
 import signal
 import time
 import urllib.request
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ import pytest
 from PIL import Image
 
 from btcore_monitor.screen.style import GROOT
+from tests.conftest import open_chromium
 from tests.monitor.conftest import Command
 
 ROOT = Path(__file__).parents[3]
@@ -28,6 +29,14 @@ TREE = """
 """
 WITHIN = 100
 """A timeout (s): drawing in software on a busy machine is slow."""
+
+
+@pytest.fixture
+def browser_with_webgl() -> Iterator[Any]:
+    with open_chromium(
+        "--use-angle=swiftshader", "--enable-unsafe-swiftshader", "--ignore-gpu-blocklist"
+    ) as chromium:
+        yield chromium
 
 
 @pytest.fixture
@@ -99,11 +108,11 @@ def test_a_run_that_is_ended_closes_the_viewer(
 
 
 def test_a_live_tree_is_drawn_in_chromium_without_an_error_on_its_console(
-    command: Callable[..., Command], tree_file: Path, browser: Any, free_port: Callable[[], int]
+    command: Callable[..., Command], tree_file: Path, browser_with_webgl: Any, free_port: Callable[[], int]
 ) -> None:
     run = command("run", tree_file, "--serve-web", free_port())
     url = address_of(run)
-    context = browser.new_context(viewport={"width": 900, "height": 600}, color_scheme="dark")
+    context = browser_with_webgl.new_context(viewport={"width": 900, "height": 600}, color_scheme="dark")
     page = context.new_page()
     errors: list[str] = []
     urls: list[str] = []

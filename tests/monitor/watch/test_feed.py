@@ -326,7 +326,7 @@ def test_a_replaced_tree_is_seen_on_the_same_connection(
     changes_before, changes_after = changes(sample), changes(endless)
     with serve(sample, groot2_port=0, resources=[Scene()]) as publisher:
         viewer = watch(publisher.address)
-        assert publisher.wait_for_clients(1, 60)
+        until(lambda: viewer.of(TreeEvent), "the first tree")
         sample.tick_exactly_once()
         sample.halt()
         publisher.replace_tree(endless)

@@ -332,9 +332,9 @@ def test_the_tree_patrols_and_recharges(
     states: dict[Pose2D, set[LifecycleState]] = {}
     while len(server.goals) < 40 and robot.clock.now() < 2000 * SECOND:
         assert tree.tick_once() is Status.RUNNING
-        if server.busy:
+        if server.is_busy:
             states.setdefault(server.goals[-1], set()).add(tracker.state)
-        if robot.commands and robot.commands[-1] == (0.0, 0.5) and not server.busy:
+        if robot.commands and robot.commands[-1] == (0.0, 0.5) and not server.is_busy:
             assert tracker.state is LifecycleState.INACTIVE
         robot.clock.sleep(0.1)
     assert len(server.goals) == 40

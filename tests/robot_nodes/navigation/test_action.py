@@ -40,11 +40,11 @@ def server() -> CountingServer:
 
 def test_a_goal_waits_for_the_next_step(server: CountingServer) -> None:
     handle = server.send_goal(2)
-    assert (handle.status, server.busy) == (GoalStatus.UNKNOWN, True)
+    assert (handle.status, server.is_busy) == (GoalStatus.UNKNOWN, True)
     server.step(0)
     assert (handle.status, handle.feedback) == (GoalStatus.EXECUTING, 1)
     server.step(1)
-    assert (handle.status, handle.result.value, server.busy) == (GoalStatus.SUCCEEDED, 2, False)
+    assert (handle.status, handle.result.value, server.is_busy) == (GoalStatus.SUCCEEDED, 2, False)
 
 
 def test_a_goal_can_end_as_it_starts(server: CountingServer) -> None:
@@ -93,7 +93,7 @@ def test_a_goal_cancelled_before_its_turn_never_starts(server: CountingServer) -
     handle = server.send_goal(5)
     handle.cancel()
     server.step(0)
-    assert (handle.status, handle.feedback, server.busy) == (GoalStatus.CANCELED, None, False)
+    assert (handle.status, handle.feedback, server.is_busy) == (GoalStatus.CANCELED, None, False)
 
 
 def test_the_newer_of_two_goals_between_steps_is_executed(server: CountingServer) -> None:

@@ -180,5 +180,5 @@ def test_paused_time_does_not_count_as_lack_of_progress() -> None:
 def test_a_stateful_goal_checker_remembers_that_the_place_was_reached(stateful: bool, reached: bool) -> None:
     checker = GoalChecker(0.25, 0.25, stateful)
     goal = Pose2D(1.0, 0.0, 0.0)
-    assert not checker.is_goal_reached(Pose2D(0.8, 0.0, 1.0), goal)
-    assert checker.is_goal_reached(Pose2D(0.7, 0.0, 0.1), goal) is reached
+    assert not checker.check(Pose2D(0.8, 0.0, 1.0), goal)
+    assert checker.check(Pose2D(0.7, 0.0, 0.1), goal) is reached

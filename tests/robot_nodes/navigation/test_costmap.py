@@ -390,7 +390,7 @@ def test_costs_of_many_points_are_looked_up_and_lethal_outside_the_grid() -> Non
 
 
 def test_the_disc_under_the_robot_has_all_cells_up_to_its_radius() -> None:
-    layer = ObstacleLayer((9, 9), 1.0, UNKNOWN)
+    layer = ObstacleLayer((9, 9), 1.0, UNKNOWN, min_range=0.0, max_range=2.5, raytrace_range=3.0)
     layer.free_disc(Pose2D(4.5, 4.5, 0.0), 2.0, (0.0, 0.0))
     rows, columns = np.indices((9, 9))
     assert np.array_equal(layer.values == FREE, (rows - 4) ** 2 + (columns - 4) ** 2 <= 4)

@@ -9,6 +9,7 @@ import pytest
 from btcore_navigation.distance_field import SignedDistanceField
 from btcore_navigation.global_search import HEADINGS, GlobalSearch, SearchSpace
 from btcore_navigation.likelihood import LikelihoodField, beam_endpoints, obstacle_distances
+from btcore_navigation.parameters import AmclParameters
 from btcore_navigation.particles import (
     best_cluster,
     decompose_motion,
@@ -80,7 +81,7 @@ def scan(ranges: np.ndarray, increment: float = 0.01, range_max: float = 25.0) -
 def test_a_weight_is_1_plus_the_cubes_of_its_beams_probabilities(z: float, pz: float) -> None:
     cells = empty()
     cells[100, 100] = 100
-    field = LikelihoodField(OccupancyMap(cells, 0.05, (0.0, 0.0)))
+    field = LikelihoodField(OccupancyMap(cells, 0.05, (0.0, 0.0)), AmclParameters(), 25.0)
     middle = 100.5 * 0.05
     ends = np.array([[1.0 + z, 0.0], [1.0 + z, 0.0]])
     weight = field.weights(np.array([[middle - 1.0, middle, 0.0]]), ends)
@@ -91,7 +92,7 @@ def test_a_weight_is_1_plus_the_cubes_of_its_beams_probabilities(z: float, pz: f
 def test_a_beam_that_ends_outside_the_map_has_the_maximum_distance() -> None:
     cells = empty()
     cells[:, -1] = 100
-    field = LikelihoodField(OccupancyMap(cells, 0.05, (0.0, 0.0)))
+    field = LikelihoodField(OccupancyMap(cells, 0.05, (0.0, 0.0)), AmclParameters(), 25.0)
     weight = field.weights(np.array([[9.0, 5.0, 0.0]]), np.array([[1.1, 0.0]]))
     far = 0.5 * math.exp(-(2.0**2) / (2 * 0.2**2)) + 0.5 / 25.0
     assert weight[0] == pytest.approx(1.0 + far**3, rel=1e-5)
@@ -99,7 +100,7 @@ def test_a_beam_that_ends_outside_the_map_has_the_maximum_distance() -> None:
 
 def test_beams_are_transformed_by_the_pose_of_each_particle() -> None:
     field_map = l_shaped()
-    field = LikelihoodField(field_map)
+    field = LikelihoodField(field_map, AmclParameters(), 25.0)
     random = np.random.default_rng(3)
     particles = np.column_stack(
         (random.uniform(1, 9, 50), random.uniform(1, 9, 50), random.uniform(-3, 3, 50))
@@ -251,7 +252,7 @@ def test_a_laser_beside_the_robot_determines_the_side_of_a_wall_that_is_seen() -
 
 def test_people_shorten_beams_and_at_a_wrong_pose_beams_pass_through_walls() -> None:
     field_map, true = l_shaped(), Pose2D(3.0, 5.0, 0.7)
-    visibility = RayCaster(field_map)
+    visibility = RayCaster(field_map, 25.0)
     points = seen_from(field_map, true)
     right, wrong = visibility.agreement([true, Pose2D(5.5, 8.0, -2.0)], EYE, points)
     assert (right.hit_share, right.through_share) == (1.0, 0.0)

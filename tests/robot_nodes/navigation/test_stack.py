@@ -14,6 +14,7 @@ import pytest
 
 pytest.importorskip("pybullet")
 
+from btcore.clock import NS_PER_S
 from btcore_navigation import sensor_watch, stack
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.costmap import INSCRIBED
@@ -32,7 +33,6 @@ from btcore_sim.world import World
 from btcore_sim.world_description import WorldDescription, WorldObject
 
 TREES = Path(__file__).parents[3] / "trees"
-NS_PER_S = 1_000_000_000
 GREY = (200, 200, 200, 255)
 
 WALLS = {
@@ -161,7 +161,7 @@ def test_a_cancelled_goal_stops_the_robot_and_halts_the_tree(create_rig: CreateR
     rig.run(1.0)
     assert handle.status is GoalStatus.CANCELED
     assert rig.body.ramped_twist() == pytest.approx((0.0, 0.0), abs=0.02)
-    assert not rig.navigation.servers.follow_path.busy
+    assert not rig.navigation.servers.follow_path.is_busy
     assert {node.status.name for node in rig.navigation.navigate_to_pose.tree.nodes} == {"IDLE"}
     driven = rig.body.distance
     rig.run(2.0)
@@ -320,13 +320,13 @@ def test_without_localisation_the_robot_stands_and_goals_fail(create_rig: Create
     rig = create_rig()
     handle = rig.navigation.go_to(Pose2D(3.0, -1.0, 0.0))
     rig.run(3.0)
-    rig.navigation.localises = False
+    rig.navigation.is_localising = False
     rig.run(1.0, lambda: handle.done)
     assert handle.result.code == Nav2ErrorCode.NAVIGATE_TF_ERROR
     rig.run(1.0)
     assert rig.body.ramped_twist() == pytest.approx((0.0, 0.0), abs=0.01)
     assert rig.navigation.estimate() is None
-    rig.navigation.localises = True
+    rig.navigation.is_localising = True
     rig.run(1.0)
     assert rig.navigation.estimate() is not None
 
@@ -508,12 +508,12 @@ def test_a_kidnapped_robot_stops_finds_its_pose_and_reaches_the_goal(create_rig:
 def test_a_new_goal_ends_the_recovery_of_the_previous_goal(create_rig: CreateRig) -> None:
     rig = create_rig()
     first = rig.navigation.go_to(Pose2D(4.3, 1.9, 0.0))
-    rig.run(60.0, lambda: rig.navigation.servers.wait.busy)
-    assert rig.navigation.servers.wait.busy
+    rig.run(60.0, lambda: rig.navigation.servers.wait.is_busy)
+    assert rig.navigation.servers.wait.is_busy
     second = rig.navigation.go_to(Pose2D(0.8, 0.0, 0.0))
     rig.run(1.0)
     assert first.status is GoalStatus.CANCELED
-    assert not rig.navigation.servers.wait.busy
+    assert not rig.navigation.servers.wait.is_busy
     rig.run(20.0, lambda: second.done)
     assert second.status is GoalStatus.SUCCEEDED
 

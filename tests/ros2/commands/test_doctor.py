@@ -9,9 +9,10 @@ from typing import Any
 
 import pytest
 
+from tests.ros2.conftest import LIMIT_S
+
 HAS_ROS = importlib.util.find_spec("rclpy") is not None
 needs_ros = pytest.mark.skipif(not HAS_ROS, reason="could not import 'rclpy'")
-LIMIT = 120  # s
 SECONDS = ("2", "4", "8", "16", "32")  # tried in turn: a busy machine may discover other processes late
 
 
@@ -21,7 +22,7 @@ def doctor(*arguments: str, **environment: str) -> tuple[int, str]:
         env={**os.environ, **environment},
         capture_output=True,
         text=True,
-        timeout=LIMIT,
+        timeout=LIMIT_S,
     )
     assert "Traceback" not in done.stderr
     return done.returncode, done.stdout + done.stderr

@@ -19,9 +19,8 @@ import btcore
 from btcore import Blackboard, NodeExecutionError, Registry, Status, Tree, TreeError
 from btcore_ros2.leaves import register
 from btcore_ros2.session import RosSession
+from tests.ros2.conftest import LIMIT_S
 from tests.ros2.discovery import wait_until_known
-
-LIMIT_S = 60
 
 
 @pytest.fixture(scope="module")

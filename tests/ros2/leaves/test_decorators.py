@@ -17,10 +17,10 @@ import btcore
 from btcore import In, NodeExecutionError, Put, RegistrationError, Registry, Status, Tree
 from btcore_ros2.leaves import RosCallError, ros_action, ros_publisher, ros_service, ros_subscriber
 from btcore_ros2.session import RosSession
+from tests.ros2.conftest import LIMIT_S
 from tests.ros2.discovery import wait_until_known
 
 S, F, R = Status.SUCCESS, Status.FAILURE, Status.RUNNING
-LIMIT_S = 60
 CLOSED: list[str] = []
 
 

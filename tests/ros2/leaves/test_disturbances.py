@@ -21,9 +21,9 @@ from btcore import Registry, Status, Tree
 from btcore_ros2.action_server import RosActionServer
 from btcore_ros2.leaves import RosSubscriber, register
 from btcore_ros2.session import RosSession
+from tests.ros2.conftest import LIMIT_S
 from tests.ros2.discovery import wait_until_known, wait_until_service_knows
 
-LIMIT_S = 60
 NUMBERS = itertools.count()
 LONG_TIMEOUTS = 'server_timeout="60000" wait_for_server_timeout="60000"'
 CALL = f"""<RosServiceCall service_name="{{name}}" type="std_srvs/srv/SetBool" {LONG_TIMEOUTS}

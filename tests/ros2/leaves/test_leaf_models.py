@@ -33,10 +33,10 @@ from btcore_robot.schedule import SimulatedSchedule
 from btcore_ros2.action_server import RosActionServer
 from btcore_ros2.session import RosSession
 from tests.robot_nodes.test_leaf_models import ROS, RUNNING, SHIPPED, Watch, records, tree_of, watch_of
+from tests.ros2.conftest import LIMIT_S
 from tests.ros2.discovery import wait_until_known
 
 IDLE, SUCCESS, FAILURE = Status.IDLE, Status.SUCCESS, Status.FAILURE
-LIMIT_S = 60
 SERVER_MS = 1000
 """The time (ms) in which a server has to answer, and a message has to arrive."""
 DISCOVERY_MS = 5000

@@ -25,9 +25,9 @@ from btcore_ros2 import direct_take
 from btcore_ros2.action_server import RosActionServer
 from btcore_ros2.leaves import register
 from btcore_ros2.session import RosSession
+from tests.ros2.conftest import LIMIT_S
 from tests.ros2.discovery import wait_until_known
 
-LIMIT_S = 20
 NUMBERS = itertools.count()
 GOAL = """<root BTCPP_format="4"><BehaviorTree ID="Main"><RosActionCall name="{}"
     type="test_msgs/action/Fibonacci" goal='json:{{"order": 3}}'/></BehaviorTree></root>"""

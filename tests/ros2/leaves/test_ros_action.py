@@ -19,10 +19,10 @@ import btcore
 from btcore import In, NodeExecutionError, Registry, Status, Tree, TreeError
 from btcore_ros2.leaves import ActionErrorCode, RosAction
 from btcore_ros2.session import RosSession
+from tests.ros2.conftest import LIMIT_S
 from tests.ros2.discovery import wait_until_known
 
 S, F, R = Status.SUCCESS, Status.FAILURE, Status.RUNNING
-LIMIT_S = 60
 OWN = '<Planned action_name="/{}/planned" order="{}"/>'
 TAGS = itertools.count(1)
 

@@ -12,7 +12,8 @@ pytest.importorskip("rclpy")
 
 from planned_server import End, Plan, ServerProcess
 
-LIMIT_S = 60
+from tests.ros2.conftest import LIMIT_S
+
 LEAVES = """
 from btcore import In
 from btcore_ros2.leaves import RosAction

@@ -16,10 +16,10 @@ import btcore
 from btcore import In, Out, Registry, Status, Tree
 from btcore_ros2.leaves import RosPublisher, RosService, RosSubscriber, ServiceErrorCode
 from btcore_ros2.session import RosSession
+from tests.ros2.conftest import LIMIT_S
 from tests.ros2.discovery import wait_until_known
 
 S, F, R = Status.SUCCESS, Status.FAILURE, Status.RUNNING
-LIMIT_S = 60
 
 
 class Increment(RosService):

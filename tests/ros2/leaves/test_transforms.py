@@ -19,8 +19,8 @@ from btcore_robot.robot import Pose2D
 from btcore_ros2 import shared_entities
 from btcore_ros2.leaves import register
 from btcore_ros2.session import RosSession
+from tests.ros2.conftest import LIMIT_S
 
-LIMIT_S = 60
 LATCHED = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 OUTPUTS = 'result="{result}" result_2d="{place}" error="{error}"'
 READ = f'<RosTransformRead child="laser" timeout="60000" {OUTPUTS}/>'

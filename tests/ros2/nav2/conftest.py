@@ -16,8 +16,7 @@ from btcore import Registry, Status, Tree
 from btcore.clock import NS_PER_S
 from btcore_navigation import nodes as nav2_nodes
 from btcore_navigation.nodes import action_node
-
-LIMIT = 120.0  # s, the longest wait on a slow machine
+from tests.ros2.conftest import LIMIT_S
 
 LONG_TIMEOUTS = """
 from btcore_navigation.nodes import action_node
@@ -46,7 +45,7 @@ def plain_nav2(request: pytest.FixtureRequest) -> Iterator[subprocess.Popen[str]
     arguments = getattr(request.module, "PLAIN_NAV2", ())
     process = start(str(Path(__file__).parent / "plain_nav2.py"), *arguments)
     yield process
-    process.communicate(timeout=LIMIT)
+    process.communicate(timeout=LIMIT_S)
 
 
 class ClientRig:
@@ -77,7 +76,7 @@ class ClientRig:
         self.marks += 1
         mark = ("mark", str(self.marks))
         self.marker.publish(String(data=mark[1]))
-        assert self.session.wait_for(lambda: mark in self.received, LIMIT), self.names()
+        assert self.session.wait_for(lambda: mark in self.received, LIMIT_S), self.names()
         self.received.clear()
 
     def names(self) -> list[str]:
@@ -102,7 +101,7 @@ class ClientRig:
 
     def run(self, tree: Tree, until: Callable[[], object] = lambda: False) -> Status:
         """Tick at 100 Hz until the result is not RUNNING, or until *until* returns a true value."""
-        end = time.monotonic() + LIMIT
+        end = time.monotonic() + LIMIT_S
         status = tree.tick_exactly_once()
         while status is Status.RUNNING and not until():
             assert time.monotonic() < end, f"still running; received: {self.names()}; {_handles(tree)}"
@@ -129,7 +128,7 @@ def shared_rig(plain_nav2: subprocess.Popen[str]) -> Iterator[ClientRig]:
             and rig.session.node.count_publishers("received")
             and rig.marker.get_subscription_count()
         ),
-        LIMIT,
+        LIMIT_S,
     )
     assert is_connected
     yield rig
@@ -139,6 +138,6 @@ def shared_rig(plain_nav2: subprocess.Popen[str]) -> Iterator[ClientRig]:
 @pytest.fixture
 def rig(shared_rig: ClientRig, monkeypatch: pytest.MonkeyPatch) -> ClientRig:
     """The rig of the module, without what was received before, whose nodes wait long for an answer."""
-    monkeypatch.setattr(action_node, "MIN_ACCEPTANCE_MS", 1000 * LIMIT)
+    monkeypatch.setattr(action_node, "MIN_ACCEPTANCE_MS", 1000 * LIMIT_S)
     shared_rig.forget()
     return shared_rig

@@ -9,6 +9,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
+from tests.ros2.conftest import LIMIT_S
 from tests.ros2.nav2.conftest import ClientRig
 
 pytest.importorskip("rclpy")
@@ -32,7 +33,6 @@ from btcore_ros2.nav2.client import Nav2Client
 from btcore_ros2.nav2.nodes import Route
 from btcore_ros2.nav2.pose_listener import PoseListener
 from btcore_ros2.session import RosSession
-from tests.ros2.nav2.conftest import LIMIT
 
 AHEAD, LEFT = Pose2D(2.0, 0.0, 0.0), Pose2D(2.0, 3.0, 1.0)
 PATH = NavPath(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0]]), 0)
@@ -70,7 +70,7 @@ def short_limits(rig: ClientRig, monkeypatch: pytest.MonkeyPatch) -> None:
 )
 def test_server_receives_ports(rig: ClientRig, leaf: str, action: str, expected: dict[str, Any]) -> None:
     assert rig.run(rig.tree(leaf)) is Status.SUCCESS
-    assert rig.session.wait_for(lambda: rig.received, LIMIT)
+    assert rig.session.wait_for(lambda: rig.received, LIMIT_S)
     name, goal = rig.received[0]
     assert name == action
     assert {key: goal[key] for key in expected} == expected
@@ -85,7 +85,7 @@ def test_compute_path_writes_the_path(rig: ClientRig) -> None:
     assert tree.blackboard["path"].goal == AHEAD
     assert tree.blackboard["path"].stamp > 0
     assert tree.blackboard["code"] == 0
-    assert rig.session.wait_for(lambda: rig.received, LIMIT)
+    assert rig.session.wait_for(lambda: rig.received, LIMIT_S)
     _, goal = rig.received[0]
     assert (goal["planner_id"], goal["use_start"], goal["start"]["pose"]["position"]["x"]) == (
         "Lattice",
@@ -119,7 +119,7 @@ def test_follow_path_writes_its_feedback_while_it_runs(rig: ClientRig) -> None:
     assert rig.run(tree, lambda: find("how") is not None and find("how").value) is Status.RUNNING
     assert tree.blackboard["how"].distance_to_goal == 1.5
     tree.halt()
-    assert rig.session.wait_for(lambda: "hang/follow_path canceled" in rig.names(), LIMIT)
+    assert rig.session.wait_for(lambda: "hang/follow_path canceled" in rig.names(), LIMIT_S)
 
 
 def test_follow_path_sends_a_changed_path_without_cancelling(rig: ClientRig) -> None:
@@ -131,7 +131,7 @@ def test_follow_path_sends_a_changed_path_without_cancelling(rig: ClientRig) -> 
     tree.halt()
     # Plain rclpy servers work on both goals; a server of Nav2 would have ended the first.
     rig.client.cancel_goals("follow_path", "hang/follow_path")
-    assert rig.session.wait_for(lambda: rig.names().count("hang/follow_path canceled") == 2, LIMIT)
+    assert rig.session.wait_for(lambda: rig.names().count("hang/follow_path canceled") == 2, LIMIT_S)
 
 
 # --- failures
@@ -177,7 +177,7 @@ def test_a_server_that_accepts_too_late_is_told_to_cancel(rig: ClientRig) -> Non
     tree = rig.tree(SPIN.format("late"))
     assert rig.run(tree) is Status.FAILURE
     assert tree.blackboard["why"] == "the action server 'late/spin' did not answer the goal in time"
-    assert rig.session.wait_for(lambda: "late/spin canceled" in rig.names(), LIMIT)
+    assert rig.session.wait_for(lambda: "late/spin canceled" in rig.names(), LIMIT_S)
 
 
 @pytest.mark.usefixtures("short_limits")
@@ -186,7 +186,7 @@ def test_server_timeout_is_respected_above_a_second(rig: ClientRig) -> None:
     end = rig.session.clock.now() + 1_300_000_000
     assert rig.run(tree, lambda: rig.session.clock.now() > end) is Status.RUNNING
     tree.halt()
-    assert rig.session.wait_for(lambda: "late/spin canceled" in rig.names(), LIMIT)
+    assert rig.session.wait_for(lambda: "late/spin canceled" in rig.names(), LIMIT_S)
 
 
 def wait_server(name: str, execute: str) -> "subprocess.Popen[bytes]":
@@ -299,7 +299,7 @@ def test_a_halt_returns_at_once_and_cancels_the_goal(rig: ClientRig) -> None:
     tree.halt()
     assert not drains  # it waited for nothing
     end()
-    assert rig.session.wait_for(lambda: "hang/spin canceled" in rig.names(), LIMIT)
+    assert rig.session.wait_for(lambda: "hang/spin canceled" in rig.names(), LIMIT_S)
 
 
 def test_a_goal_that_another_client_cancels_is_a_success(rig: ClientRig) -> None:
@@ -309,7 +309,7 @@ def test_a_goal_that_another_client_cancels_is_a_success(rig: ClientRig) -> None
     with RosSession("other") as session:
         other = Nav2Client(session)
         handle = other.cancel_goals("spin", "hang/spin")
-        assert session.wait_for(lambda: handle.status is GoalStatus.SUCCEEDED, LIMIT)
+        assert session.wait_for(lambda: handle.status is GoalStatus.SUCCEEDED, LIMIT_S)
     assert rig.run(tree) is Status.SUCCESS
     assert tree.blackboard["code"] == 0
 
@@ -327,7 +327,7 @@ def test_a_refused_cancellation_is_logged(rig: ClientRig, caplog: pytest.LogCapt
     rig.run(tree, lambda: rig.names() == ["stubborn/spin"])
     rig.wait(0.1)
     tree.halt()
-    assert rig.session.wait_for(lambda: "refused to cancel" in caplog.text, LIMIT)
+    assert rig.session.wait_for(lambda: "refused to cancel" in caplog.text, LIMIT_S)
 
 
 # --- services
@@ -359,7 +359,7 @@ def test_a_refused_cancellation_is_logged(rig: ClientRig, caplog: pytest.LogCapt
 def test_service_receives_request(rig: ClientRig, leaf: str, service: str, expected: dict[str, Any]) -> None:
     tree = rig.tree(leaf)
     assert rig.run(tree) is Status.SUCCESS
-    assert rig.session.wait_for(lambda: rig.received, LIMIT)
+    assert rig.session.wait_for(lambda: rig.received, LIMIT_S)
     name, request = rig.received[0]
     assert name == service
     assert {key: request[key] for key in expected} == expected
@@ -376,7 +376,7 @@ def test_clearing_counts_as_a_recovery_once(rig: ClientRig) -> None:
 def test_a_path_is_checked(rig: ClientRig, node: str, length: int, result: Status) -> None:
     tree = rig.tree(f'<{node} path="{{path}}" max_cost="200"/>', path=NavPath(PATH.poses[:length], 0))
     assert rig.run(tree) is result
-    assert rig.session.wait_for(lambda: rig.received, LIMIT)
+    assert rig.session.wait_for(lambda: rig.received, LIMIT_S)
     assert rig.received[0][1]["max_cost"] == 200
 
 
@@ -457,9 +457,9 @@ def test_the_pose_is_new_after_a_jump_of_the_clock() -> None:
 
         def is_at(x: float, *frames):
             publisher.publish(TFMessage(transforms=frames))
-            return session.wait_for(lambda: listener.pose() == Pose2D(x, 0.0, 0.0), LIMIT)
+            return session.wait_for(lambda: listener.pose() == Pose2D(x, 0.0, 0.0), LIMIT_S)
 
-        assert session.wait_for(publisher.get_subscription_count, LIMIT)
+        assert session.wait_for(publisher.get_subscription_count, LIMIT_S)
         assert is_at(11.0, transform(100, 1.0))
         assert is_at(12.0, transform(101, 2.0), transform(100, 1.0))  # the second is late
         assert is_at(15.0, transform(3, 5.0))
@@ -469,7 +469,7 @@ def test_a_selector_reads_its_latched_topic(rig: ClientRig) -> None:
     tree = rig.tree(
         '<PlannerSelector topic_name="planner_selector" default_planner="Grid" selected_planner="{planner}"/>'
     )
-    assert rig.session.wait_for(lambda: rig.client.latest("planner_selector", str), LIMIT)
+    assert rig.session.wait_for(lambda: rig.client.latest("planner_selector", str), LIMIT_S)
     assert rig.run(tree) is Status.SUCCESS
     assert tree.blackboard["planner"] == "Lattice"
 
@@ -478,14 +478,14 @@ def test_the_goal_updater_reads_its_topic(rig: ClientRig) -> None:
     tree = rig.tree(
         '<GoalUpdater input_goal="{goal}" output_goal="{moved}"><AlwaysSuccess/></GoalUpdater>', goal=AHEAD
     )
-    assert rig.session.wait_for(lambda: rig.client.latest("goal_update", Pose2D), LIMIT)
+    assert rig.session.wait_for(lambda: rig.client.latest("goal_update", Pose2D), LIMIT_S)
     assert rig.run(tree) is Status.SUCCESS
     assert tree.blackboard["moved"] == Pose2D(7.0, 0.0, 0.0)
 
 
 def test_the_battery_is_read(rig: ClientRig) -> None:
     rig.client.battery("/battery_status")
-    assert rig.session.wait_for(lambda: rig.client.battery("/battery_status"), LIMIT)
+    assert rig.session.wait_for(lambda: rig.client.battery("/battery_status"), LIMIT_S)
     for leaf, result in (
         ('<IsBatteryLow min_battery="0.3"/>', Status.SUCCESS),
         ('<IsBatteryLow min_battery="0.2"/>', Status.FAILURE),

@@ -25,10 +25,10 @@ from btcore_robot.robot import Pose2D
 from btcore_ros2.nav2.conversions import pose_to_stamped
 from btcore_ros2.nav2.pose_listener import PoseListener
 from btcore_ros2.session import RosSession
+from tests.ros2.conftest import LIMIT_S
 from tests.ros2.discovery import wait_until_known
 from tests.ros2.nav2.conftest import LONG_TIMEOUTS
 
-LIMIT = 120.0
 NAVIGATION = "navigation --world arena --camera off --start 0,0,0 --without-navigators"
 
 
@@ -40,7 +40,7 @@ def running(arguments: str) -> Iterator[subprocess.Popen[str]]:
         try:
             yield process
             process.send_signal(signal.SIGINT)
-            process.wait(LIMIT)
+            process.wait(LIMIT_S)
         finally:
             process.kill()
 
@@ -65,19 +65,19 @@ def listener(session: RosSession, processes: list[subprocess.Popen[str]]) -> Ite
     listener = PoseListener(session)
     with running("navigator") as process:
         processes.append(process)
-        assert session.wait_for(listener.pose, LIMIT)
+        assert session.wait_for(listener.pose, LIMIT_S)
         yield listener
 
 
 def send(session: RosSession, kind: Any, name: str, goal: Any) -> tuple[GoalStatus, Any]:
     """Send a goal, wait for its end, and return its status and result."""
     client = ActionClient(session.node, kind, name)
-    assert session.wait_for(client.server_is_ready, LIMIT)
+    assert session.wait_for(client.server_is_ready, LIMIT_S)
     wait_until_known(session, name)
     accepted = client.send_goal_async(goal)
-    assert session.wait_for(accepted.done, LIMIT)
+    assert session.wait_for(accepted.done, LIMIT_S)
     result = accepted.result().get_result_async()
-    assert session.wait_for(result.done, LIMIT)
+    assert session.wait_for(result.done, LIMIT_S)
     return GoalStatus(result.result().status), result.result().result
 
 
@@ -89,8 +89,8 @@ def distance(listener: PoseListener, x: float, y: float) -> float:
 
 def test_without_navigators(session: RosSession) -> None:
     node = session.node
-    assert session.wait_for(lambda: "/amcl_pose" in dict(node.get_topic_names_and_types()), LIMIT)
-    assert session.wait_for(lambda: node.count_publishers("spin/_action/status"), LIMIT)
+    assert session.wait_for(lambda: "/amcl_pose" in dict(node.get_topic_names_and_types()), LIMIT_S)
+    assert session.wait_for(lambda: node.count_publishers("spin/_action/status"), LIMIT_S)
     assert node.count_publishers("navigate_to_pose/_action/status") == 0
     assert node.count_subscribers("goal_pose") == 0
 
@@ -120,10 +120,10 @@ def test_shutdown_by_the_lifecycle_managers(
     ]
     for name in names:
         client = session.node.create_client(ManageLifecycleNodes, name)
-        assert session.wait_for(client.service_is_ready, LIMIT)
+        assert session.wait_for(client.service_is_ready, LIMIT_S)
         for _ in range(20):  # a response to a client that the server does not know yet is lost
             response = client.call_async(ManageLifecycleNodes.Request(command=4))
-            if session.wait_for(response.done, LIMIT / 20):
+            if session.wait_for(response.done, LIMIT_S / 20):
                 break
         assert response.result().success
-    assert [process.wait(LIMIT) for process in processes] == [0, 0]
+    assert [process.wait(LIMIT_S) for process in processes] == [0, 0]

@@ -35,7 +35,8 @@ from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_robot.occupancy_map import OccupancyMap, save_map
 from btcore_ros2.interfaces import load_interface
 from btcore_ros2.session import RosSession
-from tests.ros2.action_client import LIMIT_S, ClientProcess
+from tests.ros2.action_client import ClientProcess
+from tests.ros2.conftest import LIMIT_S
 from tests.ros2.nav2.conftest import LONG_TIMEOUTS
 from tests.ros2.nav2.rviz_displays import DISPLAYS, Qos
 

@@ -33,7 +33,7 @@ from btcore_ros2.simulation.topics import RobotTopics
 from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.world import World
 from btcore_sim.worlds import load_world_description
-from tests.ros2.action_client import LIMIT_S
+from tests.ros2.conftest import LIMIT_S
 from tests.ros2.nav2.rviz_displays import DISPLAYS
 
 GLOBAL_NAMES = {"/clock", "/parameter_events", "/rosout"}

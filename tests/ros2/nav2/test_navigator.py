@@ -29,11 +29,11 @@ from btcore_robot.robot import Pose2D
 from btcore_ros2.nav2 import navigator_server
 from btcore_ros2.nav2.conversions import pose_to_stamped, poses_to_goals
 from btcore_ros2.session import RosSession
+from tests.ros2.conftest import LIMIT_S
 from tests.ros2.discovery import wait_until_known
 from tests.ros2.nav2.conftest import LONG_TIMEOUTS
 
 PLAIN_NAV2 = ("--without-navigator",)
-LIMIT = 120.0
 
 DRIVE = """
 <root BTCPP_format="4" main_tree_to_execute="Drive">
@@ -80,7 +80,7 @@ class Client:
         self.through_poses = ActionClient(rig.session.node, NavigateThroughPoses, "navigate_through_poses")
         self.feedback: list[Any] = []
         assert rig.session.wait_for(
-            lambda: self.to_pose.server_is_ready() and self.through_poses.server_is_ready(), LIMIT
+            lambda: self.to_pose.server_is_ready() and self.through_poses.server_is_ready(), LIMIT_S
         )
         wait_until_known(rig.session, "navigate_to_pose")
 
@@ -95,7 +95,7 @@ class Client:
 
     def wait(self, future: Any) -> Any:
         """Return the result of a future."""
-        assert self.rig.session.wait_for(future.done, LIMIT)
+        assert self.rig.session.wait_for(future.done, LIMIT_S)
         return future.result()
 
     def result(self, handle: Any) -> tuple[GoalStatus, Any]:
@@ -105,7 +105,7 @@ class Client:
 
     def wait_until_received(self, name: str, count: int = 1) -> None:
         """Wait until a server of Nav2 has received goals."""
-        received = self.rig.session.wait_for(lambda: self.rig.names().count(name) >= count, LIMIT)
+        received = self.rig.session.wait_for(lambda: self.rig.names().count(name) >= count, LIMIT_S)
         assert received, self.rig.names()
 
 
@@ -114,7 +114,7 @@ def shared_client(shared_rig: Any, navigator: Any) -> Client:
     client = Client(shared_rig)
     # The navigator knows the robot's pose some time after its start.
     assert shared_rig.session.wait_for(
-        lambda: client.result(client.send(2.0))[0] is GoalStatus.SUCCEEDED, LIMIT
+        lambda: client.result(client.send(2.0))[0] is GoalStatus.SUCCEEDED, LIMIT_S
     )
     return client
 
@@ -154,7 +154,7 @@ def test_goals_through_poses_reach_the_last_pose(client: Client) -> None:
 def test_feedback_has_pose_times_and_distance(client: Client, drive: str) -> None:
     handle = client.send(2.0, drive)
     assert client.rig.session.wait_for(
-        lambda: client.feedback and client.feedback[-1].distance_remaining > 0, LIMIT
+        lambda: client.feedback and client.feedback[-1].distance_remaining > 0, LIMIT_S
     )
     feedback = client.feedback[-1]
     here = feedback.current_pose.pose.position
@@ -254,7 +254,7 @@ def test_a_goal_in_an_unknown_frame_is_aborted(client: Client) -> None:
 
 def test_the_topic_goal_pose_starts_the_default_tree(client: Client) -> None:
     publisher = client.rig.session.node.create_publisher(PoseStamped, "goal_pose", 1)
-    assert client.rig.session.wait_for(lambda: publisher.get_subscription_count() > 0, LIMIT)
+    assert client.rig.session.wait_for(lambda: publisher.get_subscription_count() > 0, LIMIT_S)
     publisher.publish(pose_to_stamped(Pose2D(4.0, 0.0, 0.0)))
     client.wait_until_received("follow_path")
     goals = [goal for name, goal in client.rig.received if name == "compute_path_to_pose"]
@@ -272,9 +272,9 @@ def test_ctrl_c_cancels_the_goals_and_ends_the_process(
     wait_until_known(client.rig.session, "navigate_to_pose")  # the request has arrived, too
     navigator.send_signal(signal.SIGINT)
     client.wait_until_received("hang/follow_path canceled")
-    assert client.rig.session.wait_for(result.done, LIMIT)
+    assert client.rig.session.wait_for(result.done, LIMIT_S)
     assert result.result().status == GoalStatus.ABORTED
-    output = navigator.communicate(timeout=LIMIT)[1]
+    output = navigator.communicate(timeout=LIMIT_S)[1]
     assert navigator.returncode == 130
     assert "Traceback" not in output
     assert "--ros-args has no effect" not in output
@@ -297,25 +297,25 @@ def test_viewers_see_the_tree_of_a_goal(session: Iterator[RosSession]) -> None:
                         seen.extend(node.name for node in event.tree.nodes)
                 return name in seen
 
-            assert session.wait_for(lambda: sees("Navigator"), LIMIT)
-            assert session.wait_for(lambda: goals.get_subscription_count() > 0, LIMIT)
+            assert session.wait_for(lambda: sees("Navigator"), LIMIT_S)
+            assert session.wait_for(lambda: goals.get_subscription_count() > 0, LIMIT_S)
             goals.publish(pose_to_stamped(Pose2D(2.0, 0.0, 0.0)))
-            assert session.wait_for(lambda: sees("NavigateRecovery"), LIMIT), seen
+            assert session.wait_for(lambda: sees("NavigateRecovery"), LIMIT_S), seen
         process.send_signal(signal.SIGINT)
-        assert process.wait(LIMIT) == 130
+        assert process.wait(LIMIT_S) == 130
 
 
 def test_a_goal_waits_longer_for_the_first_pose(monkeypatch: pytest.MonkeyPatch) -> None:
     """A goal that arrives before any transform is not aborted after the patience for a lost pose."""
     monkeypatch.setattr(navigator_server, "POSE_PATIENCE_S", 0.0)
-    monkeypatch.setattr(navigator_server, "FIRST_POSE_PATIENCE_S", LIMIT)
+    monkeypatch.setattr(navigator_server, "FIRST_POSE_PATIENCE_S", LIMIT_S)
     # A namespace has its own tf.
     with RosSession("bt_navigator", arguments=["-r", "__ns:=/alone"]) as session:
         server = navigator_server.NavigatorServer(session)
         goals = session.node.create_publisher(PoseStamped, "goal_pose", 1)
         tf = session.node.create_publisher(TFMessage, "/tf", 1)
         clock = session.clock
-        end = clock.now() + round(LIMIT * NS_PER_S)
+        end = clock.now() + round(LIMIT_S * NS_PER_S)
 
         def step() -> None:
             assert clock.now() < end

@@ -7,10 +7,11 @@ from typing import Any
 
 import pytest
 
+from tests.ros2.conftest import LIMIT_S
+
 pytest.importorskip("rclpy")
 pytest.importorskip("nav2_msgs")
 
-from tests.ros2.nav2.conftest import LIMIT
 
 NAVIGATE = """
 <root BTCPP_format="4">
@@ -29,7 +30,7 @@ def run(folder: Path, text: str, *options: str) -> subprocess.CompletedProcess[s
     file = folder / "tree.xml"
     file.write_text(text)
     command = [sys.executable, "-m", "btcore", "run", str(file), *options]
-    return subprocess.run(command, capture_output=True, text=True, timeout=2 * LIMIT, check=False)
+    return subprocess.run(command, capture_output=True, text=True, timeout=2 * LIMIT_S, check=False)
 
 
 def test_the_tree_uses_the_servers_of_nav2(rig: Any, tmp_path: Path) -> None:
@@ -39,7 +40,7 @@ def test_the_tree_uses_the_servers_of_nav2(rig: Any, tmp_path: Path) -> None:
         rig.received.clear()
         done = run(tmp_path, NAVIGATE, "--nav2")
     assert done.returncode == 0, done.stderr
-    assert rig.session.wait_for(lambda: "wait" in rig.names(), LIMIT)
+    assert rig.session.wait_for(lambda: "wait" in rig.names(), LIMIT_S)
     assert rig.names() == ["compute_path_to_pose", "follow_path", "wait"]
     assert rig.received[0][1]["planner_id"] == "Lattice"
 

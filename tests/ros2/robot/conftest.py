@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from tests.ros2.conftest import LIMIT_S
+
 if TYPE_CHECKING:
     from btcore_ros2.robot.description import RosRobotDescription
     from btcore_ros2.robot.ros_robot import RosRobot
@@ -17,8 +19,6 @@ if TYPE_CHECKING:
 
 HERE = Path(__file__).parent
 
-LIMIT = 60.0
-"""The longest wait (s), on a slow machine."""
 
 # The limits of the topics are long, because a busy machine may stop the process of the robot for a while.
 DESCRIPTION = """\
@@ -69,7 +69,7 @@ class PointRobotProcess:
     def close(self) -> None:
         """End the process, and remove the robot from the graph."""
         try:
-            self.process.communicate('{"end": true}\n', timeout=LIMIT)
+            self.process.communicate('{"end": true}\n', timeout=LIMIT_S)
         except (subprocess.TimeoutExpired, BrokenPipeError):
             self.process.kill()
             self.process.communicate()
@@ -89,7 +89,7 @@ def drive_until_error(robot: "RosRobot") -> str:
     from btcore_robot.testing import wait
     from btcore_ros2.errors import RosError
 
-    end = time.monotonic() + LIMIT
+    end = time.monotonic() + LIMIT_S
     while time.monotonic() < end:
         robot.drive(0.1, 0.2)
         try:
@@ -105,7 +105,7 @@ def stopped(process: PointRobotProcess, session: "RosSession") -> bool:
     def is_last() -> bool:
         return [command[1:] for command in process.send()["commands"][-1:]] == [[0.0, 0.0]]
 
-    return session.wait_for(is_last, LIMIT)
+    return session.wait_for(is_last, LIMIT_S)
 
 
 @pytest.fixture

@@ -15,9 +15,9 @@ from btcore_robot.testing import wait
 from btcore_ros2.errors import RosError
 from btcore_ros2.robot.ros_robot import RosRobot
 from btcore_ros2.session import RosSession
+from tests.ros2.conftest import LIMIT_S
 from tests.ros2.robot.conftest import (
     DESCRIPTION,
-    LIMIT,
     PARTS,
     PointRobotProcess,
     describe,
@@ -37,7 +37,7 @@ def test_topic_that_stops(session: RosSession, fresh_robot: PointRobotProcess, t
         robot.drive(0.1, 0.2)
         return bool(process.send()["twist"][0] > 0.0)
 
-    assert session.wait_for(drives, LIMIT)
+    assert session.wait_for(drives, LIMIT_S)
     process.send(silent=["/scan"])
     message = drive_until_error(robot)
     assert message.startswith("/scan: no message for ")
@@ -55,7 +55,7 @@ def test_topic_that_stops(session: RosSession, fresh_robot: PointRobotProcess, t
     process.send(silent=[])
     robot.recover(caught.value, lambda: False)
     robot.raise_failure()
-    assert session.wait_for(drives, LIMIT)
+    assert session.wait_for(drives, LIMIT_S)
 
 
 def test_jump_of_robots_clock(session: RosSession, fresh_robot: PointRobotProcess, tmp_path: Path) -> None:
@@ -78,7 +78,7 @@ def test_last_command_is_zero_when_the_robot_is_closed(
         return [command for command in process.send()["commands"] if command[0] == "/key_vel"]
 
     # The last command of an earlier test may still arrive, on the other topic.
-    assert session.wait_for(lambda: len(commands()) == 2, LIMIT)
+    assert session.wait_for(lambda: len(commands()) == 2, LIMIT_S)
     assert [command[1:] == [0.0, 0.0] for command in commands()] == [False, True]
 
 
@@ -135,7 +135,7 @@ def test_stamped_velocity(
         "velocity: /cmd_vel: the robot uses geometry_msgs/msg/TwistStamped, "
         "but geometry_msgs/msg/Twist is expected"
     ) in str(caught.value)
-    assert time.monotonic() - began < LIMIT / 2  # it does not wait for the start timeout
+    assert time.monotonic() - began < 30.0  # it does not wait for the start timeout
     # In a session of its own, since a ROS node uses one type for a topic.
     text = DESCRIPTION.replace("type: Twist,", "type: TwistStamped,")
     with RosSession("stamped") as own, RosRobot(own, describe(tmp_path, text)) as robot:
@@ -144,7 +144,7 @@ def test_stamped_velocity(
             robot.drive(0.1, 0.0)
             return bool(process.send()["twist"][0] > 0.05)
 
-        assert own.wait_for(drives, LIMIT)
+        assert own.wait_for(drives, LIMIT_S)
 
 
 def test_robot_that_is_found_late_and_started_again(
@@ -165,6 +165,6 @@ def test_robot_that_is_found_late_and_started_again(
         wait(robot, 0.05)
         return bool(again.send()["twist"][0] > 0.05)
 
-    assert session.wait_for(drives, LIMIT)
+    assert session.wait_for(drives, LIMIT_S)
     wait(robot, 0.2)
     assert robot.odometry().twist.v > 0.0

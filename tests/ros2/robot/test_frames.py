@@ -64,7 +64,7 @@ def test_urdf_has_the_poses_of_the_simulator() -> None:
     expected = poses(kinematics.frames(list(positions.values()), 7))
     store = FrameStore("base_footprint", "odom")
     for joint in read_urdf(complete_urdf(description)).joints:
-        if not joint.moves:
+        if not joint.is_movable:
             store.set(joint.child, joint.parent, joint.origin, None)
         elif joint.name in positions:
             store.set(joint.child, joint.parent, joint.pose(positions[joint.name]), 7)

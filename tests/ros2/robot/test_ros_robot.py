@@ -19,12 +19,13 @@ from btcore_ros2.errors import RosError
 from btcore_ros2.robot.ros_robot import RosRobot
 from btcore_ros2.session import RosSession
 from btcore_scene import SceneSource
-from tests.ros2.robot.conftest import DESCRIPTION, LIMIT, PARTS, PointRobotProcess, describe
+from tests.ros2.conftest import LIMIT_S
+from tests.ros2.robot.conftest import DESCRIPTION, PARTS, PointRobotProcess, describe
 
 
 def wait_for(robot: RosRobot, condition: Callable[[], object]) -> None:
     """Wait on the robot's clock until *condition* returns a true value."""
-    end = robot.clock.now() + round(LIMIT * NS_PER_S)
+    end = robot.clock.now() + round(LIMIT_S * NS_PER_S)
     while not condition():
         assert robot.clock.now() < end, "the condition was not met in time"
         wait(robot, 0.02)
@@ -50,11 +51,11 @@ def test_head_torso_camera_sonar_and_battery(
     check_camera(robot)
     assert [sonar.range for sonar in robot.sonars()] == [np.inf]
     check_sonars(robot)
-    assert session.wait_for(robot.battery, LIMIT)
+    assert session.wait_for(robot.battery, LIMIT_S)
     battery = robot.battery()
     assert battery is not None
     assert battery.level == 75.0
-    assert 0 <= robot.clock.now() - battery.stamp < LIMIT * NS_PER_S
+    assert 0 <= robot.clock.now() - battery.stamp < LIMIT_S * NS_PER_S
 
 
 def test_command_expires_without_a_new_command(
@@ -74,7 +75,7 @@ def test_odometry_is_not_stale_because_this_process_was_busy(
     before = replace(robot.odometry(), stamp=robot.clock.now() - NS_PER_S)
     robot._odometry = before
     # As in a task that runs late: nothing has waited on the clock, but new messages have arrived.
-    end = time.monotonic() + LIMIT
+    end = time.monotonic() + LIMIT_S
     while robot.odometry() is before:
         assert time.monotonic() < end
 

@@ -25,7 +25,8 @@ from btcore_ros2.robot.sim_time import SimTime
 from btcore_ros2.session import RosSession
 from btcore_ros2.tree_server import TreeServer
 from tests.ros2.action_client import ClientProcess
-from tests.ros2.robot.conftest import LIMIT, PointRobotProcess, describe, drive_until_error, stopped
+from tests.ros2.conftest import LIMIT_S
+from tests.ros2.robot.conftest import PointRobotProcess, describe, drive_until_error, stopped
 
 TREES = """<root BTCPP_format="4">
     <BehaviorTree ID="Endless"><Repeat num_cycles="-1"><Sleep msec="10"/></Repeat></BehaviorTree>
@@ -38,7 +39,7 @@ def sleep_until(condition: Callable[[], Any]) -> None:
 
 
 @pytest.fixture(scope="module")
-def process() -> Iterator[PointRobotProcess]:
+def shared_process() -> Iterator[PointRobotProcess]:
     """A robot whose time is twice as fast as that of the machine."""
     robot = PointRobotProcess(sim_time=True, factor=2.0)
     robot.send(shift=1000 * NS_PER_S)
@@ -46,10 +47,17 @@ def process() -> Iterator[PointRobotProcess]:
     robot.close()
 
 
+@pytest.fixture
+def process(shared_process: PointRobotProcess) -> Iterator[PointRobotProcess]:
+    """The robot of the module, whose messages are sent again after the test."""
+    yield shared_process
+    shared_process.send(silent=[], paused=False, disorder=False)
+
+
 @pytest.fixture(autouse=True)
 def long_clock_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """Search for the topic of the clock until it is found, on a slow machine."""
-    monkeypatch.setattr(ros_robot, "CLOCK_SEARCH", LIMIT)
+    monkeypatch.setattr(ros_robot, "CLOCK_SEARCH", LIMIT_S)
 
 
 def test_simulated_time(session: RosSession, process: PointRobotProcess, tmp_path: Path) -> None:
@@ -62,7 +70,7 @@ def test_simulated_time(session: RosSession, process: PointRobotProcess, tmp_pat
     wait(robot, 1.0)
     # The time is that of the last message, which may be old on a slow machine.
     while robot.clock.now() - before < 1.5 * (time.monotonic_ns() - wall):
-        assert time.monotonic_ns() - wall < LIMIT * NS_PER_S
+        assert time.monotonic_ns() - wall < LIMIT_S * NS_PER_S
         wait(robot, 0.1)
 
 
@@ -90,7 +98,6 @@ def test_simulated_time_that_stops(
     assert "/clock: no message for 1." in drive_until_error(robot)
     assert stopped(process, session)
     assert "the robot stands until it advances again" in caplog.text
-    process.send(silent=[])
 
 
 def test_simulation_that_is_paused_goes_on(
@@ -114,7 +121,7 @@ def test_simulation_that_is_paused_goes_on(
     finally:
         end.join()
     assert "the robot stands until it advances again" in caplog.text
-    assert before < robot.clock.now() < before + LIMIT * NS_PER_S
+    assert before < robot.clock.now() < before + LIMIT_S * NS_PER_S
     assert stopped(process, session)
 
 
@@ -127,7 +134,6 @@ def test_clock_in_wrong_order_is_no_jump(
     while robot.clock.now() < start + NS_PER_S:
         wait(robot, 0.02)
         times.append(robot.clock.now())
-    process.send(disorder=False)
     assert times == sorted(times)
 
 
@@ -176,8 +182,8 @@ def test_tree_server_survives_resets_and_pauses_of_the_simulation(
             assert status == GoalStatus.STATUS_ABORTED
             assert "/clock jumped back by " in result["return_message"]
             assert client.result(send("Rest"))[0] == GoalStatus.STATUS_SUCCEEDED
-            assert before <= robot.clock.now() < before + LIMIT * NS_PER_S
-            assert abs(robot.odometry().stamp - robot.clock.now()) < LIMIT * NS_PER_S
+            assert before <= robot.clock.now() < before + LIMIT_S * NS_PER_S
+            assert abs(robot.odometry().stamp - robot.clock.now()) < LIMIT_S * NS_PER_S
             process.send(silent=["/clock"], shift=0)
             # By the silent clock, or before by stamps that jump back to the earlier shift.
             sleep_until(lambda: caplog.text.count(waiting) == 2 or not thread.is_alive())
@@ -186,12 +192,12 @@ def test_tree_server_survives_resets_and_pauses_of_the_simulation(
             assert client.result(goal)[0] == GoalStatus.STATUS_SUCCEEDED
             process.send(paused=True)
             server.stop()
-            thread.join(LIMIT)
+            thread.join(LIMIT_S)
             assert not thread.is_alive()
         finally:
             process.send(silent=[], paused=False)
             server.stop()
-            thread.join(LIMIT)
+            thread.join(LIMIT_S)
             client.close()
     assert caplog.text.count(waiting) == 2
 
@@ -206,14 +212,14 @@ def test_second_publisher_of_the_clock_is_named_with_a_remedy(
         def publishers() -> list[str]:  # DDS announces a publisher before the name of its ROS node
             return [publisher.node_name for publisher in session.node.get_publishers_info_by_topic("/clock")]
 
-        assert session.wait_for(lambda: "other" in publishers() and len(publishers()) == 2, LIMIT)
+        assert session.wait_for(lambda: "other" in publishers() and len(publishers()) == 2, LIMIT_S)
 
         def has_jumped() -> bool:
             publisher.publish(Clock(clock=Time(sec=1)))
             assert isinstance(robot.clock, SimTime)
             return robot.clock.has_jumped
 
-        assert session.wait_for(has_jumped, LIMIT)
+        assert session.wait_for(has_jumped, LIMIT_S)
         with pytest.raises(RosError, match=r"several ROS nodes publish it \(.*/robot2/other") as caught:
             wait(robot, 1.0)
     assert "-r /clock:=clock" in str(caught.value)

@@ -9,8 +9,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-LIMIT = 120.0
-"""The longest wait (s) for anything, on a slow machine."""
+from tests.ros2.conftest import LIMIT_S
 
 
 class SimProcess:
@@ -24,7 +23,7 @@ class SimProcess:
 
     def wait_until_ready(self) -> None:
         """Wait until the robot is on ROS 2."""
-        end = time.monotonic() + LIMIT
+        end = time.monotonic() + LIMIT_S
         while "is on ROS 2" not in self.errors:
             assert self.process.poll() is None, self.errors
             assert time.monotonic() < end
@@ -40,7 +39,7 @@ class SimProcess:
         if self.process.poll() is None:
             self.process.send_signal(signal.SIGINT)
         try:
-            return self.process.wait(LIMIT)
+            return self.process.wait(LIMIT_S)
         finally:
             self.process.kill()
 
@@ -65,7 +64,7 @@ class Client:
 
     def wait(self, condition: Callable[[], Any]) -> None:
         """Wait until *condition* returns a true value."""
-        assert self.session.wait_for(condition, LIMIT)
+        assert self.session.wait_for(condition, LIMIT_S)
 
     def call(self, kind: type, name: str, request: Any = None) -> Any:
         """Call a service and return its response.
@@ -76,7 +75,7 @@ class Client:
         self.wait(client.service_is_ready)
         for _ in range(10):
             future = client.call_async(kind.Request() if request is None else request)
-            if self.session.wait_for(future.done, LIMIT / 10):
+            if self.session.wait_for(future.done, LIMIT_S / 10):
                 break
             client.remove_pending_request(future)
         self.node.destroy_client(client)

@@ -31,7 +31,8 @@ from btcore_ros2.robot.ros_robot import RosRobot
 from btcore_ros2.session import RosSession
 from btcore_ros2.simulation import lockstep
 from btcore_ros2.simulation.lockstep import LockstepClock
-from tests.ros2.simulation.process import LIMIT, Client, SimProcess
+from tests.ros2.conftest import LIMIT_S
+from tests.ros2.simulation.process import Client, SimProcess
 
 TENTH = 100_000_000
 ODOMETRY = "/mobile_base_controller/odom"
@@ -117,7 +118,7 @@ def test_invalid_request_is_refused(
 def test_no_message_is_lost(world: SimProcess) -> None:
     with RosSession("driver") as session:
         client = Client(session)
-        clock = LockstepClock(session, LIMIT)
+        clock = LockstepClock(session, LIMIT_S)
         scans = client.messages(LaserScan, "/scan_raw", qos_profile_sensor_data)
         motion = client.messages(Odometry, "/mobile_base_controller/odom")
         publisher = client.node.create_publisher(Twist, "/cmd_vel", 10)
@@ -140,7 +141,7 @@ def test_no_message_is_lost(world: SimProcess) -> None:
 def test_check_robot(world: SimProcess) -> None:
     pytest.importorskip("tf2_msgs")
     with RosSession("checked") as session:
-        session.clock = LockstepClock(session, LIMIT)
+        session.clock = LockstepClock(session, LIMIT_S)
         # A program cannot charge the battery of a real robot, so it is left out.
         robot = RosRobot(session, replace(load_robot("tiago"), battery=None))
 
@@ -155,7 +156,7 @@ def test_check_robot(world: SimProcess) -> None:
 
 def test_tasks_of_the_clock_run_at_their_times(world: SimProcess) -> None:
     with RosSession("scheduled") as session:
-        clock = LockstepClock(session, LIMIT)
+        clock = LockstepClock(session, LIMIT_S)
         start = clock.now()
         times: list[int] = []
         clock.schedule.add_task(20.0, Phase.CONTROLLER, times.append)
@@ -169,10 +170,10 @@ def test_tasks_of_the_clock_run_at_their_times(world: SimProcess) -> None:
 
 
 def test_world_outlives_a_client_that_dies(world: SimProcess) -> None:
-    died = subprocess.run([sys.executable, "-c", DYING_CLIENT], timeout=LIMIT, check=False)
+    died = subprocess.run([sys.executable, "-c", DYING_CLIENT], timeout=LIMIT_S, check=False)
     assert died.returncode == -9
     with RosSession("next") as session:
-        clock = LockstepClock(session, LIMIT)
+        clock = LockstepClock(session, LIMIT_S)
         now = clock.now()
         assert now >= 3 * TENTH
         clock.wait_until(now + TENTH, threading.Event())
@@ -182,7 +183,7 @@ def test_world_outlives_a_client_that_dies(world: SimProcess) -> None:
 def test_stopped_world_goes_on_where_it_was(world: SimProcess, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lockstep, "RETRY", 0.05)  # requests are repeated meanwhile
     with RosSession("patient") as session:
-        clock = LockstepClock(session, LIMIT)
+        clock = LockstepClock(session, LIMIT_S)
         start = clock.now()
         times: list[int] = []
         session.node.create_subscription(Odometry, ODOMETRY, lambda message: times.append(stamp(message)), 10)
@@ -206,7 +207,7 @@ def test_client_that_did_not_wait_for_response_may_request_next(world: SimProces
     client.wait(steps.service_is_ready)
     # A response is lost if the server does not know the new client yet.
     refused = SetParametersAtomically.Request()
-    client.wait(lambda: client.session.wait_for(steps.call_async(refused).done, LIMIT / 10))
+    client.wait(lambda: client.session.wait_for(steps.call_async(refused).done, LIMIT_S / 10))
     requests = [
         SetParametersAtomically.Request(
             parameters=[
@@ -233,7 +234,7 @@ def test_steps_may_be_shorter_than_those_of_the_physics(world: SimProcess, clien
 def test_client_of_a_world_that_ends_raises(world: SimProcess, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(lockstep, "RETRY", 0.2)
     with RosSession("client") as session:
-        clock = LockstepClock(session, LIMIT)
+        clock = LockstepClock(session, LIMIT_S)
         assert world.interrupt() == 130
         with pytest.raises(RosError, match="the simulation has ended"):
             clock.wait_until(clock.now() + TENTH, threading.Event())
@@ -247,15 +248,15 @@ def test_end_of_the_duration_refuses_further_steps(
     monkeypatch.setattr(lockstep, "RETRY", 0.2)
     simulation = start("--lockstep", "--duration", "0.5")
     with RosSession("client") as session:
-        clock = LockstepClock(session, LIMIT)
+        clock = LockstepClock(session, LIMIT_S)
         with pytest.raises(RosError, match=r"the simulation (ended at 0\.500 s|has ended)"):
             clock.wait_until(10 * TENTH, threading.Event())
-    assert simulation.process.wait(LIMIT) == 0
+    assert simulation.process.wait(LIMIT_S) == 0
     assert simulation.result()["time_s"] == 0.5
 
 
 def test_world_without_a_client_ends_after_the_limit(start: Callable[..., SimProcess]) -> None:
     simulation = start("--lockstep", "--wait-limit", "0.5")
-    assert simulation.process.wait(LIMIT) == 1
+    assert simulation.process.wait(LIMIT_S) == 1
     assert "no client requested a step for 0.5 s" in simulation.errors
     assert "Traceback" not in simulation.errors

@@ -28,7 +28,8 @@ from btcore_ros2.robot.topic_report import type_name
 from btcore_ros2.robot.topic_robot import TopicRobot
 from btcore_ros2.session import RosSession
 from btcore_ros2.simulation.lockstep import LockstepClock
-from tests.ros2.simulation.process import LIMIT, SimProcess
+from tests.ros2.conftest import LIMIT_S
+from tests.ros2.simulation.process import SimProcess
 
 SECONDS = 5
 """The length of the recorded run. The robot reaches an obstacle before."""
@@ -83,7 +84,7 @@ def test_recorded_run_gives_the_same_commands(start: Callable[..., SimProcess], 
         Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer,
         RosSession() as session,
     ):
-        session.clock = LockstepClock(session, LIMIT)
+        session.clock = LockstepClock(session, LIMIT_S)
         record_messages(session, writer)
         with RosRobot(session, tiago) as robot:
             tree = load_tree(robot)

@@ -16,12 +16,13 @@ from btcore.cli.main import main
 from btcore_robot.occupancy_map import save_map
 from btcore_sim.map_rasteriser import rasterise
 from btcore_sim.worlds import load_world_description
-from tests.ros2.simulation.process import LIMIT, SimProcess
+from tests.ros2.conftest import LIMIT_S
+from tests.ros2.simulation.process import SimProcess
 
 
 def run(*arguments: str) -> "subprocess.CompletedProcess[str]":
     command = [sys.executable, "-m", "btcore", "run", *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=2 * LIMIT, check=False)
+    return subprocess.run(command, capture_output=True, text=True, timeout=2 * LIMIT_S, check=False)
 
 
 def test_a_tree_drives_the_robot(start: Callable[..., SimProcess]) -> None:

@@ -27,7 +27,8 @@ from btcore_sim.simulated_robot import SimulatedRobot
 from btcore_sim.simulation import Simulation
 from btcore_sim.world import World
 from btcore_sim.worlds import load_world_description
-from tests.ros2.simulation.process import LIMIT, SimProcess
+from tests.ros2.conftest import LIMIT_S
+from tests.ros2.simulation.process import SimProcess
 
 SECOND = 1_000_000_000
 
@@ -44,7 +45,7 @@ def test_duration_and_options_of_the_simulator_apply(start: Callable[..., SimPro
         "-r __ns:=/tiago",
     )
     simulation = start(*arguments)
-    assert simulation.process.wait(LIMIT) == 0
+    assert simulation.process.wait(LIMIT_S) == 0
     result = simulation.result()
     assert result["time_s"] == 0.5
     assert 41.0 < result["robot"]["battery_min"] < 42.0
@@ -83,9 +84,9 @@ def test_a_door_past_which_the_robot_is_carried_refuses_to_move(session: RosSess
     offer_services(session, Simulation(robot, world.description, events, (), None))
     robot.carry([Pose2D(x, 0.0, 0.0) for x in (-1.0, 0.0, 1.0)], 0.1)
     client = session.node.create_client(SetBool, "sim/doors/hatch")
-    assert session.wait_for(client.service_is_ready, LIMIT)
+    assert session.wait_for(client.service_is_ready, LIMIT_S)
     request = client.call_async(SetBool.Request(data=False))
-    assert session.wait_for(request.done, LIMIT)
+    assert session.wait_for(request.done, LIMIT_S)
     assert not request.result().success
     assert "the robot is being carried past this door" in request.result().message
     world.close()
@@ -102,9 +103,9 @@ def test_no_picture_is_rendered_without_a_subscriber(session: RosSession) -> Non
 
     pictures: list[Image] = []
     session.node.create_subscription(Image, image, pictures.append, qos_profile_sensor_data)
-    assert session.wait_for(lambda: session.node.count_subscribers(image), LIMIT)
+    assert session.wait_for(lambda: session.node.count_subscribers(image), LIMIT_S)
     world.wait_until(2 * SECOND, threading.Event())
-    assert session.wait_for(lambda: pictures, LIMIT)
+    assert session.wait_for(lambda: pictures, LIMIT_S)
     assert len(robot.moving_scene().pictures) == 1
     assert topics.published()[image] == 10
     world.close()

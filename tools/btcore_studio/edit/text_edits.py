@@ -1,24 +1,8 @@
-"""The inverses of edits, their places after other edits, successive edits, and the edit between two texts."""
+"""The places of edits after other edits, successive edits, and the edit between two texts."""
 
 from collections.abc import Iterable, Sequence
 
 from btcore.xml.edit.editor import Edit, EditError
-
-
-def invert_edits(text: str, edits: Iterable[Edit]) -> list[Edit]:
-    """Return the edits of the result of `apply_edits` that restore *text*.
-
-    Args:
-        text: The text before *edits*.
-        edits: Edits that do not overlap.
-    """
-    inverse: list[Edit] = []
-    shift = 0
-    for start, end, replacement in _ordered(edits):
-        new_start = start + shift
-        inverse.append(Edit(new_start, new_start + len(replacement), text[start:end]))
-        shift += len(replacement) - (end - start)
-    return inverse
 
 
 def rebase_edits(edits: Iterable[Edit], others: Sequence[Edit]) -> list[Edit]:

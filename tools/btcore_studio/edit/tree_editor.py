@@ -1,17 +1,12 @@
-"""Operations on the nodes of a tree, and a check of the result."""
+"""Operations on the nodes of a tree."""
 
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from typing import Final
 
-from btcore.errors import XmlSyntaxError
 from btcore.names import is_port_name
-from btcore.registry.registry import Registry
-from btcore.xml.edit.editor import DocumentEditor, Edit, EditError, apply_edits
-from btcore.xml.plan.plan import plan_document
+from btcore.xml.edit.editor import DocumentEditor, Edit, EditError
 from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS
-from btcore.xml.read.document import Document
-from btcore.xml.read.read import parse_text
 from btcore.xml.read.scan import ScannedElement
 
 # `_skipIf` of a disabled node; the original condition is in the parentheses.
@@ -68,34 +63,6 @@ class TreeEditor(DocumentEditor):
             return self.remove_attribute(element, "_skipIf")
         return self.set_attribute(element, "_skipIf", match[1])
 
-    def move(self, element: ScannedElement, parent: ScannedElement, index: int) -> list[Edit]:
-        """Move an element to another place.
-
-        Args:
-            element: The element.
-            parent: The new parent.
-            index: The number of children of *parent* before the element, before it is moved.
-
-        Raises:
-            EditError: The new place is in the element.
-        """
-        if parent is element or element in parent.ancestors():
-            raise EditError(f"<{element.tag}> cannot be moved into itself")
-        if parent.children[index : index + 1] == [element] or parent.children[index - 1 : index] == [element]:
-            return []
-        removed = self.remove(element)
-        inserted = self.insert(parent, index, self.text[element.start : element.end])
-        if removed.start < inserted.start < removed.end:
-            removed = Edit(element.start, element.end, "")
-        return [removed, inserted]
-
-    def duplicate(self, element: ScannedElement) -> Edit:
-        """Insert a copy of an element after it."""
-        if element.parent is None:
-            raise EditError("the outermost element cannot be duplicated")
-        index = element.parent.children.index(element) + 1
-        return self.insert(element.parent, index, self.text[element.start : element.end])
-
     def unwrap(self, element: ScannedElement) -> list[Edit]:
         """Put the children of an element in its place.
 
@@ -114,27 +81,3 @@ class TreeEditor(DocumentEditor):
         if own is not None and inner is not None:
             edits[1:1] = self.reindent(start, end, inner, own)
         return edits
-
-
-def apply_checked(document: Document, edits: Sequence[Edit], nodes: Registry) -> str:
-    """Return the text of a document after *edits*, if it is valid.
-
-    Args:
-        document: The document.
-        edits: The edits of its text.
-        nodes: The registered nodes.
-
-    Raises:
-        EditError: The result has an error that the document has not; the message is that of the error.
-    """
-    text = apply_edits(document.text, edits)
-    known = {error.code for error in plan_document(document, nodes, every_tree=True).diagnostics.errors}
-    try:
-        changed = parse_text(text, document.file)
-        errors = plan_document(changed, nodes, every_tree=True).diagnostics.errors
-    except XmlSyntaxError as error:
-        errors = error.diagnostics
-    new = next((error for error in errors if error.code not in known), None)
-    if new is not None:
-        raise EditError(f"{new.message} (line {new.line})")
-    return text

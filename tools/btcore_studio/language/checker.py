@@ -12,7 +12,14 @@ from typing import Any, Final
 
 from btcore_studio.language.diagnostics import Report, merge, report_from_data
 from btcore_studio.language.node_models import NodeModel
-from btcore_studio.language.project import PROJECT_SUFFIX, DocumentKey, Project, SourceDocument
+from btcore_studio.language.project import (
+    PROJECT_SUFFIX,
+    SUFFIXES,
+    DocumentKey,
+    Project,
+    SourceDocument,
+    has_trees,
+)
 from btcore_studio.language.symbols import stated_format
 from btcore_studio.language.worker import WorkerSettings
 
@@ -150,7 +157,10 @@ class Checker:
         """Check what depends on a file that was created, changed or deleted on disk."""
         if path in self._sources:
             self.reload()
-        roots = [*self._project.roots_of(path), *(root for root, read in self._read.items() if path in read)]
+        roots = [root for root, read in self._read.items() if path in read]
+        # Other files are Python code, or XML of other programs.
+        if path in self._found or (path.suffix in SUFFIXES and has_trees(path)):
+            roots = [*self._project.roots_of(path), *roots]
         self._pending |= dict.fromkeys(roots)
         self._wake.set()
 

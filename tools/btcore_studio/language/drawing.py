@@ -5,11 +5,16 @@ may lack children and trees, call itself, and contain unknown nodes. Of a tree w
 the nodes of the running tree, with the same numbers.
 """
 
-from dataclasses import dataclass
+import itertools
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from operator import attrgetter
 from typing import Final, cast
+from weakref import WeakKeyDictionary
 
 from btcore.blackboard.ports import SCRIPT_ROLES
 from btcore.names import SCRIPT_ATTRIBUTES
+from btcore.registry.registry import Registry
 from btcore.status import NodeType
 from btcore.xml.define import TreeDefinition
 from btcore.xml.plan.plan import MAX_DEPTH, TreeSize
@@ -19,17 +24,31 @@ from btcore.xml.read.document import Document
 from btcore.xml.read.element import Element
 from btcore_drawing.diagram import DiagramNode
 from btcore_drawing.folding import fold
-from btcore_drawing.svg import diagram_to_svg
+from btcore_drawing.node_card import Card, card_of
+from btcore_drawing.svg import DrawnCard, diagram_to_svg, draw_diagram
 from btcore_studio.edit.tree_editor import is_disabled
 from btcore_studio.language.node_keys import diagram_keys, diagram_nodes
 from btcore_studio.language.project import Project, SourceDocument
-from btcore_studio.language.studio_protocol import Drawing, DrawingParams, DrawnNode, NodeKind, TreeSummary
+from btcore_studio.language.studio_protocol import (
+    Drawing,
+    DrawingParams,
+    DrawnNode,
+    MovedNode,
+    NodeKind,
+    Place,
+    TreeSummary,
+)
 from btcore_studio.language.tree_reading import TreeReading, read_trees
 
 MAX_CARDS: Final = 5_000
 """Maximum number of nodes in a drawing. In a larger tree the deepest levels are folded."""
 MAX_ROWS: Final = 20_000
 """Maximum number of nodes that are listed. The trees of further calls are left out."""
+_MAX_DRAWN: Final = 4
+"""Maximum number of drawings of a project that are kept, from which clients may request the changes."""
+_NUMBERS: Final = itertools.count(1)
+_DRAWN: Final["WeakKeyDictionary[Project, dict[int, list[DrawnNode]]]"] = WeakKeyDictionary()
+_LOOKS: Final["WeakKeyDictionary[Registry, dict[tuple[object, ...], _Look]]"] = WeakKeyDictionary()
 
 
 def draw_document(project: Project, source: SourceDocument, params: DrawingParams) -> Drawing:
@@ -49,17 +68,74 @@ def draw_document(project: Project, source: SourceDocument, params: DrawingParam
     nodes = diagram_nodes(root)
     keys = diagram_keys(nodes, params.call)
     children = {node.uid: [child.uid for child in node.children] for node, _ in nodes}
-    hidden = fold(children, (), MAX_CARDS, {uid for uid, key in keys.items() if key in params.folded})
-    rows = [_row(reading, node, parent, keys[node.uid], hidden.get(node.uid, 0)) for node, parent in nodes]
+    hidden: dict[int, int] = {}
+    if params.folded or len(nodes) > MAX_CARDS:
+        hidden = fold(children, (), MAX_CARDS, {uid for uid, key in keys.items() if key in params.folded})
     for node, _ in nodes:
         if node.uid in hidden:
             node.hidden, node.children = hidden[node.uid], []
     about = {node.id: node.about for node, _ in nodes if node.about}
-    if not params.styled:
-        for node, _ in nodes:
-            node.about = ""  # half of a drawing would be descriptions
-    svg = diagram_to_svg(root, id, format, params.styled)
-    return Drawing(id, format, svg, rows, about, tree_summaries(reading), reading.broken)
+    is_leaf = {uid: not below for uid, below in children.items()}
+    if params.styled:
+        svg = diagram_to_svg(root, id, format)
+        rows = [_row(reading, node, parent, keys[node.uid], is_leaf[node.uid]) for node, parent in nodes]
+        return Drawing(id, format, svg, rows, about, tree_summaries(reading), reading.broken)
+    picture = draw_diagram(root, id, format, _card_of, is_page=True)
+    cards = {card.uid: card for card in picture.cards}
+    rows = [
+        _row(reading, node, parent, keys[node.uid], is_leaf[node.uid], cards.get(node.uid))
+        for node, parent in nodes
+    ]
+    number, drawn = next(_NUMBERS), _DRAWN.setdefault(project, {})
+    moved = _moved(drawn.get(params.since, ()), rows)
+    drawn[number] = rows
+    if len(drawn) > _MAX_DRAWN:
+        del drawn[next(iter(drawn))]
+    known = {index for index, *_ in moved}
+    return Drawing(
+        id,
+        format,
+        f"{picture.head}\n{picture.tail}",
+        [row for index, row in enumerate(rows) if index not in known],
+        about,
+        tree_summaries(reading),
+        reading.broken,
+        number,
+        moved,
+        picture.left,
+        picture.top,
+        picture.width,
+        picture.height,
+    )
+
+
+def _moved(before: Sequence[DrawnNode], rows: Sequence[DrawnNode]) -> list[MovedNode]:
+    """Return the nodes that differ from those of an earlier drawing in their places alone."""
+    earlier = {row.key: index for index, row in enumerate(before)}
+    moved: list[MovedNode] = []
+    for index, row in enumerate(rows):
+        known = earlier.get(row.key)
+        if known is not None and _content(before[known]) == _content(row):
+            start, end = row.place.position, row.end
+            lines = start.line, start.character, end.line, end.character
+            edge = None if row.edge == before[known].edge else row.edge
+            moved.append((index, known, row.parent, *lines, row.x, row.y, edge))
+    return moved
+
+
+_content = attrgetter(
+    "card",
+    "hidden",
+    "calls",
+    "children",
+    "disabled",
+    "name",
+    "leaf",
+    "ports",
+    "kind",
+    "id",
+    "place.uri",
+)
 
 
 def shown_tree(reading: TreeReading, id: str | None) -> TreeDefinition | None:
@@ -175,11 +251,81 @@ def _root_of(
     return [_Pending(tree.document, root, parent, depth, (*callers, tree.id)) for root in roots]
 
 
-def _diagram_node(
-    reading: TreeReading, item: _Pending, uid: int
-) -> tuple[DiagramNode, TreeDefinition | None]:
+@dataclass(slots=True)
+class _Look:
+    """What follows from the tag and the attributes of an element alone.
+
+    Attributes:
+        ports: The ports of the drawing, see `DiagramNode`.
+        texts: The ports and the conditions of the row.
+        limits: The minimum and the maximum number of children.
+        cards: The cards, by the number of digits of the node's number.
+    """
+
+    id: str
+    name: str
+    type: NodeType
+    ports: list[tuple[str, str, str]]
+    conditions: dict[str, str]
+    about: str
+    tree: str
+    symbol: str
+    texts: list[tuple[str, str]]
+    limits: tuple[int, int | None]
+    is_disabled: bool
+    cards: dict[int, Card] = field(default_factory=dict)
+
+
+@dataclass(slots=True)
+class _ShownNode(DiagramNode):
+    """A node of a drawing, with its look."""
+
+    look: _Look = field(kw_only=True)
+
+
+def _card_of(node: DiagramNode) -> Card:
+    """Return the card of a node without the description, which would be half of a drawing."""
+    assert isinstance(node, _ShownNode)
+    digits, cards = len(str(node.uid)), node.look.cards
+    card = cards.get(digits)
+    if card is None:
+        card = cards[digits] = card_of(replace(node, about=""))
+    return card
+
+
+def _diagram_node(reading: TreeReading, item: _Pending, uid: int) -> tuple[_ShownNode, TreeDefinition | None]:
     """Return a node without children, and the tree that it calls, if there is that tree."""
     definitions, element = reading.definitions, item.element
+    is_call = element.tag in definitions.dialect.subtree_tags
+    if is_call:
+        look = _look_of(reading, element)  # it also follows from the model of the tree
+    else:
+        looks = _LOOKS.setdefault(reading.nodes, {})
+        written = (definitions.dialect.format, element.tag, *element.attributes.items())
+        known = looks.get(written)
+        if known is None:
+            if len(looks) >= MAX_ROWS:
+                looks.clear()
+            known = looks[written] = _look_of(reading, element)
+        look = known
+    node = _ShownNode(
+        uid,
+        look.id,
+        look.name,
+        look.type,
+        look.ports,
+        look.conditions,
+        look.about,
+        look.tree,
+        look.symbol,
+        origin=(item.document, element),
+        look=look,
+    )
+    return node, definitions.by_id.get(look.tree) if is_call else None
+
+
+def _look_of(reading: TreeReading, element: Element) -> _Look:
+    definitions = reading.definitions
     format = definitions.dialect.format
     tag, attributes = element.tag, element.attributes
     is_call = tag in definitions.dialect.subtree_tags
@@ -199,39 +345,50 @@ def _diagram_node(
             for attribute, text in attributes.items()
             if (port := known.get(attribute)) is not None
         ]
-    has_conditions = definitions.dialect.has_conditions
     node_type = manifest.type if manifest is not None else NodeType.UNDEFINED
-    node = DiagramNode(
-        uid,
+    conditions: dict[str, str] = {}
+    if definitions.dialect.has_conditions:
+        conditions = {key: attributes[key] for key in SCRIPT_ATTRIBUTES if key in attributes}
+    return _Look(
         id,
         name or called or id,
         NodeType.SUBTREE if is_call else node_type,
         ports,
-        {key: attributes[key] for key in SCRIPT_ATTRIBUTES if key in attributes} if has_conditions else {},
+        conditions,
         manifest.description if manifest is not None else "",
         called,
         manifest.spec.symbol if manifest is not None else "",
-        origin=(item.document, element),
+        [*((name, text) for name, text, _ in ports), *conditions.items()],
+        child_limits(reading, tag, id),
+        is_disabled(conditions.get("_skipIf")),
     )
-    return node, definitions.by_id.get(called) if is_call else None
 
 
-def _row(reading: TreeReading, node: DiagramNode, parent: int, key: str, hidden: int) -> DrawnNode:
+def _row(
+    reading: TreeReading,
+    node: DiagramNode,
+    parent: int,
+    key: str,
+    is_leaf: bool,
+    card: DrawnCard | None = None,
+) -> DrawnNode:
+    assert isinstance(node, _ShownNode)
     assert node.origin is not None
     document, element = node.origin
-    scanned = document.source_map.scanned(element)
+    look, source, scanned = node.look, reading.files[document], document.source_map.scanned(element)
     return DrawnNode(
         key,
         parent,
-        node.id,
-        node.name,
-        node_kind(node.type),
-        node.tree,
-        [*((name, text) for name, text, _ in node.ports), *node.conditions.items()],
-        reading.place(document, element),
-        reading.position(document, scanned.end),
-        hidden,
-        not node.children,
-        is_disabled(node.conditions.get("_skipIf")),
-        child_limits(reading, element.tag, node.id),
+        look.id,
+        look.name,
+        node_kind(look.type),
+        look.tree,
+        look.texts,
+        Place(source.uri, source.position(scanned.start)),
+        source.position(scanned.end),
+        node.hidden,
+        is_leaf,
+        look.is_disabled,
+        look.limits,
+        *((card.x, card.y, card.width, card.height, card.svg, card.edge) if card is not None else ()),
     )

@@ -6,8 +6,10 @@ errors that the operation would add are reasons, and a node may lack children wh
 
 import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import partial
+from functools import cached_property, partial
 from typing import Final, NamedTuple
+
+from msgspec.structs import replace
 
 from btcore.blackboard.ports import Port
 from btcore.diagnostic_codes import (
@@ -43,7 +45,7 @@ from btcore_studio.edit.text_edits import compose_edits, offset_after
 from btcore_studio.edit.tree_editor import TreeEditor, is_disabled
 from btcore_studio.language.clipboard import copy_elements, read_clipping
 from btcore_studio.language.diagnostics import report_of
-from btcore_studio.language.drawing import child_limits
+from btcore_studio.language.drawing import child_limits, draw_document
 from btcore_studio.language.element_texts import (
     DIRECTIONS,
     NewElement,
@@ -62,6 +64,7 @@ from btcore_studio.language.studio_protocol import (
     AnyCommand,
     ChangeType,
     Disable,
+    DrawingParams,
     Duplicate,
     EditResult,
     Enable,
@@ -122,19 +125,25 @@ class FieldError(EditError):
         self.field = field
 
 
-def compute_edit(project: Project, command: AnyCommand) -> EditResult:
+def compute_edit(project: Project, command: AnyCommand, drawing: DrawingParams | None = None) -> EditResult:
     """Return the edit of an operation on the documents of a project. The documents remain.
 
     Args:
         project: The project.
         command: The operation.
+        drawing: What to draw after the edit, or None.
 
     Raises:
         EditError: The operation cannot be applied; the message is the reason.
     """
     operation = _Operation(project)
     operation.apply(command)
-    return operation.result()
+    result = operation.result()
+    if drawing is None or [*result.edit.changes] != [drawing.text_document.uri]:
+        return result
+    return replace(
+        result, drawing=draw_document(project, operation.edited(drawing.text_document.uri), drawing)
+    )
 
 
 def copy_nodes(project: Project, places: Sequence[Place]) -> str:
@@ -182,17 +191,14 @@ class _Draft:
         self.text = reading.source.text[reading.source.mark_length :]
         self.edits: list[Edit] = []
         self.selected: list[int] = []
-        self._editor: TreeEditor | None = None
 
-    @property
+    @cached_property
     def editor(self) -> TreeEditor:
         """The editor of the present text."""
-        if self._editor is None:
-            is_read = not self.edits and not self.reading.is_empty
-            self._editor = TreeEditor(self.reading.document.source_map.scan if is_read else scan(self.text))
-        return self._editor
+        is_read = not self.edits and not self.reading.is_empty
+        return TreeEditor(self.reading.document.source_map.scan if is_read else scan(self.text))
 
-    @property
+    @cached_property
     def source(self) -> SourceDocument:
         """The document after the operation."""
         before = self.reading.source
@@ -271,7 +277,8 @@ class _Draft:
         self.selected = [offset_after(edits, offset) for offset in self.selected]
         self.edits = compose_edits(self.edits, edits)
         self.text = apply_edits(self.text, edits)
-        self._editor = None
+        for made in ("editor", "source"):
+            self.__dict__.pop(made, None)
 
     def apply_and_select(self, edits: Sequence[Edit], made: Edit) -> None:
         """Apply edits, and select the elements that *made*, one of the edits, inserts."""
@@ -354,6 +361,7 @@ class _Operation:
         self._tolerated: frozenset[DiagnosticCode] = _UNFINISHED
         self._always_warns = False
         self._is_renaming = False
+        self._adds_node = False
 
     def apply(self, command: AnyCommand) -> None:
         """Compute the edits."""
@@ -485,6 +493,7 @@ class _Operation:
     def _add(self, command: Add) -> None:
         parent = self._parent(command.parent)
         self._check_room(parent, 1)
+        self._adds_node = True
         new = new_element(parent.draft.reading, command.id)
         xml = f"<{new.tag}{new.attribute_text}/>"
         parent.draft.insert(parent.element, _index_in(parent, command.index), xml)
@@ -808,6 +817,10 @@ class _Operation:
 
     # --- the result
 
+    def edited(self, uri: str) -> SourceDocument:
+        """Return a document after the operation."""
+        return self._drafts[uri].source
+
     def result(self) -> EditResult:
         """Return the edits, if they add no error that prevents the operation.
 
@@ -842,7 +855,7 @@ class _Operation:
         for error in draft.new(after.plans.diagnostics.errors, lambda: before.plans.diagnostics.errors):
             if error.code not in self._tolerated:
                 raise EditError(f"{error.message}: {error.hint}" if error.hint else error.message)
-            if error.code in _OF_TEXTS:
+            if error.code not in _OF_PASTED_NODES and not self._is_to_be_completed(draft, error):
                 self._notes.append(error.message)
         if self._always_warns or after.size <= MAX_CHECKED:
             new = draft.new(after.diagnostics.warnings, lambda: before.diagnostics.warnings)
@@ -851,10 +864,15 @@ class _Operation:
                 new = [item for item in new if draft.marks(item)]
             self._notes += [item.message for item in new[:_MAX_WARNINGS]]
 
+    def _is_to_be_completed(self, draft: _Draft, item: Diagnostic) -> bool:
+        """Return whether a diagnostic is about the attributes or missing children of a new node."""
+        is_missing = bool(item.attributes) or item.code in _UNFINISHED
+        return self._adds_node and is_missing and draft.marks(item)
+
     def problems(self, command: AnyCommand) -> list[Problem]:
         """Return the problems that the edits of the operation add.
 
-        A new node may lack children and ports. The text of an attribute keeps the problems that it has.
+        A new node is to be completed, in its form. The text of an attribute keeps the problems that it has.
         """
         attribute = command.name if isinstance(command, SetAttribute) else ""
         problems: dict[str, Problem] = {}
@@ -865,11 +883,8 @@ class _Operation:
             is_large = after.size > MAX_PREVIEWED
             found = _found_in(after, is_large)
             new = draft.new(found, partial(_found_in, draft.reading, is_large))
-            if isinstance(command, Add):
-                shown = [item for item in new if item.code not in _UNFINISHED or not draft.marks(item)]
-            else:
-                kept = [item for item in found if attribute in item.attributes and draft.marks(item)]
-                shown = [*kept, *new]
+            kept = [item for item in found if attribute in item.attributes and draft.marks(item)]
+            shown = [*kept, *(item for item in new if not self._is_to_be_completed(draft, item))]
             reports = [report_of(item) for item in shown[:_MAX_WARNINGS]]
             problems |= {report.message: report.problem() for report in reports}
         return sorted(problems.values(), key=lambda problem: problem.severity)

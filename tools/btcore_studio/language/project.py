@@ -272,7 +272,7 @@ class Project:
     def files(self) -> list[Path]:
         """The files with trees or models: the open documents, then the files in the workspace's folders."""
         if self._files is None:
-            self._files = [path for path in find_files(self.folders, SUFFIXES, MAX_FILES) if _has_trees(path)]
+            self._files = [path for path in find_files(self.folders, SUFFIXES, MAX_FILES) if has_trees(path)]
         opened = [document.path for document in self._open.values() if document.path is not None]
         return list(dict.fromkeys([*opened, *self._files]))
 
@@ -353,7 +353,7 @@ def is_usable_path(text: str) -> bool:
     return text != "" and _NO_PATH.search(text) is None
 
 
-def _has_trees(path: Path) -> bool:
+def has_trees(path: Path) -> bool:
     """Return whether the file begins like a document of trees or models, and not like any other XML."""
     try:
         return _TREES.search(read_file(path, 64_000)) is not None

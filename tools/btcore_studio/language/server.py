@@ -351,7 +351,9 @@ def _add_studio_requests(server: TreeServer) -> None:
 
     server.add_request("btcore/palette", DocumentParams, list_palette)
     server.add_request("btcore/node", Place, lambda place: form_of(project, document(place.uri), place))
-    server.add_request("btcore/edit", EditParams, lambda params: compute_edit(project, params.command))
+    server.add_request(
+        "btcore/edit", EditParams, lambda params: compute_edit(project, params.command, params.drawing)
+    )
     server.add_request("btcore/preview", EditParams, lambda params: preview_edit(project, params.command))
 
     def write_leaf(params: LeafParams) -> Leaf:

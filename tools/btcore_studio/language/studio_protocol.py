@@ -71,15 +71,18 @@ class DrawingParams(DocumentParams, frozen=True):
     Attributes:
         tree: The ID of the tree; None for the main tree, or the first.
         folded: The keys of the nodes whose children are hidden.
+        since: The number of a drawing that the client has: its nodes that have only moved are not sent again.
+            0 for none.
+        styled: Whether the SVG is the whole drawing, with its style sheet and the descriptions of the nodes,
+            so that it can be saved.
         call: The key of the running SubTree node whose tree this is; "" for a main tree.
-        styled: Whether the drawing contains its style sheet and the descriptions of the nodes, so that it can
-            be saved.
     """
 
     tree: str | None = None
     folded: frozenset[str] = frozenset()
-    call: str = ""
+    since: int = 0
     styled: bool = False
+    call: str = ""
 
 
 class DrawnNode(Data, frozen=True):
@@ -93,6 +96,9 @@ class DrawnNode(Data, frozen=True):
         end: The end of the element.
         hidden: The number of hidden nodes below, if the node is folded.
         children: The minimum and the maximum number of children; None is no limit.
+        x: The place of the card.
+        card: The SVG of the card without its number; "" below a folded node.
+        edge: The path from the parent, relative to the upper left corner of the card; "" for the root.
     """
 
     key: str
@@ -108,6 +114,17 @@ class DrawnNode(Data, frozen=True):
     leaf: bool
     disabled: bool
     children: tuple[int, int | None]
+    x: float = 0
+    y: float = 0
+    width: float = 0
+    height: float = 0
+    card: str = ""
+    edge: str = ""
+
+
+MovedNode = tuple[int, int, int, int, int, int, int, float, float, str | None]
+"""A node of an earlier drawing: its index, its index there, and its present parent, line, character, line and
+character of the end, x, y and edge; None for the same edge."""
 
 
 class TreeSummary(Data, frozen=True):
@@ -124,8 +141,11 @@ class Drawing(Data, frozen=True):
 
     Attributes:
         tree: The ID of the tree, or "" if there is no tree.
-        svg: The drawing, or "" if there are no nodes. Groups of nodes have the attribute `data-uid`: 1 + the
-            index in *nodes*.
+        number: Identifies the drawing; see `DrawingParams.since`.
+        moved: The nodes that are not in *nodes*, because the client has them.
+        svg: The drawing without cards and edges, which are in *nodes*; with `styled` the whole drawing. "" if
+            there are no nodes.
+        left: Where the coordinates of the cards begin in the SVG.
         about: The description of each node type in *nodes*, by its ID.
         broken: Why the text is not XML, or "". The drawing then shows what can be read.
     """
@@ -137,6 +157,12 @@ class Drawing(Data, frozen=True):
     about: dict[str, str]
     trees: list[TreeSummary]
     broken: str
+    number: int = 0
+    moved: list[MovedNode] = []
+    left: float = 0
+    top: float = 0
+    width: float = 0
+    height: float = 0
 
 
 # --- btcore/palette
@@ -380,9 +406,14 @@ AnyCommand = (
 
 
 class EditParams(Data, frozen=True):
-    """The operation to compute."""
+    """The operation to compute.
+
+    Attributes:
+        drawing: What to draw after the edit, so that the client need not request it.
+    """
 
     command: AnyCommand
+    drawing: DrawingParams | None = None
 
 
 class EditResult(Data, frozen=True):
@@ -391,11 +422,14 @@ class EditResult(Data, frozen=True):
     Attributes:
         select: The elements to select, in the text after the edit.
         notes: New warnings, and what a pasted text lacks.
+        drawing: The drawing after the edit; None if it was not requested, or if the edit changes no document
+            or others than the drawn document.
     """
 
     edit: WorkspaceEdit
     select: list[Place]
     notes: list[str]
+    drawing: Drawing | None = None
 
 
 # --- btcore/preview

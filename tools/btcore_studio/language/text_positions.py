@@ -49,10 +49,11 @@ class TextPositions:
 
     def place(self, offset: int) -> tuple[int, int]:
         """Return the line and the character of the position of an offset."""
-        offset = max(0, min(offset, len(self.text)))
-        line = self.line(offset)
-        offset = min(offset, self._ends[line])
-        return line, self._units(offset) - self._units(self._starts[line])
+        offset = max(0, offset)
+        line = bisect_right(self._starts, offset) - 1
+        start, end = self._starts[line], self._ends[line]
+        offset = min(offset, end)
+        return line, self._units(offset) - self._units(start) if self._wide else offset - start
 
     def range(self, start: int, end: int) -> Range:
         """Return the range between two offsets."""

@@ -102,7 +102,7 @@ class Libraries:
         self.kept: dict[str, NodeModel] = {}
         self.sources: set[Path] = set()
         self._has_models = False
-        for unavailable in self.nodes.add_plugins(strict=False):
+        for unavailable in self.nodes.add_installed_libraries(strict=False):
             if unavailable.missing_module is None:
                 self._report(unavailable.error)
         if trusted:

@@ -3,6 +3,7 @@
 import asyncio
 import gc
 import logging
+import os
 import posixpath
 import shutil
 import threading
@@ -15,14 +16,15 @@ from tempfile import mkdtemp
 from typing import TYPE_CHECKING, Annotated, Any
 
 import click
+from click.core import ParameterSource
 
 from btcore import bundled_trees
 from btcore.cli import terminal
 from btcore.cli.node_libraries import LibraryOptions
 from btcore.cli.tree_source import STDIN, complete_tree, complete_tree_id, find_source
-from btcore.exit_codes import code_of_signal
+from btcore.exit_codes import ExitCode, code_of_signal
 from btcore.field_options import ExtensibleCommand, pass_options
-from btcore.input_files import read_error, real_path
+from btcore.input_files import read_error, read_file, real_path
 from btcore.options import option
 from btcore.signals import EndingSignals
 from btcore.xml.plan.plan import Plans
@@ -61,6 +63,13 @@ class StudioOptions(LibraryOptions):
 @click.argument("source", metavar="[SOURCE]", default=".", shell_complete=complete_tree)
 @pass_options(StudioOptions, "options")
 @click.option(
+    "--compare",
+    nargs=2,
+    metavar="OLD NEW",
+    shell_complete=complete_tree,
+    help="Show two versions of a file side by side, until the page is closed.",
+)
+@click.option(
     "--http-port",
     type=click.IntRange(0, 65535),
     default=0,
@@ -75,6 +84,7 @@ def studio(
     /,
     source: str,
     options: StudioOptions,
+    compare: tuple[str, str] | None,
     http_port: int,
     opens: bool,
     as_json: bool,
@@ -86,6 +96,10 @@ def studio(
     with btcore; by default the current folder. The page writes only .xml and .btproj files of that folder, or
     of the folder of the file. Bundled trees are read-only. SOURCE may also be a recording (.btrec.txt or
     .mcap) of a run: the page then has a timeline, and shows the run at any moment.
+
+    With --compare, the page shows what was added, removed, moved and changed between two versions of a file,
+    and writes nothing. One of them can be /dev/null. For `git difftool --extcmd 'btcore studio --compare'`,
+    the command ends when the page is closed.
 
     The address of the page contains a secret token, without which the page cannot be opened. The page also
     connects with running trees. Python code is imported only from installed libraries and from --plugin.
@@ -105,13 +119,21 @@ def studio(
     # For what must not be lost: only this user can read it.
     folder = Path(mkdtemp(prefix="btcore-studio-"))
     try:
-        session = StudioSession(find_shown(source, options, live, folder / "recording"), folder)
+        if compare is None:
+            shown = find_shown(source, options, live, folder / "recording")
+            title, end = source, "Ctrl-C ends the studio"
+        else:
+            if ctx.get_parameter_source("source") is not ParameterSource.DEFAULT:
+                raise click.UsageError("--compare takes two files, and no SOURCE.")
+            shown = find_versions(compare, options, live, folder / "empty")
+            title, end = " and ".join(compare), "close the page, or press Ctrl-C, to end the comparison"
+        session = StudioSession(shown, folder)
 
         def show(url: str) -> None:
             if as_json:
                 terminal.print_json({"url": url})
                 return
-            click.echo(f"{source} is shown at {url} (Ctrl-C ends the studio)")
+            click.echo(f"{title} {'is' if compare is None else 'are'} shown at {url} ({end})")
             if opens:
                 _open_page(url, folder)
 
@@ -121,7 +143,7 @@ def studio(
     finally:
         if not (folder / "unsaved").exists():
             shutil.rmtree(folder, ignore_errors=True)
-    return code_of_signal(signals.number)
+    return code_of_signal(signals.number) if signals.number else ExitCode.SUCCESS
 
 
 async def _serve(
@@ -131,11 +153,11 @@ async def _serve(
     signals: EndingSignals,
     show: Callable[[str], None],
 ) -> None:
-    """Serve pages until the first signal."""
+    """Serve pages until the first signal, or the end of a comparison."""
     from btcore_studio.page_server.server import StudioServer
 
-    stop, loop = asyncio.Event(), asyncio.get_running_loop()
-    signals.stop = lambda: loop.call_soon_threadsafe(stop.set)
+    loop = asyncio.get_running_loop()
+    signals.stop = lambda: loop.call_soon_threadsafe(session.ended.set)
     async with AsyncExitStack() as opened:
         await opened.enter_async_context(session)
         try:
@@ -143,7 +165,7 @@ async def _serve(
         except OSError as error:
             raise click.ClickException(f"cannot listen on port {port}: {error.strerror}") from None
         show(server.url)
-        await stop.wait()
+        await session.ended.wait()
 
 
 def find_shown(source: str, options: StudioOptions, live: "LiveExtension | None", recording: Path) -> "Shown":
@@ -157,8 +179,7 @@ def find_shown(source: str, options: StudioOptions, live: "LiveExtension | None"
     from btcore_studio.page_server.session import Shown
     from btcore_studio.page_server.timeline import RecordedRun, open_timeline
 
-    plugins = tuple(str(Path(name).absolute()) if name.endswith(".py") else name for name in options.plugins)
-    models = tuple(str(path.absolute()) for path in options.models)
+    plugins, models = _libraries(options)
     if Path(source).is_dir():
         folder = Path(source)
         return Shown(folder, None, options.tree, options.read_only, plugins, models, live=live)
@@ -183,6 +204,52 @@ def find_shown(source: str, options: StudioOptions, live: "LiveExtension | None"
     file = real_path(path)
     is_read_only = options.read_only or is_bundled
     return Shown(file.parent, file, options.tree, is_read_only, plugins, models, live=live)
+
+
+def find_versions(
+    names: tuple[str, str], options: StudioOptions, live: "LiveExtension | None", folder: Path
+) -> "Shown":
+    """Return the two versions that `--compare` names.
+
+    Args:
+        live: Connects pages with running trees, but not the page of a comparison.
+        folder: A folder to create, which stays empty: the page can request no files.
+    """
+    from btcore_studio.language.project import SUFFIXES
+    from btcore_studio.page_server.session import Shown, Version
+
+    if live is not None and live.address:
+        raise click.UsageError("--compare shows files, so there is no running tree to watch.")
+    versions: list[Version] = []
+    for name in names:
+        # Git names this file if there is none, on every system.
+        if name in ("/dev/null", os.devnull):
+            versions.append(Version("", None))
+            continue
+        if Path(name).is_dir():
+            raise click.UsageError(f"'{name}' is a folder: compare two files.")
+        path = find_source(name)
+        if path == STDIN:
+            raise click.UsageError("--compare needs files, not stdin.")
+        if path.suffix.lower() not in SUFFIXES:
+            raise click.UsageError(f"'{path}' has no trees: its name must end with {' or '.join(SUFFIXES)}.")
+        try:
+            read_file(path).decode("utf-8-sig")
+        except OSError as error:
+            raise click.ClickException(f"'{path}' can't be read: {read_error(error)}") from None
+        except UnicodeDecodeError:
+            raise click.ClickException(f"'{path}' is not UTF-8") from None
+        versions.append(Version(name, real_path(path)))
+    folder.mkdir()
+    plugins, models = _libraries(options)
+    old, new = versions
+    return Shown(folder, None, options.tree, True, plugins, models, versions=(old, new))
+
+
+def _libraries(options: StudioOptions) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Return the node libraries and the model files, which the page's language server imports and reads."""
+    plugins = tuple(str(Path(name).absolute()) if name.endswith(".py") else name for name in options.plugins)
+    return plugins, tuple(str(path.absolute()) for path in options.models)
 
 
 def _write_documents(plans: Plans, folder: Path) -> tuple[Path, tuple[str, ...]]:

@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final, Literal, NamedTuple
 
 import msgspec
 from lsprotocol import types
@@ -16,17 +16,30 @@ from websockets.exceptions import ConnectionClosed
 
 from btcore.errors import BtcoreError
 from btcore.json_text import load_json
+from btcore.loading.load import paused_garbage_collection
+from btcore_studio.compare.comparison import Comparison, compare
 from btcore_studio.language.live import LiveExtension
-from btcore_studio.language.project import MAX_FILES, PROJECT_SUFFIX, SUFFIXES, file_uri, find_files
+from btcore_studio.language.project import (
+    MAX_FILES,
+    PROJECT_SUFFIX,
+    SUFFIXES,
+    Project,
+    SourceDocument,
+    file_uri,
+    find_files,
+)
 from btcore_studio.language.server import create_server
 from btcore_studio.language.studio_protocol import TextEdit
 from btcore_studio.page_server.shared_files import SharedFiles, StaleTextError, stamp_of
 from btcore_studio.page_server.timeline import RecordedRun
+from btcore_studio.served_folder import RefusedError
 
 CHECK_INTERVAL_S: Final = 0.1
 """Time between two checks of the open files on disk (s)."""
 SCAN_INTERVAL_S: Final = 1.0
 """Minimum time between two searches for the files of the folder (s)."""
+CLOSE_WAIT_S: Final = 3.0
+"""Time (s) after the last page of a comparison was closed, within which it can be loaded again."""
 _SCAN_SHARE: Final = 0.05
 """Maximum share of the time in which the folder is searched."""
 _MAX_WAITING: Final = 64 << 20
@@ -73,6 +86,17 @@ class _Moment(msgspec.Struct):
     position: int
 
 
+class _Compared(msgspec.Struct):
+    tree: str | None = None
+
+
+class Version(NamedTuple):
+    """A version of a file that is compared: its name for the user, and its file; None is no file."""
+
+    name: str
+    file: Path | None
+
+
 @dataclass(frozen=True)
 class Shown:
     """What a studio shows.
@@ -85,6 +109,7 @@ class Shown:
         plugins: Node libraries that the user of the command line trusts.
         models: Files with a TreeNodesModel.
         recorded: A recording of the tree in *file*, or None.
+        versions: The old and the new version of a file, which are compared; a page can request no other file.
         live: Connects pages with running trees; None if no installed package can do it.
     """
 
@@ -95,6 +120,7 @@ class Shown:
     plugins: tuple[str, ...] = ()
     models: tuple[str, ...] = ()
     recorded: RecordedRun | None = None
+    versions: tuple[Version, Version] | None = None
     live: LiveExtension | None = None
 
 
@@ -105,12 +131,16 @@ class StudioSession:
         shown: What is shown.
         previous: A folder for the previous contents of the files that are written.
 
+    Attributes:
+        ended: Set if the studio should end, because the last page of a comparison was closed.
+
     Raises:
         RefusedError: There is no such folder.
     """
 
     def __init__(self, shown: Shown, previous: Path) -> None:
         self.shown = shown
+        self.ended = asyncio.Event()
         self.files = SharedFiles(shown.folder, shown.is_read_only, previous)
         self._pages: set[PageSession] = set()
         self._stamps: dict[Path, object] = {}
@@ -139,6 +169,12 @@ class StudioSession:
         finally:
             self._pages.discard(page)
             self.files.leave(page)
+            if self.shown.versions is not None:
+                asyncio.get_running_loop().call_later(CLOSE_WAIT_S, self._end_without_pages)
+
+    def _end_without_pages(self) -> None:
+        if not self._pages:
+            self.ended.set()
 
     def start(self) -> dict[str, object]:
         """Return the reply to `btcore/start`."""
@@ -157,14 +193,21 @@ class StudioSession:
             "readOnly": shown.is_read_only,
             "live": shown.live is not None and shown.recorded is None,
             "recording": None if shown.recorded is None else shown.recorded.summary(),
+            "versions": shown.versions and [version.name for version in shown.versions],
         }
 
     # --- the folder
 
     async def _check_disk(self) -> None:
+        compared = [version.file for version in self.shown.versions or () if version.file is not None]
+        stamps = [stamp_of(file) for file in compared]
         while True:
             await asyncio.sleep(CHECK_INTERVAL_S)
             self.files.check_disk()
+            before, stamps = stamps, [stamp_of(file) for file in compared]
+            if stamps != before:
+                for page in self._pages:
+                    page.notify("btcore/compared", {})
 
     async def _watch_folder(self) -> None:
         """Notify the language servers of files that other programs create, change or delete."""
@@ -240,6 +283,8 @@ class PageSession:
         }
         if studio.shown.recorded is not None:
             self._handlers = {**self._handlers, "btcore/moment": self._moment}
+        if studio.shown.versions is not None:
+            self._handlers = {**self._handlers, "btcore/comparison": self._compare}
 
     async def serve(self) -> None:
         """Handle messages until the page is closed."""
@@ -358,9 +403,15 @@ class PageSession:
             for uri in _uris_in(data.get("params")):
                 self._studio.files.path(uri)
         self._handle(data)
+        if data.get("method") != types.INITIALIZED:
+            return
         live = self._studio.shown.live
-        if data.get("method") == types.INITIALIZED and live is not None and live.address:
+        if live is not None and live.address:
             self._language_server.live.watch(live.address)
+        # The first check loads the node libraries.
+        for version in self._studio.shown.versions or ():
+            if version.file is not None:
+                self._language_server.checker.changed(_document(self._language_server.project, version))
 
     def _handle(self, data: dict[str, Any]) -> None:
         protocol = self._language_server.protocol
@@ -394,8 +445,8 @@ class PageSession:
         pushed = msgspec.convert(params, _Pushed)
         return {"version": self._studio.files.push(self, pushed.uri, pushed.version, pushed.edits)}
 
-    def _save(self, params: object) -> None:
-        self._studio.files.save(msgspec.convert(params, _Document).uri)
+    def _save(self, params: object) -> object:
+        return self._studio.files.save(msgspec.convert(params, _Document).uri)
 
     def _create(self, params: object) -> object:
         created = msgspec.convert(params, _Created)
@@ -405,11 +456,27 @@ class PageSession:
         resolved = msgspec.convert(params, _Resolved)
         self._studio.files.resolve(resolved.uri, resolved.keep)
 
+    def _compare(self, params: object) -> Comparison:
+        versions, project = self._studio.shown.versions, self._language_server.project
+        assert versions is not None
+        old, new = (_document(project, version) for version in versions)
+        with paused_garbage_collection():
+            return compare(project, old, new, msgspec.convert(params, _Compared).tree)
+
     async def _moment(self, params: object) -> object:
         recorded, position = self._studio.shown.recorded, msgspec.convert(params, _Moment).position
         assert recorded is not None
         # It runs a part of the recorded tree again, which takes some time.
         return await asyncio.to_thread(recorded.moment, position)
+
+
+def _document(project: Project, version: Version) -> SourceDocument:
+    if version.file is None:
+        return SourceDocument("untitled:none", "")
+    document = project.file(version.file)
+    if document is None:
+        raise RefusedError(f"'{version.name}' can't be read as a UTF-8 file")
+    return document
 
 
 def _of_trees(paths: Iterable[Path]) -> list[Path]:

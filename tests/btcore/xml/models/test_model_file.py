@@ -91,7 +91,7 @@ def test_type_of_a_model_is_not_the_type_of_an_installed_library_with_the_same_n
     point = EntryPoint("positions", "positions", "positions")
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr("btcore.entry_points.find", lambda group, own: [point])
-    assert nodes.add_plugins() == []
+    assert nodes.add_installed_libraries() == []
     add_models(nodes, tmp_path / "palette.xml")
     body = '<Sequence><Fly to="12 North"/><Fly to="{p}"/><Go to="{p}"/></Sequence>'
     document = parse_text(f'<root BTCPP_format="4"><BehaviorTree ID="Main">{body}</BehaviorTree></root>')

@@ -103,8 +103,8 @@ def test_node_of_an_installed_library(document: Write) -> None:
     with pytest.raises(UnknownNodeError) as caught:
         loads(document("<RosActionCall/>"))
     assert caught.value.diagnostics[0].hint == (
-        "the installed library btcore_ros2 provides it: call nodes.add_plugins() of the registry, and pass "
-        "nodes=nodes"
+        "the installed library btcore_ros2 provides it: call "
+        "nodes.add_installed_libraries() of the registry, and pass nodes=nodes"
     )
 
 

@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from btcore.clock import NS_PER_S
 from btcore_navigation.mapping.key_scan import KeyScan, LocalisedScan, key_scan
 from btcore_navigation.mapping.mapper import SCANS_PER_KEY, Mapper
 from btcore_robot.rigid_transform import Transform
@@ -16,7 +17,6 @@ from tests.robot_nodes.conftest import RecordingRobot
 from tests.robot_nodes.navigation.conftest import LASER_X, Box, box_distances
 
 RAYS = 666
-NS_PER_S = 1_000_000_000
 
 ROOM: tuple[Box, ...] = (
     (-3.2, -2.2, -3.0, 2.2),

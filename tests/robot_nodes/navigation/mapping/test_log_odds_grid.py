@@ -10,7 +10,7 @@ from tests.robot_nodes.navigation.mapping.conftest import ROOM, Box, key_scan_at
 
 
 def grid_of(*poses: Pose2D, keepout: tuple[Box, ...] = ()) -> LogOddsGrid:
-    grid = LogOddsGrid(keepout=keepout)
+    grid = LogOddsGrid(0.05, 0.27, keepout)
     for seed, pose in enumerate(poses):
         grid.add(key_scan_at(ROOM, pose, seed), pose_to_row(pose))
     return grid
@@ -49,7 +49,7 @@ def test_a_cell_hit_by_a_single_scan_is_not_yet_occupied() -> None:
 
 
 def test_a_removed_obstacle_is_cleared_by_scans_through_it() -> None:
-    grid, here = LogOddsGrid(), Pose2D(0.0, 0.0, 0.0)
+    grid, here = LogOddsGrid(0.05, 0.27), Pose2D(0.0, 0.0, 0.0)
     box = (1.0, -0.6, 1.4, -0.2)
     for seed in range(3):
         grid.add(key_scan_at((*ROOM, box), here, seed), pose_to_row(here))

@@ -44,7 +44,7 @@ def test_a_right_map_is_good(maze: Mapper) -> None:
 
 def quality_at(maze: Mapper, poses: NDArray[np.float64]) -> MapQuality:
     """Return the quality of the map that the scans of *maze* give at other poses."""
-    grid, graph = LogOddsGrid(), PoseGraph(poses[0])
+    grid, graph = LogOddsGrid(0.05, 0.27), PoseGraph(poses[0])
     grid.draw(maze.scans, poses)
     graph.poses = poses
     return map_quality(grid.map(), maze.scans, graph)

@@ -7,6 +7,7 @@ import pytest
 
 import btcore
 from btcore import Registry, Status, Tree
+from btcore.clock import NS_PER_S
 from btcore.registry.outcomes import LETTERS
 from btcore_navigation import nodes as nav2_nodes
 from btcore_navigation.costmap import GlobalCostmap
@@ -21,7 +22,6 @@ from tests.robot_nodes.navigation.conftest import NavigationRig, rig_on_floor
 
 HALF = 5.0  # m from the middle of the hall to its walls
 CELL = 0.05  # m
-NS_PER_S = 1_000_000_000
 
 
 def hall() -> OccupancyMap:

@@ -54,7 +54,7 @@ def test_compute_path_clears_the_path_on_a_halt(rig: NodeRig) -> None:
     tree.halt()
     assert len(tree.blackboard["path"]) == 0
     rig.wait(0.2)
-    assert not rig.compute_path.busy
+    assert not rig.compute_path.is_busy
 
 
 def test_compute_path_fails_when_the_pose_is_unknown(rig: NodeRig) -> None:

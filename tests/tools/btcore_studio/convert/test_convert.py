@@ -16,8 +16,8 @@ from btcore.xml.read.read import parse_text
 from btcore.xml.read.scan import scan
 from btcore.xml.read.tinyxml2_compat import START_TAG
 from btcore_studio.convert.convert import Conversion, convert
-from btcore_studio.edit.text_edits import invert_edits
 from tests.conformance.recorded_cases import conformance_registry, run_case
+from tests.tools.btcore_studio.edit.inverse_edits import invert_edits
 
 RECORDED = Path(__file__).parents[3] / "conformance" / "data" / "v3_full.jsonl.gz"
 NODES = conformance_registry()

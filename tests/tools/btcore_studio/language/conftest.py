@@ -17,7 +17,7 @@ CURSOR = "¦"
 def robot_project() -> Project:
     """A project with the nodes of btcore_robot, as the server knows them, and an enum."""
     nodes = Registry.standard()
-    nodes.add_plugins()
+    nodes.add_installed_libraries()
     project = Project()
     project.set_models(models_of(nodes), {"RED": 1, "GREEN": 2})
     assert nodes.manifests.keys() == project.registry.manifests.keys(), "every node has a mock node"

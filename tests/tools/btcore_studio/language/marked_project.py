@@ -6,9 +6,9 @@ from pathlib import Path
 from lsprotocol.types import Location, Range
 
 from btcore.xml.edit.editor import apply_edits
-from btcore_studio.edit.text_edits import invert_edits
 from btcore_studio.language.project import Project, Settings, SourceDocument
 from btcore_studio.language.rename import FileEdits, workspace_edit
+from tests.tools.btcore_studio.edit.inverse_edits import invert_edits
 
 CURSOR = "¦"
 

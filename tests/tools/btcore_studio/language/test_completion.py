@@ -257,7 +257,7 @@ def test_snippets_contain_the_ports_that_validate_misses() -> None:
         return True
 
     nodes = btcore.Registry.standard()
-    nodes.add_plugins()
+    nodes.add_installed_libraries()
     nodes.add(paint)
     project = Project()
     project.set_models(models_of(nodes), {})

@@ -5,6 +5,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from msgspec.structs import replace
 
 import btcore
 from btcore.errors import TreeError
@@ -52,8 +53,8 @@ Draw = Callable[..., Drawing]
 def draw(project: Project) -> Draw:
     """Draw a text, of the tree *tree* and with the *folded* nodes."""
 
-    def draw(text: str, tree: str | None = None, *folded: str, uri: str = URI) -> Drawing:
-        params = DrawingParams(DocumentIdentifier(uri), tree, frozenset(folded))
+    def draw(text: str, tree: str | None = None, *folded: str, uri: str = URI, since: int = 0) -> Drawing:
+        params = DrawingParams(DocumentIdentifier(uri), tree, frozenset(folded), since)
         return draw_document(project, project.open(uri, text, 1), params)
 
     return draw
@@ -64,7 +65,7 @@ def rounds(draw: Draw, tmp_path: Path) -> Callable[..., Drawing]:
     """Draw TREE, which includes PART, or another text in its place."""
     (tmp_path / "part.xml").write_text(PART, encoding="utf-8")
     uri = (tmp_path / "tree.xml").as_uri()
-    return lambda text=TREE, tree=None, *folded: draw(text, tree, *folded, uri=uri)
+    return lambda text=TREE, tree=None, *folded, since=0: draw(text, tree, *folded, uri=uri, since=since)
 
 
 def ids(shown: Drawing) -> list[str]:
@@ -91,11 +92,30 @@ def test_every_node_has_its_place_in_its_document(rounds: Draw) -> None:
 
 
 def test_names_are_escaped_and_each_node_has_a_card(rounds: Draw) -> None:
-    svg = rounds().svg
+    shown = rounds()
+    svg = "".join([shown.svg, *(node.card for node in shown.nodes)])
     assert "<img" not in svg
     assert "</script>" not in svg
-    cards = [item for item in ElementTree.fromstring(svg).iter() if item.get("data-uid")]
-    assert [card.get("data-uid") for card in cards] == [str(number) for number in range(1, 10)]
+    assert all(ElementTree.fromstring(f"<g>{node.card}</g>").find("rect") is not None for node in shown.nodes)
+    assert [node.edge == "" for node in shown.nodes] == [True] + [False] * 8
+    ElementTree.fromstring(shown.svg)
+
+
+def test_nodes_that_only_moved_are_not_sent_again(rounds: Draw) -> None:
+    before = rounds()
+    edited = TREE.replace("<Rover", '<AlwaysSuccess/>\n<Rover color="red"')
+    whole, changes = rounds(edited), rounds(edited, since=before.number)
+    # The number of the last node has two digits now.
+    assert ids(changes) == ["AlwaysSuccess", "Rover", "Sleep"]
+    nodes: dict[int, DrawnNode] = {}
+    for index, known, parent, line, character, end_line, end_character, x, y, edge in changes.moved:
+        node, end = before.nodes[known], Position(end_line, end_character)
+        place = replace(node.place, position=Position(line, character))
+        edge = node.edge if edge is None else edge
+        nodes[index] = replace(node, parent=parent, place=place, end=end, x=x, y=y, edge=edge)
+    others = iter(changes.nodes)
+    assert [nodes.get(index) or next(others) for index in range(10)] == whole.nodes
+    assert rounds(edited, since=whole.number + 99).moved == []
 
 
 def test_keys_of_nodes_survive_edits_elsewhere(rounds: Draw) -> None:
@@ -117,10 +137,10 @@ def test_a_node_with_an_empty_name_has_the_key_of_the_running_node(draw: Draw) -
 def test_folded_nodes_hide_their_descendants_only(rounds: Draw, monkeypatch: pytest.MonkeyPatch) -> None:
     folded = rounds(TREE, None, rounds().nodes[3].key)
     assert [node.hidden for node in folded.nodes] == [0, 0, 0, 2, 0, 0, 0, 0, 0]
-    assert folded.svg.count("data-uid") == 7
-    assert ">+2</text>" in folded.svg
+    assert [bool(node.card) for node in folded.nodes] == [True] * 4 + [False] * 2 + [True] * 3
+    assert ">+2</text>" in folded.nodes[3].card
     monkeypatch.setattr(drawing, "MAX_CARDS", 6)
-    assert rounds().svg.count("data-uid") == 6
+    assert [bool(node.card) for node in rounds().nodes].count(True) == 6
 
 
 def test_child_limits(draw: Draw) -> None:

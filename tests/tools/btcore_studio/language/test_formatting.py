@@ -16,10 +16,10 @@ from btcore.xml.edit.editor import apply_edits
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import parse_text
 from btcore.xml.read.scan import scan
-from btcore_studio.edit.text_edits import invert_edits
 from btcore_studio.language.formatting import format_document, format_range, formatting_edits
 from btcore_studio.language.lenses import code_lenses
 from btcore_studio.language.project import Project, SourceDocument
+from tests.tools.btcore_studio.edit.inverse_edits import invert_edits
 from tests.tools.btcore_studio.edit.test_tree_editor import decorated
 
 TREES = Path(__file__).parents[4] / "trees"

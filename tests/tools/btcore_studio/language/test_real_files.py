@@ -35,7 +35,7 @@ WIDE = "<!-- 🤖ä -->"
 @pytest.fixture(scope="module")
 def nodes() -> Registry:
     nodes = Registry.standard()
-    nodes.add_plugins()
+    nodes.add_installed_libraries()
     return nodes
 
 

@@ -14,13 +14,13 @@ from btcore.registry.registry import Registry
 from btcore.xml.edit.editor import apply_edits
 from btcore.xml.models.model_file import add_models
 from btcore.xml.read.read import parse_file
-from btcore_studio.edit.text_edits import invert_edits
 from btcore_studio.language.navigation import find_definition
 from btcore_studio.language.node_models import NodeModel, PortModel
 from btcore_studio.language.project import Project, Settings
 from btcore_studio.language.project_symbols import symbols_of
 from btcore_studio.language.rename import RenameError, prepare_rename, rename_symbol
 from tests.conformance.recorded_cases import conformance_registry, read_cases, run_case
+from tests.tools.btcore_studio.edit.inverse_edits import invert_edits
 from tests.tools.btcore_studio.language.marked_project import MarkedProject
 
 DATA = Path(__file__).parents[3] / "conformance" / "data"

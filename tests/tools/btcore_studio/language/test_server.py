@@ -162,7 +162,8 @@ def test_python_leaves_are_imported_only_if_the_user_trusts_them(tmp_path: Path)
     tree, leaves = tmp_path / "tree.xml", tmp_path / "leaves.py"
     tree.write_text(TREE, encoding="utf-8")
     leaves.write_text(LEAVES, encoding="utf-8")
-    imported = tmp_path / "imported"
+    imported, other = tmp_path / "imported", tmp_path / "package.xml"
+    other.write_text("<package/>", encoding="utf-8")
 
     async def use() -> None:
         checked = CheckedProject(tmp_path, Settings(plugins=("leaves.py",)))
@@ -180,9 +181,11 @@ def test_python_leaves_are_imported_only_if_the_user_trusts_them(tmp_path: Path)
         # A change of the source is seen.
         leaves.write_text(LEAVES.replace("who", "guest"), encoding="utf-8")
         os.utime(leaves, ns=(1, 1))
-        checked.checker.file_changed(leaves)
+        for file in (other, leaves):
+            checked.checker.file_changed(file)
         await checked.until(tree, ["E201"])
         assert checked.project.models["Greet"].ports[0].name == "guest"
+        assert checked.found.keys() == {tree}, "other files are not checked as trees"
         assert checked.shown == [hint]
         await checked.checker.close()
 

@@ -54,8 +54,18 @@ def client() -> Client:
 
 def test_a_drawing_is_json_data(client: Client) -> None:
     drawing = client.result("btcore/drawing", {**DOCUMENT, "tree": None, "folded": []})
-    assert drawing["nodes"][1] == {
-        "key": drawing["nodes"][1]["key"],
+    node = drawing["nodes"][1]
+    for name, content in {
+        "x": float,
+        "y": float,
+        "width": float,
+        "height": float,
+        "card": str,
+        "edge": str,
+    }.items():
+        assert isinstance(node.pop(name), content)
+    assert node == {
+        "key": node["key"],
         "parent": 1,
         "id": "Sleep",
         "name": "Sleep",
@@ -71,6 +81,8 @@ def test_a_drawing_is_json_data(client: Client) -> None:
     }
     assert drawing["trees"][0]["isMain"] is True
     assert "<style>" not in drawing["svg"]
+    again = client.result("btcore/drawing", {**DOCUMENT, "since": drawing["number"]})
+    assert (again["nodes"], len(again["moved"])) == ([], len(drawing["nodes"]))
     styled = client.result("btcore/drawing", {**DOCUMENT, "styled": True})
     assert "<style>" in styled["svg"]
 
@@ -137,7 +149,7 @@ def test_an_edit_and_a_copy_are_json_data(client: Client) -> None:
     result = client.result("btcore/edit", {"command": {"kind": "change_type", "node": SLEEP, "id": "Script"}})
     [edit] = result["edit"]["changes"][URI]
     assert edit["newText"].startswith("Script")
-    assert (result["select"], result["notes"]) == ([SLEEP], [])
+    assert (result["select"], result["notes"], result["drawing"]) == ([SLEEP], [], None)
     command = {"kind": "set", "node": SLEEP, "name": "msec", "text": "fast"}
     [problem] = client.result("btcore/preview", {"command": command})["problems"]
     assert problem | {"message": ""} == {

@@ -19,6 +19,9 @@ FIRST_CHECK_MS = 30_000  # the first check of a page starts a process
 STRANGE = re.compile(r"Failed to load resource|WebSocket connection")
 
 
+AXE = Path(__file__).parents[4] / "tools/btcore_studio/page/node_modules/axe-core/axe.min.js"
+
+
 @dataclass
 class Studio:
     """A running `btcore studio`."""
@@ -72,3 +75,14 @@ def open_page(browser: Any) -> Iterator[Callable[..., Any]]:
         context.close()
     # The studio ends before the last page in some tests.
     assert [error for error in errors if not STRANGE.search(error)] == []
+
+
+def accessibility_violations(page: Any) -> list[tuple[str, list[str]]]:
+    """Return what axe finds in the page, by the IDs of its rules. The test is skipped without axe."""
+    if not AXE.exists():
+        pytest.skip("axe-core is not installed: make page")
+    page.evaluate(AXE.read_text(encoding="utf-8"))
+    # The label of a node is its name; its attributes are no part of the label.
+    options = {"rules": {"label-content-name-mismatch": {"enabled": False}}}
+    violations = page.evaluate("(options) => axe.run(options).then((result) => result.violations)", options)
+    return [(item["id"], [place["html"] for place in item["nodes"]]) for item in violations]

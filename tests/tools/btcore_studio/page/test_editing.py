@@ -333,7 +333,7 @@ def is_like_patrolling(editor: Editor) -> None:
         assert [element.tag for element in tree.iter()][1:] == [id for id, _, _ in BUILT]
         return
     nodes = Registry.standard()
-    nodes.add_plugins()
+    nodes.add_installed_libraries()
     mocks = with_mock_leaves(nodes)
     built = Harness.load(editor.file, nodes=mocks)
     # The bundled tree is written in format 3, in which some nodes have another meaning.
@@ -381,11 +381,56 @@ def test_nodes_are_moved_and_copied_with_the_mouse(edit: Callable[[str], Editor]
     editor.shows(copied)
 
 
+def test_an_edit_says_before_which_problem_it_adds(edit: Callable[[str], Editor]) -> None:
+    editor = edit(TREE)
+    page, warning = editor.page, "Adds an error: <Inverter> has no child"
+    editor.select("greet")
+    editor.press("Shift+F10")
+    page.get_by_role("menuitem", name="Delete").focus()
+    page.locator(".menu .outlook", has_text=warning).wait_for()
+    editor.press("Escape")
+    start, rest = editor.box("greet"), editor.box("rest")
+    page.mouse.move(start["x"] + 12, start["y"] + 12)
+    page.mouse.down()
+    page.mouse.move(start["x"] + 30, start["y"] + 20, steps=4)
+    page.locator(".ghost.refused", has_text="cannot be moved into itself").wait_for(state="attached")
+    page.mouse.move(rest["x"] + rest["width"] + 5, rest["y"] + 10, steps=4)
+    page.locator(".ghost .outlook", has_text=warning).wait_for(state="attached")
+    editor.press("Escape")
+    page.mouse.up()
+    # A name that is taken is refused while it is typed.
+    editor.select("door")
+    editor.press("x")
+    page.keyboard.type("Visit")
+    page.locator(".prompt [role=status]", has_text="there is a tree 'Visit' already").wait_for()
+    editor.press("Escape")
+
+
+def test_a_field_underlines_its_errors_while_typing(edit: Callable[[str], Editor]) -> None:
+    editor = edit(TREE)
+    editor.select("set")
+    field, marked = editor.page.locator("#field-code"), editor.page.locator(".field .marked.error")
+    field.fill("🤖 := 1 & 2")
+    editor.wait(lambda: marked.all_text_contents() == ["🤖"], "no error is marked")
+    field.fill("lap := 1 + + 2")
+    editor.wait(lambda: marked.all_text_contents() == ["+"], "no error is marked")
+    assert field.get_attribute("aria-invalid") == "true"
+    described = str(field.get_attribute("aria-describedby")).split()[0]
+    assert "expected a value" in str(editor.page.locator(f"#{described}").text_content())
+    editor.press("Enter")
+    problems = editor.page.locator(".problems")
+    editor.wait(lambda: "expected a value" in str(problems.text_content()), "the file is not checked")
+    assert marked.all_text_contents() == ["+"]
+    field.fill("lap := 1 + 2")
+    editor.press("Enter")
+    editor.wait(lambda: field.get_attribute("aria-invalid") == "false")
+
+
 def test_what_is_not_possible_says_why(edit: Callable[[str], Editor]) -> None:
     editor = edit(TREE)
     editor.select("set")
     editor.press("u")
-    assert editor.message == "The node has no children."
+    assert editor.message == "The node has no children. Delete it instead."
     editor.select("round")
     editor.press("Control+d")
     assert editor.message.startswith("A tree has exactly one root node.")

@@ -57,6 +57,7 @@ def test_file_is_edited_until_a_signal(folder: Path, built: Path) -> None:
             "readOnly": False,
             "live": start["live"],
             "recording": None,
+            "versions": None,
         }
         page.request("btcore/read", {"uri": uri})
         edit = {"range": {"start": {"line": 0, "character": 0}, "end": {"line": 0, "character": 0}}}
@@ -117,3 +118,9 @@ def test_usage_errors(cli: Callable[..., Result], tmp_path: Path, monkeypatch: p
         cli("studio", str(tmp_path / "run.btlog")).stderr.split()
     )
     assert "must end with .xml or .btproj" in cli("studio", str(tmp_path / "notes.txt")).stderr
+    tree = str(bundled_trees.folder() / "bumpgo.xml")
+    assert "takes two files, and no SOURCE" in cli("studio", ".", "--compare", tree, tree).stderr
+    assert "is a folder: compare two files" in cli("studio", "--compare", str(tmp_path), tree).stderr
+    assert "must end with .xml" in cli("studio", "--compare", tree, str(tmp_path / "notes.txt")).stderr
+    (tmp_path / "other.xml").write_bytes(b"<root>\xff</root>")
+    assert "is not UTF-8" in cli("studio", "--compare", tree, str(tmp_path / "other.xml")).stderr

@@ -1,5 +1,6 @@
 """The studio's server answers its own page only, within limits."""
 
+import asyncio
 import json
 import socket
 from contextlib import ExitStack, suppress
@@ -14,7 +15,8 @@ from websockets.sync.client import connect
 from btcore_studio.language.server import TreeServer, create_server
 from btcore_studio.page_server import server as server_module
 from btcore_studio.page_server import session as session_module
-from tests.tools.btcore_studio.page_server.conftest import TREE, PageClient, Studio
+from btcore_studio.page_server.session import Shown, Version
+from tests.tools.btcore_studio.page_server.conftest import TREE, PageClient, Studio, running_studio
 
 METHOD_NOT_FOUND, INVALID_PARAMS, REFUSED = -32601, -32602, -32803
 
@@ -385,3 +387,29 @@ def test_change_on_disk_reaches_the_language_server(studio: Studio) -> None:
         (studio.folder / "part.xml").unlink()
         assert any("part.xml" in message for message in messages())
         assert page.notification("btcore/files")
+
+
+def test_comparison_shows_two_files_alone_until_its_page_is_closed(
+    folder: Path, built: Path, previous: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(session_module, "CLOSE_WAIT_S", 0.05)
+    empty = tmp_path / "empty"
+    empty.mkdir()
+    file = folder / "tree.xml"
+    versions = Version("", None), Version("tree.xml", file)
+    with running_studio(Shown(empty, versions=versions, is_read_only=True), previous, built) as studio:
+        with studio.page() as page:
+            assert page.request("btcore/start")["versions"] == ["", "tree.xml"]
+            initialize(page)
+            (difference,) = page.request("btcore/comparison")["differences"]
+            assert (difference["changes"], difference["name"]) == (["added"], "Rounds")
+            for method in ("btcore/read", "btcore/drawing"):
+                params = {"uri": file.as_uri(), "textDocument": {"uri": file.as_uri()}}
+                assert "refused" in page.error(method, params)[1]
+            file.write_text(TREE.replace("Rounds", "Laps"))
+            page.notification("btcore/compared")
+            assert page.request("btcore/comparison", {"tree": "Rounds"})["tree"] == "Laps"
+            file.unlink()
+            assert "can't be read" in page.error("btcore/comparison")[1]
+            assert not studio.session.ended.is_set()
+        asyncio.run_coroutine_threadsafe(studio.session.ended.wait(), studio.loop).result(10)

@@ -79,6 +79,10 @@ export class Documents {
     return this.document(uri).text;
   }
 
+  isOpen(uri: string): boolean {
+    return this.open.has(uri);
+  }
+
   /** Read a text, unless it is open. */
   load(uri: string): Promise<void> {
     if (this.open.has(uri)) return Promise.resolve();

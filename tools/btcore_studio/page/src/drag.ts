@@ -1,11 +1,12 @@
 // Dragging with a mouse or a finger: nodes and palette items to their new places, and the picture itself.
 
 import { effect } from "@preact/signals";
-import { type Box, overlaps } from "./picture";
+import { type Box, isSamePicture, overlaps } from "./picture";
 import { DropTargets, type Load, type Target } from "./drop_targets";
 import { noteUse } from "./last_used";
 import { chosen, edit, inTurn, xmlOf } from "./operations";
-import type { PaletteItem, Place } from "./protocol";
+import { levelOf, type Making, type Outlook, previewer, warningOf } from "./preview";
+import type { Command, PaletteItem, Place } from "./protocol";
 import { menu } from "./quick_state";
 import { drawing, message, palette, selection, showError, start } from "./state";
 import { canWrap, placeOfTree } from "./tree";
@@ -28,6 +29,9 @@ class Drag {
   private readonly ghost: HTMLElement;
   private readonly targets: DropTargets;
   private target: Target | null = null;
+  /** Looks at what a drop would lead to. */
+  private readonly look: (make: Making | null) => void;
+  private looked = "";
   private isCopy: boolean;
   private frame = 0;
   private readonly unfollow: () => void;
@@ -35,6 +39,7 @@ class Drag {
   constructor(private readonly view: View, private readonly source: Source, private x: number, private y: number, isCopy: boolean) {
     this.isCopy = isCopy;
     this.ghost = this.makeGhost();
+    this.look = previewer((outlook) => this.warn(outlook));
     document.body.append(this.ghost);
     document.body.classList.add("drags-node");
     this.targets = new DropTargets(view.structure, view.boxes, this.load());
@@ -43,7 +48,7 @@ class Drag {
     addEventListener("keyup", this.onKey, true);
     // Another page may change the tree meanwhile. A picture that looks the same does not end the drag.
     const begun = drawing.peek();
-    this.unfollow = effect(() => { if (drawing.value?.svg !== begun?.svg) end(false); });
+    this.unfollow = effect(() => { if (!begun || !drawing.value || !isSamePicture(begun, drawing.value)) end(false); });
     this.frame = requestAnimationFrame(this.scroll);
   }
 
@@ -77,10 +82,21 @@ class Drag {
     const isOver = this.isInside(view.frame.getBoundingClientRect());
     this.target = isOver ? this.targets.at(...view.point(x, y)) : null;
     this.ghost.style.transform = `translate(${x + 12}px, ${y + 10}px)`;
-    const words = this.ghost.lastElementChild!;
-    words.textContent = this.target ? treeTexts.target(this.target, view.structure) : isOver ? treeTexts.noTarget : "";
+    const reason = isOver && !this.target ? this.targets.refusalAt(...view.point(x, y)) : "";
+    this.ghost.children[1]!.textContent = this.target ? treeTexts.target(this.target, view.structure) : reason;
     this.ghost.classList.toggle("refused", !this.target);
     view.marks.replaceChildren(...(this.target ? marks(this.target, view) : []));
+    const looked = JSON.stringify([this.target, this.isCopy]);
+    if (looked === this.looked) return;
+    this.looked = looked;
+    const { source, target, isCopy } = this;
+    this.look(target && (() => commandOf(source, target, isCopy, view)));
+  }
+
+  private warn(outlook: Outlook | null): void {
+    const element = this.ghost.lastElementChild!;
+    element.textContent = warningOf(outlook);
+    element.className = `outlook ${levelOf(outlook)}`;
   }
 
   private readonly onKey = (event: KeyboardEvent) => {
@@ -108,6 +124,7 @@ class Drag {
 
   end(isDropped: boolean): void {
     cancelAnimationFrame(this.frame);
+    this.look(null);
     this.unfollow();
     removeEventListener("keydown", this.onKey, true);
     removeEventListener("keyup", this.onKey, true);
@@ -119,7 +136,8 @@ class Drag {
     const { source, target, isCopy, view } = this;
     if (!isDropped || !target) return;
     // The places are those of the present picture; what follows waits.
-    const dropped = drop(source, target, isCopy, view);
+    if ("item" in source) noteUse(source.item.id);
+    const dropped = commandOf(source, target, isCopy, view).then((command) => command && edit(command), showError);
     inTurn(() => dropped);
   }
 
@@ -129,7 +147,7 @@ class Drag {
     ghost.setAttribute("aria-hidden", "true");
     const label = document.createElement("b");
     label.textContent = "item" in this.source ? this.source.item.id : treeTexts.dragged(this.nodes.map((index) => this.view.structure.nodes[index]!));
-    ghost.append(label, document.createElement("small"));
+    ghost.append(label, document.createElement("small"), document.createElement("small"));
     return ghost;
   }
 }
@@ -160,32 +178,16 @@ function marks(target: Target, { boxes }: View): SVGElement[] {
 const padded = ({ x, y, width, height }: Box, by: number): Record<string, number> =>
   ({ x: x - by, y: y - by, width: width + 2 * by, height: height + 2 * by });
 
-async function drop(source: Source, target: Target, isCopy: boolean, { structure }: View): Promise<void> {
+/** Return the command that drops something at a target. */
+async function commandOf(source: Source, target: Target, isCopy: boolean, { structure }: View): Promise<Command | null> {
   const place = (index: number): Place => structure.nodes[index]!.place;
-  if (target.kind === "around") {
-    if (!("item" in source)) return;
-    noteUse(source.item.id);
-    await edit({ kind: "wrap", nodes: [place(target.node)], id: source.item.id });
-    return;
-  }
+  if (target.kind === "around") return "item" in source ? { kind: "wrap", nodes: [place(target.node)], id: source.item.id } : null;
   const parent = target.kind === "root" ? drawing.value && placeOfTree(drawing.value) : place(target.parent);
-  if (!parent) return;
+  if (!parent) return null;
   const index = target.kind === "root" ? 0 : target.index;
-  if ("item" in source) {
-    noteUse(source.item.id);
-    await edit({ kind: "add", parent, index, id: source.item.id });
-    return;
-  }
+  if ("item" in source) return { kind: "add", parent, index, id: source.item.id };
   const nodes = source.nodes.map(place);
-  if (!isCopy) {
-    await edit({ kind: "move", nodes, parent, index });
-    return;
-  }
-  try {
-    await edit({ kind: "paste", parent, index, xml: await xmlOf(nodes) });
-  } catch (error) {
-    showError(error);
-  }
+  return isCopy ? { kind: "paste", parent, index, xml: await xmlOf(nodes) } : { kind: "move", nodes, parent, index };
 }
 
 function begin(source: Source, event: PointerEvent): void {

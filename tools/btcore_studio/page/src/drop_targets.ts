@@ -1,6 +1,7 @@
 // Where a dragged node or palette item can be dropped.
 
 import { type Box, distance } from "./picture";
+import { treeTexts } from "./texts";
 import type { Structure } from "./tree";
 
 export type Target =
@@ -74,6 +75,15 @@ export class DropTargets {
       if (away < least) [least, best] = [away, this.inside(index)];
     });
     return best;
+  }
+
+  /** Return why nothing can be dropped at a point without a target. */
+  refusalAt(x: number, y: number): string {
+    const { structure, load } = this;
+    const over = this.boxes.findIndex((box) => box !== undefined && distance(x, y, box) === 0);
+    if (over < 0) return treeTexts.refusal.noTarget;
+    if (load.moved.some((other) => structure.isWithin(over, other))) return treeTexts.refusal.itself;
+    return treeTexts.refusal.full(structure.nodes[over]!);
   }
 
   private takes(index: number): boolean {

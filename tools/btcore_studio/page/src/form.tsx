@@ -2,17 +2,19 @@
 
 import { useSignal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
-import { useEffect, useRef } from "preact/hooks";
+import { useEffect, useMemo, useRef } from "preact/hooks";
 import { statuses, statusOf } from "./live";
 import { edit, openTree, run } from "./operations";
 import { SIGNS, Symbol } from "./palette";
+import { usePreview } from "./preview";
 import { modelForm } from "./quick_state";
-import type { Diagnostic, DrawnNode, Field, NodeForm } from "./protocol";
-import { actions, drawing, live, palette, problemsByKey, selectedNode, selectedNodes, start } from "./state";
+import type { Command, Diagnostic, DrawnNode, Field, NodeForm, Problem } from "./protocol";
+import { actions, diagnostics, drawing, live, palette, problemsByKey, selectedNode, selectedNodes, start } from "./state";
 import { moment } from "./timeline";
 import { treeTexts } from "./texts";
-import { focusPicture, view } from "./view";
+import { focusPicture } from "./view";
 
+const NONE: Diagnostic[] = [];
 let isPressed = false;
 addEventListener("pointerdown", () => { isPressed = true; }, true);
 for (const name of ["pointerup", "pointercancel"]) addEventListener(name, () => { isPressed = false; }, true);
@@ -54,9 +56,8 @@ export function Form() {
 
 function Head({ node }: { node: DrawnNode }) {
   const status = statusOf(node.key, live.value);
-  const shown = view.value;
   const item = palette.value.items.find(({ id, isEditable }) => id === node.id && isEditable);
-  const glyph = /<path class="glyph" d="([^"]*)"/.exec(shown?.cardText(shown.structure.at(node.key)) ?? "");
+  const glyph = /<path class="glyph" d="([^"]*)"/.exec(node.card);
   return (
     <header>
       <Symbol item={{ kind: node.kind, symbol: glyph?.[1] }} />
@@ -93,7 +94,7 @@ function Fields({ node, form }: { node: DrawnNode; form: NodeForm }) {
   const groups = Map.groupBy(form.fields, (field) => field.group);
   const conditions = groups.get("condition") ?? [];
   const written = conditions.filter((field) => field.text !== null);
-  const problems = problemsByKey.value.get(node.key) ?? [];
+  const problems = problemsByKey.value.get(node.key) ?? NONE;
   const line = (field: Field) => <FieldRow key={field.name} node={node} field={field} problems={problems} />;
   const [call, remapping] = [true, false].map((isOwn) => groups.get("subtree")?.filter(({ name }) => isOwn === /^(ID$|_)/.test(name)) ?? []);
   return (
@@ -122,7 +123,7 @@ function Fields({ node, form }: { node: DrawnNode; form: NodeForm }) {
 function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; problems: Diagnostic[] }) {
   const input = useRef<HTMLInputElement & HTMLTextAreaElement>(null);
   const isFocused = useSignal(false);
-  /** What is in the field of a script. */
+  /** What is in the field. */
   const typed = useSignal<string | null>(null);
   const text = field.text ?? "";
   // The text of the file comes into the field, unless it is being edited.
@@ -135,14 +136,30 @@ function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; pr
     }
   }, [text]);
   const id = `field-${field.name}`;
-  const own = problems.filter(({ data }) => data?.attributes.includes(field.name));
+  const own = useMemo(() => problems.filter(({ data }) => data?.attributes.includes(field.name)), [problems]);
+  /** The problems of what is typed, until those of the file are known. */
+  const [outlook, look] = usePreview();
+  const looked = useRef("");
+  const published = diagnostics.value.get(node.place.uri);
+  useEffect(() => look(null), [published]);
+  const isLooked = outlook !== null && looked.current === typed.value;
+  const refused: Problem[] = isLooked && outlook.refusal ? [{ severity: 1, message: outlook.refusal }] : [];
+  const shown = isLooked ? [...refused, ...outlook.problems] : own;
+  const isWrong = shown.some(({ severity }) => severity === 1);
+  const marks = typed.value === null ? [] : marksOf(typed.value, isLooked ? typed.value : text, field.name, shown);
+  const setting = (value: string): Command =>
+    ({ kind: "set", node: node.place, name: field.name, text: value === "" && !field.isRequired ? null : value });
+  const write = (value: string) => {
+    typed.value = value;
+    looked.current = value;
+    look(value === text ? null : () => setting(value));
+  };
   const commit = () => {
     const { value, dataset } = input.current!;
     // Enter and then leaving the field commit once.
     if (value === text || value === dataset.text) return;
     dataset.text = value;
-    const isRemoved = value === "" && !field.isRequired;
-    void edit({ kind: "set", node: node.place, name: field.name, text: isRemoved ? null : value });
+    void edit(setting(value));
   };
   const key = (event: KeyboardEvent) => {
     if (event.key === "Enter" && !(field.isScript && event.shiftKey)) {
@@ -157,28 +174,33 @@ function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; pr
   };
   const leaf = moment.value?.leaves[node.key];
   const [read, wrote] = [leaf?.inputs[field.name], leaf?.outputs[field.name]];
-  const describedBy = [field.about && `${id}-about`, own.length && `${id}-errors`].filter(Boolean).join(" ");
+  const describedBy = [shown.length && `${id}-errors`, field.about && `${id}-about`].filter(Boolean).join(" ");
   const common = {
     ref: input, id, name: field.name, spellcheck: false, autocomplete: "off", readOnly: start.value?.readOnly ?? false,
-    placeholder: field.default ?? "", "aria-invalid": own.length > 0, "aria-required": field.isRequired,
+    placeholder: field.default ?? "", "aria-invalid": isWrong, "aria-required": field.isRequired,
     "aria-describedby": describedBy || undefined, defaultValue: text, onBlur: () => { commit(); afterPress(() => { isFocused.value = document.activeElement === input.current; }); },
-    onFocus: () => { isFocused.value = true; }, onKeyDown: key,
+    onFocus: () => { isFocused.value = true; }, onKeyDown: key, onInput: (event: InputEvent) => write((event.currentTarget as HTMLInputElement).value),
   };
   return (
-    <div class={`field ${own.length ? "invalid" : ""}`}>
+    <div class={`field ${isWrong ? "invalid" : shown.length ? "doubtful" : ""}`}>
       <label for={id}>
         {field.direction && <i title={treeTexts.directions[field.direction]}>{SIGNS[field.direction]}</i>}
         <span>{field.name}</span>
         {field.isRequired && <em title={treeTexts.required}>*</em>}
         {field.type && <small>{field.type}</small>}
       </label>
-      {field.isScript
-        ? <Script text={typed.value ?? text}><textarea {...common} rows={1} onInput={(event) => { typed.value = event.currentTarget.value; }} /></Script>
-        : <input {...common} class={/^(\{|=$)/.test(text) ? "key" : ""} list={field.choices.length ? `${id}-choices` : undefined} />}
+      <Marked text={typed.value ?? text} isScript={field.isScript} marks={marks}>
+        {field.isScript
+          ? <textarea {...common} rows={1} />
+          : <input {...common} class={/^(\{|=$)/.test(text) ? "key" : ""} list={field.choices.length ? `${id}-choices` : undefined} />}
+      </Marked>
       {field.choices.length > 0 && <datalist id={`${id}-choices`}>{field.choices.map((choice) => <option key={choice} value={choice} />)}</datalist>}
       {read !== undefined && read !== text && <output class="value">= {read}</output>}
       {wrote !== undefined && wrote !== read && <output class="value">→ {wrote}</output>}
-      {own.length > 0 && <p class="errors" id={`${id}-errors`}>{own.map((problem) => <span key={problem.message} class={problem.severity === 1 ? "error" : "warning"}>{problem.message}</span>)}</p>}
+      {shown.length > 0 && <p class="errors" id={`${id}-errors`}>{shown.map((problem) => {
+        const [found, ...hint] = problem.message.split("\n");
+        return <span key={problem.message} class={problem.severity === 1 ? "error" : "warning"}>{found} <em>{hint.join(" ")}</em></span>;
+      })}</p>}
       {field.about && <p class={`about ${isFocused.value ? "" : "folded"}`} id={`${id}-about`}>{field.about}</p>}
     </div>
   );
@@ -187,11 +209,42 @@ function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; pr
 const TOKEN = /('[^']*'?|"[^"]*"?)|(\d[\w.]*)|\b(true|false|and|or|not)\b|([\p{L}_@][\p{L}\p{N}_.]*)|([^\s\w'"]+)|\s+|./gu;
 const TOKENS = ["string", "number", "word", "name", "sign"];
 
-/** A field of a script, whose colours are in a copy of its text below it. */
-function Script({ text, children }: { text: string; children: ComponentChildren }) {
-  const parts = [...text.matchAll(TOKEN)].map((found, index) => {
-    const kind = found.slice(1).findIndex((group) => group !== undefined);
-    return kind < 0 ? found[0] : <span key={index} class={`script-${TOKENS[kind]}`}>{found[0]}</span>;
+/** A part of a text that has a problem. */
+interface Mark { from: number; to: number; severity: number }
+
+/** Return the marked parts of the text of a field that follow nothing but characters of *checked*, which has the problems. */
+function marksOf(text: string, checked: string, name: string, problems: readonly Problem[]): Mark[] {
+  const characters = [...checked];
+  const offset = (count: number) => characters.slice(0, count).join("").length;
+  return problems.flatMap(({ data, severity }) => {
+    if (!characters.length || !data?.attributes.includes(name)) return [];
+    const [start, end] = data.characters[1] ? data.characters : [0, characters.length];
+    // What is missing at the end is shown at the last character.
+    const first = Math.min(start, characters.length - 1);
+    const mark = { from: offset(first), to: offset(Math.max(first + 1, end)), severity: severity ?? 1 };
+    return text.startsWith(checked.slice(0, mark.to)) ? [mark] : [];
   });
-  return <div class="script"><pre aria-hidden="true">{parts}{"\n"}</pre>{children}</div>;
+}
+
+/** A field with the colours of a script and the underlines of problems, which are in a copy of its text at the same place. */
+function Marked({ text, isScript, marks, children }: { text: string; isScript: boolean; marks: readonly Mark[]; children: ComponentChildren }) {
+  const copy = useRef<HTMLPreElement>(null);
+  const tokens = isScript ? [...text.matchAll(TOKEN)] : [];
+  const cuts = new Set([0, ...tokens.map(({ index }) => index), ...marks.flatMap(({ from, to }) => [from, to]), text.length]);
+  const bounds = [...cuts].sort((a, b) => a - b);
+  const parts = bounds.slice(1).map((to, index) => {
+    const from = bounds[index]!;
+    const token = tokens.findLast((found) => found.index <= from);
+    const kind = token?.slice(1).findIndex((group) => group !== undefined) ?? -1;
+    const mark = marks.filter((found) => found.from <= from && to <= found.to).sort((a, b) => a.severity - b.severity)[0];
+    const classes = [kind >= 0 && `script-${TOKENS[kind]}`, mark && `marked ${mark.severity === 1 ? "error" : "warning"}`].filter(Boolean);
+    return classes.length ? <span key={from} class={classes.join(" ")}>{text.slice(from, to)}</span> : text.slice(from, to);
+  });
+  const follow = (event: Event) => { if (copy.current) copy.current.scrollLeft = (event.target as Element).scrollLeft; };
+  return (
+    <div class={`copied ${isScript ? "script" : ""}`} onScrollCapture={follow}>
+      {(isScript || marks.length > 0) && <pre aria-hidden="true" ref={copy}>{parts}{"\n"}</pre>}
+      {children}
+    </div>
+  );
 }

@@ -82,6 +82,9 @@ export async function toggleBreakpoints(nodes: readonly string[]): Promise<void>
   await send("btcore/breakpoints", { keys: others.length < wanted.length ? others : [...wanted, ...nodes] });
 }
 
+/** Let a tree continue that waits at a breakpoint. */
+export const release = () => send("btcore/release", {});
+
 const send = (method: string, params: unknown) => actions.request(method, params).catch(showError);
 
 /** What the user should know about the running tree or the recording. */
@@ -136,7 +139,7 @@ export function LiveControls() {
       <input ref={field} placeholder={proposed} aria-label={treeTexts.address} />
       <button title={treeTexts.watchTitle}>{address ? treeTexts.disconnect : treeTexts.connect}</button>
       {state?.stopped && (
-        <button type="button" class="continue" onClick={() => void send("btcore/release", {})}>{treeTexts.continue}</button>
+        <button type="button" class="continue" title={`${treeTexts.continue} (C)`} onClick={() => void release()}>{treeTexts.continue}</button>
       )}
     </form>
   );

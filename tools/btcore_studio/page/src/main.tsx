@@ -3,28 +3,34 @@
 import "../studio.css";
 import { batch, effect, signal, untracked } from "@preact/signals";
 import { render } from "preact";
+import { Announcer, followPage, notice, postponeReport } from "./announcer";
 import { Canvas } from "./canvas";
+import { ComparisonPage, loadComparison } from "./comparison";
 import { Dialog } from "./dialog";
 import { Mark } from "./documents";
 import { Breadcrumbs, Files } from "./files";
+import { keepFocus, movePane } from "./focus";
 import { Form } from "./form";
 import type { Done } from "./history";
 import { BrowserHome, findHome, isConnected } from "./home";
 import { Blackboard, call, drawnCall, LiveControls } from "./live";
 import { Palette } from "./palette";
+import { complete } from "./picture";
 import { checked, followProblems, Problems } from "./problems";
 import type {
-  Command, Diagnostic, DiskConflict, Drawing, EditResult, Live, Palette as PaletteData, Place, SharedFile, WorkspaceEdit,
+  Command, Diagnostic, DiskConflict, Drawing, DrawingParams, EditParams, EditResult, Live, Palette as PaletteData, Place, Preview,
+  SharedFile, WorkspaceEdit,
 } from "./protocol";
 import {
-  actions, diagnostics, drawing, files, folded, isSamePlace, live, message, palette, reasonOf, refusedField, selection, showError, start, tree, uri,
+  actions, diagnostics, drawing, files, folded, isSamePlace, live, message, palette, reasonOf, refusedField, selectedNodes, selection, showError, start, tree, uri,
 } from "./state";
 import { RpcError } from "./rpc";
 import { Splitter } from "./splitter";
 import { revealText, TextPane } from "./text_pane";
-import { texts } from "./texts";
+import { texts, treeTexts } from "./texts";
 import { Timeline } from "./timeline";
 import { fileName, hiddenPanes, Toolbar } from "./toolbar";
+import { view } from "./view";
 
 /** A drawing that takes longer waits for a pause in typing. */
 const QUICK_MS = 30;
@@ -32,8 +38,6 @@ const TYPING_WAIT_MS = 60;
 const PALETTE_WAIT_MS = 1000;
 
 const home = findHome();
-/** Why the picture is not that of the present text, or "". */
-const notice = signal("");
 const conflicts = signal<readonly DiskConflict[]>([]);
 
 // --- the drawing
@@ -44,6 +48,8 @@ let requested = 0;
 let running: Promise<void> | null = null;
 /** How long the last drawing took. */
 let drawingMs = 0;
+/** Whether the drawing of a text that changes is here already. */
+let isDrawn = false;
 /** The places to select when they are drawn. */
 let toSelect: Place[] = [];
 
@@ -60,26 +66,37 @@ async function drawAll(): Promise<void> {
   }
 }
 
+const drawingParams = (): DrawingParams => {
+  const params = { textDocument: { uri: uri.value }, tree: tree.value, folded: [...folded.value], call: call.value?.key ?? "" };
+  // VS Code's extension reads all nodes.
+  return home.documents && drawing.value ? { ...params, since: drawing.value.number } : params;
+};
+
 async function draw(): Promise<void> {
-  const [address, mark, wanted, below] = [uri.value, home.mark(), tree.value, call.value?.key ?? ""];
+  const mark = home.mark();
   const begun = performance.now();
   try {
-    await home.documents?.load(address);
-    const data = await actions.request<Drawing>("btcore/drawing", {
-      textDocument: { uri: address }, tree: wanted, folded: [...folded.value], call: below,
-    });
-    if (address !== uri.value || wanted !== tree.value) return;
-    sinceDrawing = mark;
-    batch(() => {
-      drawing.value = data;
-      drawnCall.value = below;
-    });
-    notice.value = data.broken && texts.broken(data.broken);
-    if (!mark.changes.size) selectPlaces(data);
+    // A text that is open is drawn without a wait, before the parts of the page show its change.
+    if (home.documents?.isOpen(uri.value) === false) await home.documents.load(uri.value);
+    const [params, before] = [drawingParams(), drawing.value];
+    const reply = await actions.request<Drawing>("btcore/drawing", params);
+    if (params.textDocument.uri !== uri.value || params.tree !== tree.value) return;
+    show(complete(reply, before), params, mark);
     drawingMs = performance.now() - begun;
   } catch (error) {
     if (isConnected.value) notice.value = texts.stale(reasonOf(error));
   }
+}
+
+/** @param mark What changes from the drawn texts on. */
+function show(data: Drawing, params: DrawingParams, mark: Mark): void {
+  sinceDrawing = mark;
+  batch(() => {
+    drawing.value = data;
+    drawnCall.value = params.call;
+  });
+  notice.value = data.broken && texts.broken(data.broken);
+  if (!mark.changes.size) selectPlaces(data);
 }
 
 function selectPlaces({ nodes }: Drawing): void {
@@ -87,7 +104,10 @@ function selectPlaces({ nodes }: Drawing): void {
     const node = nodes.find(({ place }) => isSamePlace(place, wanted));
     return node ? [node.key] : [];
   });
-  if (keys.length) selection.value = keys;
+  if (keys.length) {
+    selection.value = keys;
+    view.value?.select(keys, true);
+  }
   toSelect = [];
 }
 
@@ -132,12 +152,22 @@ function edit(command: Command): Promise<EditResult | null> {
     }
     try {
       const mark = home.mark();
-      const result = await actions.request<EditResult>("btcore/edit", { command: moved, ...(versions && { versions }) });
+      // VS Code may change the texts of the edit, and then draws them.
+      const [wanted, shown] = [drawingParams(), drawing.value];
+      const params: EditParams = home.documents ? { command: moved, drawing: wanted } : { command: moved };
+      const result = await actions.request<EditResult>("btcore/edit", versions ? { ...params, versions } : params);
       toSelect = result.select;
-      await home.apply(result.edit, mark);
-      message.value = result.notes.join(" ");
+      const isSame = JSON.stringify(wanted) === JSON.stringify(drawingParams());
+      const next = result.drawing && isSame && !mark.changes.size ? result.drawing : null;
+      const before = requested;
+      isDrawn = next !== null;
+      await home.apply(result.edit, mark).finally(() => { isDrawn = false; });
+      if (next) show(complete(next, shown), wanted, home.mark());
       if (moved.kind === "set_model" || moved.kind === "remove_model") waitForPalette(0);
-      await (running ?? redraw()); // a changed text is being drawn already
+      // A changed text is being drawn, or was drawn before VS Code replied.
+      if (requested !== before) await running;
+      else if (!next) await redraw();
+      message.value = [treeTexts.edited(moved, selectedNodes.value.length, whereIsCursor()), ...result.notes].filter(Boolean).join(" ");
       return result;
     } catch (error) {
       showError(error);
@@ -145,6 +175,20 @@ function edit(command: Command): Promise<EditResult | null> {
       return null;
     }
   });
+}
+
+/** Return the place of the selected node among its siblings in words, or "". */
+function whereIsCursor(): string {
+  const structure = view.value?.structure;
+  const index = structure?.at(selection.value.at(-1) ?? "") ?? -1;
+  const parent = structure?.nodes[structure.parent(index)];
+  return structure && parent ? treeTexts.placeOf(structure.positions[index]!, structure.siblings(index).length, parent.name) : "";
+}
+
+async function preview(command: Command): Promise<Preview> {
+  const [moved, versions] = [present(command, sinceDrawing), drawing.value?.versions];
+  if (!moved) throw new Error(texts.gone);
+  return actions.request<Preview>("btcore/preview", { command: moved, ...(versions && { versions }) });
 }
 
 const apply = (change: WorkspaceEdit) => void inOrder(async () => {
@@ -155,19 +199,19 @@ const apply = (change: WorkspaceEdit) => void inOrder(async () => {
   }
 });
 
-async function move(step: () => Promise<Done | null>, nothing: string): Promise<void> {
+async function move(step: () => Promise<Done | null>, moved: string, nothing: string): Promise<void> {
   await inOrder(async () => {
     const done = await step();
     if (!done) {
       if (home.documents) message.value = nothing;
       return;
     }
-    message.value = "";
     const [first] = done.uris;
     if (first && !done.uris.includes(uri.value)) revealText({ uri: first, position: { line: 0, character: 0 } }, false);
     await (running ?? redraw()); // a changed text is being drawn already
     // In the text, the cursor shows what has changed.
     if (!document.activeElement?.closest(".text")) selection.value = done.selection;
+    message.value = moved;
   });
 }
 
@@ -178,12 +222,13 @@ const changed = new Set<string>();
 async function save(): Promise<void> {
   const unsaved = files.value.filter((file) => file.unsaved).map((file) => file.uri);
   const wanted = home.documents ? [...new Set([...unsaved, ...changed])] : [uri.value];
+  const written: string[] = [];
   try {
     for (const address of wanted) {
-      await home.save(address);
+      if (await home.save(address)) written.push(fileName(address));
       changed.delete(address);
     }
-    message.value = wanted.length ? texts.saved(wanted.map(fileName).join(", ")) : texts.nothingToSave;
+    message.value = written.length ? texts.saved(written.join(", ")) : texts.nothingToSave;
   } catch (error) {
     message.value = texts.saveRefused(reasonOf(error));
   }
@@ -192,9 +237,10 @@ async function save(): Promise<void> {
 Object.assign(actions, {
   request: (method, params) => home.connection.request(method, params),
   edit,
+  preview,
   apply,
-  undo: () => move(() => home.undo(), texts.nothingToUndo),
-  redo: () => move(() => home.redo(), texts.nothingToRedo),
+  undo: () => move(() => home.undo(), texts.undone, texts.nothingToUndo),
+  redo: () => move(() => home.redo(), texts.redone, texts.nothingToRedo),
   save: () => inOrder(save),
   reveal: (place) => {
     if (home.documents) revealText(place);
@@ -205,11 +251,11 @@ Object.assign(actions, {
 // --- what the server notifies
 
 home.connection.on<{ uri: string; diagnostics: Diagnostic[] }>("textDocument/publishDiagnostics", (params) => {
-  if (!checked.value.has(params.uri)) checked.value = new Set([...checked.value, params.uri]);
   const all = new Map(diagnostics.value);
   if (params.diagnostics.length) all.set(params.uri, params.diagnostics);
   else all.delete(params.uri);
   diagnostics.value = all;
+  if (!checked.value.has(params.uri)) checked.value = new Set([...checked.value, params.uri]);
 });
 home.connection.on<Live>("btcore/live", (state) => {
   const { keys, calls } = live.value ?? {};
@@ -221,9 +267,14 @@ home.connection.on<DiskConflict>("btcore/disk", (conflict) => {
 });
 home.connection.on<{ message: string }>("window/showMessage", (params) => { message.value = params.message; });
 home.connection.on("workspace/semanticTokens/refresh", () => {
+  if (start.value?.versions) {
+    void loadComparison();
+    return;
+  }
   void redraw();
   waitForPalette(0);
 });
+home.connection.on("btcore/compared", () => void loadComparison());
 
 async function resolve(conflict: DiskConflict, keep: "disk" | "page"): Promise<void> {
   try {
@@ -249,8 +300,9 @@ function waitForPalette(ms: number): void {
 home.onChange((address, origin) => {
   if (origin !== "remote") changed.add(address);
   clearTimeout(typingTimer);
+  postponeReport();
   if (origin === "typing" && drawingMs > QUICK_MS) typingTimer = window.setTimeout(redraw, TYPING_WAIT_MS);
-  else void redraw();
+  else if (!isDrawn || running) void redraw();
   waitForPalette(PALETTE_WAIT_MS);
 });
 
@@ -281,6 +333,11 @@ addEventListener("input", (event) => {
 /** Handle the keys of the page. Returns whether a key is the page's, or that of one of its fields. */
 function handleKey(event: KeyboardEvent): boolean {
   if (event.defaultPrevented) return true;
+  if (event.key === "F6" && home.documents && !event.ctrlKey && !event.altKey && !document.querySelector("dialog[open]")) {
+    movePane(event.shiftKey ? -1 : 1);
+    event.preventDefault();
+    return true;
+  }
   if (event.altKey || !(event.ctrlKey || event.metaKey)) return false;
   const key = event.key.toLowerCase();
   const isUndo = key === "z" && !event.shiftKey;
@@ -312,7 +369,7 @@ addEventListener("beforeunload", (event) => {
 
 function Notices() {
   return (
-    <div class="notices" role="status">
+    <div class="notices">
       {!isConnected.value && <p>{texts.lost}</p>}
       {notice.value && <p>{notice.value}</p>}
       {start.value?.uri === "" && !uri.value && <p>{texts.emptyFolder}</p>}
@@ -328,6 +385,7 @@ function Notices() {
 }
 
 function Page() {
+  if (start.value?.versions) return <ComparisonPage versions={start.value.versions} />;
   return (
     <>
       <a class="skip" href="#picture">{texts.skip}</a>
@@ -360,8 +418,9 @@ function Page() {
       </div>
       <footer>
         {home.documents && <Problems />}
-        <p class="message" role="status">{message.value}</p>
+        <p class="message">{message.value}</p>
       </footer>
+      <Announcer />
       <Dialog />
     </>
   );
@@ -369,19 +428,23 @@ function Page() {
 
 async function begin(): Promise<void> {
   render(<Page />, document.body);
+  keepFocus();
+  followPage();
   try {
     const begun = await home.begin();
     start.value = begun;
     tree.value = begun.tree;
     uri.value = begun.uri;
-    files.value = await actions.request<SharedFile[]>("btcore/files", {});
+    if (begun.versions) await loadComparison(begun.tree);
+    else files.value = await actions.request<SharedFile[]>("btcore/files", {});
   } catch (error) {
     showError(error);
   }
 }
 
 effect(() => {
-  document.title = uri.value ? `${fileName(uri.value)} – ${texts.title}` : texts.title;
+  const shown = fileName(uri.value || start.value?.versions?.findLast(Boolean) || "");
+  document.title = shown ? `${shown} – ${texts.title}` : texts.title;
   if (uri.value) waitForPalette(0);
 });
 effect(() => {

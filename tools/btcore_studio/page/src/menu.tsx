@@ -1,7 +1,9 @@
 // The context menu, and the list of keys.
 
+import { useSignal } from "@preact/signals";
 import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { type Operation, operations } from "./operations";
+import { levelOf, usePreview, warningOf } from "./preview";
 import { help, menu } from "./quick_state";
 import { treeTexts } from "./texts";
 import { focusPicture } from "./view";
@@ -29,6 +31,12 @@ function OpenMenu({ x, y }: { x: number; y: number }) {
     menu.value = null;
     focusPicture();
   };
+  const [outlook, look] = usePreview();
+  const looked = useSignal("");
+  const consider = ({ id, refusal, command }: Operation) => {
+    looked.value = id;
+    look(command && !refusal() ? command : null);
+  };
   const choose = (operation: Operation) => {
     if (operation.refusal()) return;
     close();
@@ -49,24 +57,30 @@ function OpenMenu({ x, y }: { x: number; y: number }) {
     event.stopPropagation();
   };
   const groups = Map.groupBy(operations, (operation) => operation.group);
+  const warning = warningOf(outlook);
   return (
-    <div class="popup menu" role="menu" aria-label={treeTexts.menu} ref={list} onKeyDown={key} onContextMenu={(event) => event.preventDefault()}>
-      {[...groups].map(([group, items]) => (
-        <div key={group} role="group" aria-label={treeTexts.groups[group]}>
-          {items.map((operation) => {
-            const reason = operation.refusal();
-            return (
-              <button
-                key={operation.id} role="menuitem" tabIndex={-1} aria-disabled={reason !== ""} title={reason} onClick={() => choose(operation)}
-              >
-                <span>{operation.label()}</span><kbd>{operation.keys}</kbd>
-                {reason && <small class={GENERAL.has(reason) ? "general" : ""}>{reason}</small>}
-              </button>
-            );
-          })}
-        </div>
-      ))}
-    </div>
+    <>
+      <div class="popup menu" role="menu" aria-label={treeTexts.menu} ref={list} onKeyDown={key} onContextMenu={(event) => event.preventDefault()}>
+        {[...groups].map(([group, items]) => (
+          <div key={group} role="group" aria-label={treeTexts.groups[group]}>
+            {items.map((operation) => {
+              const reason = operation.refusal();
+              return (
+                <button
+                  key={operation.id} role="menuitem" tabIndex={-1} aria-disabled={reason !== ""} title={reason} onClick={() => choose(operation)}
+                  onFocus={() => consider(operation)} onPointerEnter={() => consider(operation)}
+                >
+                  <span>{operation.label()}</span><kbd>{operation.keys}</kbd>
+                  {reason && <small class={GENERAL.has(reason) ? "general" : ""}>{reason}</small>}
+                  {warning && looked.value === operation.id && <small class={`outlook ${levelOf(outlook)}`}>⚠ {warning}</small>}
+                </button>
+              );
+            })}
+          </div>
+        ))}
+      </div>
+      <p class="unseen" role="status">{warning}</p>
+    </>
   );
 }
 
@@ -82,12 +96,9 @@ export function Help() {
     ...operations.map((operation) => ({ group: operation.group, keys: operation.keys, text: treeTexts.operation[operation.id] })),
     ...treeTexts.pageKeys,
   ];
-  const closed = () => {
-    help.value = false;
-    focusPicture();
-  };
+  // The browser gives the focus back to what had it.
   return (
-    <dialog class="help" ref={dialog} aria-label={treeTexts.helpTitle} onClose={closed}>
+    <dialog class="help" ref={dialog} aria-label={treeTexts.helpTitle} onClose={() => { help.value = false; }}>
       <form method="dialog"><h2>{treeTexts.helpTitle}</h2><button aria-label={treeTexts.close} title={treeTexts.close}>×</button></form>
       <div class="help-groups">
         {[...Map.groupBy(rows, (row) => row.group)].map(([group, items]) => (

@@ -1,8 +1,9 @@
 // What can be done with the selected nodes: the same list for keys, the menu and the help.
 
-import type { Command, DrawnNode, EditResult, Place } from "./protocol";
-import { chooseCall, toggleBreakpoints } from "./live";
-import { actions, drawing, live, message, reasonOf, selection, start, tree as shownTree } from "./state";
+import type { Making } from "./preview";
+import type { Command, DrawnNode, EditResult, PaletteItem, Place } from "./protocol";
+import { chooseCall, release, toggleBreakpoints } from "./live";
+import { actions, drawing, live, message, reasonOf, refuse, selection, start, tree as shownTree } from "./state";
 import { modelForm, prompt, quick } from "./quick_state";
 import { canWrap, placeOfTree, type Structure } from "./tree";
 import { treeTexts } from "./texts";
@@ -10,7 +11,7 @@ import { view } from "./view";
 
 export type OperationId =
   | "insert" | "wrap" | "unwrap" | "type" | "rename" | "toggle" | "duplicate" | "copy" | "cut" | "paste" | "remove"
-  | "earlier" | "later" | "out" | "in" | "extract" | "inline" | "model" | "open" | "text" | "fold" | "breakpoint";
+  | "earlier" | "later" | "out" | "in" | "extract" | "inline" | "model" | "open" | "text" | "fold" | "breakpoint" | "release";
 
 export interface Operation {
   id: OperationId;
@@ -20,6 +21,8 @@ export interface Operation {
   group: "edit" | "clipboard" | "move" | "tree" | "view";
   /** Return why the operation is not possible, or "". */
   refusal: () => string;
+  /** Return what `run` does, or why it is not possible; absent if `run` asks something first, or changes no text. */
+  command?: Making;
   run: () => unknown;
 }
 
@@ -36,6 +39,16 @@ export function chosen(): number[] {
 const node = (index: number): DrawnNode => structure()!.nodes[index]!;
 const places = (indices: readonly number[]): Place[] => indices.map((index) => node(index).place);
 export const edit = (command: Command): Promise<EditResult | null> => actions.edit(command);
+
+/** Do what a command says, or show why it is not possible. */
+function perform(command: Command | string): unknown {
+  if (typeof command !== "string") return edit(command);
+  refuse(command);
+  return undefined;
+}
+
+/** The part of an operation that does a command at once. */
+const doing = (command: () => Command | string) => ({ command, run: () => perform(command()) });
 
 const refusals = {
   readOnly: () => start.value?.readOnly ? treeTexts.refusal.readOnly : "",
@@ -86,21 +99,20 @@ export function cursor(): number {
   return found?.at(selection.value.at(-1) ?? "") ?? -1;
 }
 
-/** Add a node of a type at the cursor; by default in the best place. */
-export function addAtCursor(id: string, kind: DrawnNode["kind"], wanted: Where | null = null): void {
-  inTurn(() => {
-    const where = wanted ?? wheres(kind)[0];
-    const at = where && target(where);
-    if (start.value?.readOnly) message.value = treeTexts.refusal.readOnly;
-    else if (!at) message.value = treeTexts.refusal.noPlace;
-    else if (where === "around" && cursor() >= 0) return wrapChosen(id);
-    else return edit({ kind: "add", ...at, id });
-    return undefined;
-  });
+/** Return the command that does something with a node type at the cursor, or why it is not possible. */
+export function commandOf(mode: "insert" | "wrap" | "type", { id, kind }: PaletteItem, wanted: Where | null = null): Command | string {
+  if (start.value?.readOnly) return treeTexts.refusal.readOnly;
+  if (mode === "type") return { kind: "change_type", node: node(cursor()).place, id };
+  const where = mode === "wrap" ? "around" : wanted ?? wheres(kind)[0];
+  const at = where && target(where);
+  if (!at) return treeTexts.refusal.noPlace;
+  return where === "around" && cursor() >= 0 ? { kind: "wrap", nodes: places(chosen()), id } : { kind: "add", ...at, id };
 }
 
-export const wrapChosen = (id: string) => edit({ kind: "wrap", nodes: places(chosen()), id });
-export const changeType = (id: string) => edit({ kind: "change_type", node: node(cursor()).place, id });
+/** Do something with a node type at the cursor: by default in the best place. */
+export function applyType(mode: "insert" | "wrap" | "type", item: PaletteItem, wanted: Where | null = null): void {
+  inTurn(() => perform(commandOf(mode, item, wanted)));
+}
 
 const last = (parent: number) => ({ parent: node(parent).place, index: structure()!.children[parent]!.length });
 
@@ -142,24 +154,32 @@ export async function copy(): Promise<void> {
   }
 }
 
+const removing = (): Command => ({ kind: "remove", nodes: places(chosen()) });
+
 async function cut(): Promise<void> {
-  const nodes = places(chosen());
+  const removal = removing();
   await copy();
-  await edit({ kind: "remove", nodes });
+  await edit(removal);
+}
+
+/** Return the command that pastes XML at the cursor, or why it is not possible. */
+function pasting(xml: string): Command | string {
+  const where = wheres("action")[0];
+  const at = where && target(where);
+  if (!xml.trim()) return treeTexts.nothingToPaste;
+  return at ? { kind: "paste", ...at, xml: xml.trim() } : treeTexts.refusal.noPlace;
 }
 
 /** Paste XML at the cursor; without a text, that of the clipboard. */
 export async function paste(xml?: string): Promise<void> {
-  let text = xml;
-  if (text === undefined) {
-    try { text = await navigator.clipboard.readText(); } catch { text = copied; }
-  }
-  text = text?.trim();
-  if (!text) { message.value = treeTexts.nothingToPaste; return; }
-  const where = wheres("action")[0];
-  const at = where && target(where);
-  if (!at) { message.value = treeTexts.refusal.noPlace; return; }
-  await edit({ kind: "paste", ...at, xml: text });
+  await perform(pasting(xml ?? await navigator.clipboard.readText().catch(() => copied)));
+}
+
+/** Return the command that pastes the clipboard; null if the browser would ask the user for the permission to read it. */
+async function pastingClipboard(): Promise<Command | string | null> {
+  const name = "clipboard-read" as PermissionName; // Chromium's
+  const permission = await navigator.permissions.query({ name }).catch(() => null);
+  return permission?.state === "granted" ? pasting(await navigator.clipboard.readText()) : null;
 }
 
 // --- movement
@@ -195,10 +215,10 @@ function movement(direction: Movement): { parent: number; index: number } | stri
   return treeTexts.refusal.noParent;
 }
 
-function move(direction: Movement): unknown {
+function moveTo(direction: Movement): Command | string {
   const place = movement(direction);
-  if (typeof place === "string") { message.value = place; return undefined; }
-  return edit({ kind: "move", nodes: places(chosen()), parent: node(place.parent).place, index: place.index });
+  if (typeof place === "string") return place;
+  return { kind: "move", nodes: places(chosen()), parent: node(place.parent).place, index: place.index };
 }
 
 function moving(id: Movement, keys: string): Operation {
@@ -210,7 +230,7 @@ function moving(id: Movement, keys: string): Operation {
       const place = movement(id);
       return typeof place === "string" ? place : "";
     },
-    run: () => move(id),
+    ...doing(() => moveTo(id)),
   };
 }
 
@@ -237,13 +257,13 @@ export const operations: readonly Operation[] = [
       const found = structure()!;
       const index = chosen()[0]!;
       if (node(index).calls) return treeTexts.refusal.callUnwrap;
-      if (node(index).leaf) return treeTexts.refusal.noChildren;
+      if (node(index).leaf) return treeTexts.refusal.leafUnwrap;
       const count = found.children[index]!.length;
       if (found.isRoot(index)) return count > 1 ? treeTexts.refusal.oneRoot : "";
       const parent = found.parent(index);
       return found.canTake(parent, count, [index]) ? "" : treeTexts.refusal.full(node(parent));
     },
-    run: () => edit({ kind: "unwrap", node: node(chosen()[0]!).place }),
+    ...doing(() => ({ kind: "unwrap", node: node(chosen()[0]!).place })),
   },
   {
     id: "type", keys: "T", group: "edit", label: () => treeTexts.operation.type,
@@ -257,32 +277,31 @@ export const operations: readonly Operation[] = [
       const { name, id } = node(chosen()[0]!);
       prompt.value = {
         label: treeTexts.nodeName, value: name === id ? "" : name,
-        accept: (text) => edit({ kind: "set", node: node(cursor()).place, name: "name", text: text || null }),
+        command: (text) => ({ kind: "set", node: node(cursor()).place, name: "name", text: text || null }),
       };
     },
   },
   {
     id: "toggle", keys: "E", group: "edit", label: () => allDisabled() ? treeTexts.operation.enable : treeTexts.operation.disable,
     refusal: () => refusals.some() || refusals.format(),
-    run: () => {
+    ...doing(() => {
       const isEnabling = allDisabled();
       const nodes = chosen().filter((index) => node(index).disabled === isEnabling);
-      return edit({ kind: isEnabling ? "enable" : "disable", nodes: places(nodes) });
-    },
+      return { kind: isEnabling ? "enable" : "disable", nodes: places(nodes) };
+    }),
   },
   {
     id: "duplicate", keys: "Ctrl+D", group: "edit", label: () => treeTexts.operation.duplicate,
     refusal: () => refusals.some() || isFull(chosen()),
-    run: () => edit({ kind: "duplicate", nodes: places(chosen()) }),
+    ...doing(() => ({ kind: "duplicate", nodes: places(chosen()) })),
   },
   {
     id: "remove", keys: "Delete", group: "edit", label: () => treeTexts.operation.remove,
-    refusal: refusals.some,
-    run: () => edit({ kind: "remove", nodes: places(chosen()) }),
+    refusal: refusals.some, ...doing(removing),
   },
   {
     id: "cut", keys: "Ctrl+X", group: "clipboard", label: () => treeTexts.operation.cut,
-    refusal: refusals.some, run: cut,
+    refusal: refusals.some, command: removing, run: cut,
   },
   {
     id: "copy", keys: "Ctrl+C", group: "clipboard", label: () => treeTexts.operation.copy,
@@ -291,7 +310,7 @@ export const operations: readonly Operation[] = [
   {
     id: "paste", keys: "Ctrl+V", group: "clipboard", label: () => treeTexts.operation.paste,
     refusal: () => refusals.readOnly() || (wheres("action").length ? "" : treeTexts.refusal.noPlace),
-    run: () => paste(),
+    command: pastingClipboard, run: () => paste(),
   },
   moving("earlier", "Alt+←"),
   moving("later", "Alt+→"),
@@ -303,14 +322,14 @@ export const operations: readonly Operation[] = [
     run: () => {
       prompt.value = {
         label: treeTexts.treeId, value: "",
-        accept: (text) => text ? edit({ kind: "extract", node: node(cursor()).place, id: text }) : undefined,
+        command: (text) => text ? { kind: "extract", node: node(cursor()).place, id: text } : null,
       };
     },
   },
   {
     id: "inline", keys: "Shift+X", group: "tree", label: () => treeTexts.operation.inline,
     refusal: () => refusals.single() || (node(chosen()[0]!).calls ? "" : treeTexts.refusal.noCall),
-    run: () => edit({ kind: "inline", node: node(chosen()[0]!).place }),
+    ...doing(() => ({ kind: "inline", node: node(chosen()[0]!).place })),
   },
   {
     id: "model", keys: "N", group: "tree", label: () => treeTexts.operation.model,
@@ -339,6 +358,11 @@ export const operations: readonly Operation[] = [
       ? treeTexts.operation.noBreakpoint : treeTexts.operation.breakpoint,
     refusal: () => !start.value?.live ? treeTexts.refusal.notLive : cursor() >= 0 ? "" : treeTexts.refusal.noSelection,
     run: () => toggleBreakpoints([node(cursor()).key]),
+  },
+  {
+    id: "release", keys: "C", group: "view", label: () => treeTexts.continue,
+    refusal: () => live.value?.stopped ? "" : treeTexts.refusal.notStopped,
+    run: release,
   },
 ];
 
@@ -372,7 +396,7 @@ export function run(id: OperationId): void {
   const step = () => {
     const operation = byId.get(id)!;
     const reason = operation.refusal();
-    if (reason) message.value = reason;
+    if (reason) refuse(reason);
     return reason ? undefined : operation.run();
   };
   if (POPUPS.has(id)) step();

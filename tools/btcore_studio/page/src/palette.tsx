@@ -4,7 +4,8 @@ import { useSignal } from "@preact/signals";
 import { pressItem } from "./drag";
 import { search } from "./fuzzy";
 import { lastUsed, noteUse } from "./last_used";
-import { addAtCursor, run } from "./operations";
+import { commandOf, run, applyType } from "./operations";
+import { usePreview, Warning } from "./preview";
 import type { PaletteItem } from "./protocol";
 import { modelForm } from "./quick_state";
 import { palette, start } from "./state";
@@ -34,7 +35,7 @@ export function Highlighted({ text, at }: { text: string; at: readonly number[] 
 const isOwn = (group: readonly { item: PaletteItem }[]): boolean => group.some(({ item }) => item.isEditable || item.kind === "subtree");
 
 /** What an item is for, and its ports. */
-const describe = ({ about, ports }: PaletteItem): string => [
+const textOf = ({ about, ports }: PaletteItem): string => [
   ...(about ? [about] : []),
   ...ports.map(({ name, direction, type, default: text, about }) =>
     `${SIGNS[direction]} ${name}${type && `: ${type}`}${text && ` = ${text}`}${about && `, ${about}`}`),
@@ -43,13 +44,18 @@ const describe = ({ about, ports }: PaletteItem): string => [
 /** Insert a node at the cursor, in the first place that is possible. */
 function insert(item: PaletteItem): void {
   noteUse(item.id);
-  addAtCursor(item.id, item.kind);
+  applyType("insert", item);
 }
 
 /** The palette: drag an item into the picture, or insert it at the selected node by a click or Enter. */
 export function Palette() {
   const words = useSignal("");
   const about = useSignal("");
+  const [outlook, look] = usePreview();
+  const describe = (item: PaletteItem) => {
+    about.value = textOf(item);
+    look(() => commandOf("insert", item));
+  };
   const current = useSignal("");
   const items = palette.value.items.toSorted((a, b) => KINDS.indexOf(a.kind) - KINDS.indexOf(b.kind) || a.id.localeCompare(b.id));
   const byId = new Map(items.map((item) => [item.id, item]));
@@ -92,8 +98,8 @@ export function Palette() {
   ) : insertButton(item, at);
   const insertButton = (item: PaletteItem, at: readonly number[]) => (
     <button
-      key={item.id} class="palette-item" data-id={item.id} title={describe(item)} aria-describedby="palette-about"
-      tabIndex={item.id === stop ? 0 : -1} onFocus={() => { about.value = describe(item); current.value = item.id; }} onPointerEnter={() => { about.value = describe(item); }}
+      key={item.id} class="palette-item" data-id={item.id} title={textOf(item)} aria-describedby="palette-about"
+      tabIndex={item.id === stop ? 0 : -1} onFocus={() => { describe(item); current.value = item.id; }} onPointerEnter={() => describe(item)} onPointerLeave={() => look(null)} onBlur={() => look(null)}
     >
       <Symbol item={item} /><Highlighted text={item.id} at={at} />
     </button>
@@ -116,7 +122,10 @@ export function Palette() {
           <details key={group} open><summary>{group}</summary>{found.map(({ item, at }) => button(item, at))}</details>
         ))}
       </div>
-      <p id="palette-about" class="about">{about.value || treeTexts.paletteHint}</p>
+      <div class="about">
+        <Warning outlook={outlook} />
+        <p id="palette-about">{about.value || treeTexts.paletteHint}</p>
+      </div>
     </section>
   );
 }

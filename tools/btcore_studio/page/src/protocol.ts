@@ -38,17 +38,33 @@ export interface DrawingParams extends Document {
   /** The keys of the nodes whose children are hidden. */
   folded: string[];
   /** The key of the running SubTree node whose tree this is. The keys of the drawn nodes are then those of the nodes below it. */
-  call?: string;
-  /** Whether the drawing contains its style sheet and the descriptions of the nodes, so that it can be saved. */
+  call: string;
+  /** The number of the drawing that the page has: its nodes that have only moved are not sent again. */
+  since?: number;
+  /** Whether the SVG is the whole drawing, with its style sheet and the descriptions of the nodes, so that it can be saved. */
   styled?: boolean;
 }
+
+/** A node of the earlier drawing: its index, its index there, and what may have changed. A null edge is the same. */
+export type MovedNode = [
+  index: number, before: number, parent: number, line: number, character: number, endLine: number, endCharacter: number,
+  x: number, y: number, edge: string | null,
+];
 
 export interface Drawing {
   tree: string;
   format: 3 | 4;
-  /** Groups of nodes have the attribute `data-uid`: 1 + the index in *nodes*. */
+  number: number;
+  /** The SVG without cards and edges, or with `styled` the whole. */
   svg: string;
+  /** Where the coordinates of the cards begin in the SVG. */
+  left: number;
+  top: number;
+  width: number;
+  height: number;
   nodes: DrawnNode[];
+  /** The nodes that are not in *nodes*; `complete` in picture.ts adds them. */
+  moved: MovedNode[];
   /** The description of each node type in *nodes* by its ID. */
   about: Record<string, string>;
   trees: TreeSummary[];
@@ -78,6 +94,15 @@ export interface DrawnNode {
   disabled: boolean;
   /** How many children the node may have: [minimum, maximum]; null is no limit. */
   children: [number, number | null];
+  /** The card, in units of the drawing. */
+  x: number;
+  y: number;
+  width: number;
+  height: number;
+  /** The SVG of the card without its number; "" below a folded node. */
+  card: string;
+  /** The path from the parent, relative to (x, y); "" for the root. */
+  edge: string;
 }
 
 export interface TreeSummary { id: string; place: Place; callers: string[]; isMain: boolean }
@@ -133,7 +158,8 @@ export interface Field {
 // --- btcore/edit: EditParams → EditResult. An operation that cannot be applied is an error with the reason.
 // Its data may have the *field* of a node type's form to which the reason belongs: "id", or "ports/0/name".
 
-export interface EditParams { command: Command; versions?: Drawing["versions"] }
+/** *drawing* is what to draw after the edit. */
+export interface EditParams { command: Command; drawing?: DrawingParams; versions?: Drawing["versions"] }
 
 export type Command =
   | { kind: "add"; parent: Place; index: number; id: string }
@@ -165,6 +191,8 @@ export interface EditResult {
   select: Place[];
   /** New warnings, and what a pasted text misses. */
   notes: string[];
+  /** Null if it was not requested, or if the edit changes no document or others than the drawn one. */
+  drawing: Drawing | null;
 }
 
 // --- btcore/preview: EditParams → Preview: the problems that an operation would add.
@@ -232,6 +260,44 @@ export interface Moment {
   problem: string;
 }
 
+// --- btcore/comparison { tree } → Comparison; only if the studio compares two versions of a file (see Start.versions).
+// The notification btcore/compared: one of the files has changed.
+
+export type Change = "added" | "removed" | "moved" | "changed";
+
+export interface Comparison {
+  /** The IDs of the trees that can be shown. */
+  trees: string[];
+  tree: string;
+  /** The drawings; null if a version has not the tree. */
+  old: Drawing | null;
+  new: Drawing | null;
+  /** For each version, why its text is not XML, or "". */
+  broken: [string, string];
+  /** The indices of each node that both drawings show. */
+  pairs: [old: number, new: number][];
+  differences: Difference[];
+}
+
+export interface Difference {
+  changes: Change[];
+  /** The tree in which the difference is; "" for the rest of the document. */
+  tree: string;
+  id: string;
+  name: string;
+  /** The number of nodes that were added or removed with it. */
+  count: number;
+  /** The name "" is the ID of the node itself. */
+  attributes: [name: string, old: string | null, new: string | null][];
+  /** If the node was moved, its places. Numbers of children begin with 1. */
+  spots: [Spot, Spot] | null;
+  /** The indices of the nodes in the drawings. */
+  old: number[];
+  new: number[];
+}
+
+export interface Spot { parent: string; number: number }
+
 // --- only in the browser: the shared files of all pages -------------------------------------------------------
 // The page's address is http://127.0.0.1:PORT/TOKEN/, with studio.js and studio.css beside it. "socket" beside it
 // is the WebSocket; each of its text messages is one message of JSON-RPC.
@@ -248,6 +314,8 @@ export interface Start {
   /** The address that is proposed. */
   address?: string;
   recording: Recording | null;
+  /** If two versions of a file are compared: their names; "" if there is no file. Then there is no document. */
+  versions?: [old: string, new: string] | null;
 }
 
 /** btcore/files: {} → SharedFile[]; the notification btcore/files has the same list, after a change. */
@@ -263,7 +331,7 @@ export interface SharedText { text: string; version: number; unsaved: boolean }
  */
 export interface Pushed { uri: string; version: number; edits: TextEdit[] }
 
-/** btcore/save: { uri } → null, or fails with a reason. btcore/create: { name, text } → { uri }. */
+/** btcore/save: { uri } → whether the text was written, or fails with a reason. btcore/create: { name, text } → { uri }. */
 /** The notification btcore/disk: a file changed on disk while it had unsaved changes that overlap. */
 export interface DiskConflict { uri: string; text: string }
 /** btcore/resolve: { uri, keep: "disk" | "page" } → null. */

@@ -4,8 +4,9 @@ import { useSignal } from "@preact/signals";
 import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { search } from "./fuzzy";
 import { lastUsed, noteUse } from "./last_used";
-import { addAtCursor, changeType, inTurn, type Where, wheres, wrapChosen } from "./operations";
+import { commandOf, edit, inTurn, applyType, type Where, wheres } from "./operations";
 import { Highlighted, Symbol } from "./palette";
+import { usePreview, Warning } from "./preview";
 import type { NodeForm, PaletteItem } from "./protocol";
 import { prompt, quick } from "./quick_state";
 import { actions, palette, selectedNode } from "./state";
@@ -74,21 +75,33 @@ function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
     noteUse(item.id);
     const wanted = where.value && places.includes(where.value) ? where.value : null;
     close();
-    if (mode === "insert") addAtCursor(item.id, item.kind, wanted);
-    else inTurn(() => mode === "wrap" ? wrapChosen(item.id) : changeType(item.id));
+    applyType(mode, item, wanted);
   };
+  const [outlook, look] = usePreview();
+  useEffect(() => look(chosenItem ? () => commandOf(mode, chosenItem, place) : null), [chosenItem, place]);
   const key = (event: KeyboardEvent) => {
     const step = { ArrowDown: 1, ArrowUp: -1, PageDown: 8, PageUp: -8 }[event.key];
+    const isAtPlaces = (event.target as Element).closest(".wheres") !== null;
     const chosenPlace = event.altKey
       ? ({ ArrowDown: "child", ArrowUp: "around", ArrowLeft: "before", ArrowRight: "after" } as const)[event.key as "ArrowUp"] : undefined;
     if (chosenPlace) { if (places.includes(chosenPlace)) where.value = chosenPlace; }
     else if (step) at.value = Math.max(0, Math.min(matches.length - 1, at.value + step));
-    else if (event.key === "Enter") accept(chosenItem);
+    else if (event.key === "Tab") {
+      // Tab goes to the choice of the place and back; it does not lose what was typed.
+      const stops = [...ref.current!.querySelectorAll<HTMLElement>("input, [aria-checked=true]")];
+      stops[(stops.indexOf(document.activeElement as HTMLElement) + 1) % stops.length]?.focus();
+    } else if (isAtPlaces && (event.key === "ArrowLeft" || event.key === "ArrowRight")) {
+      const next = places.indexOf(place!) + (event.key === "ArrowLeft" ? -1 : 1);
+      where.value = places[(next + places.length) % places.length]!;
+    } else if (event.key === "Enter") accept(chosenItem);
     else if (event.key === "Escape") close();
     else return;
     event.preventDefault();
     event.stopPropagation();
   };
+  useLayoutEffect(() => {
+    if (document.activeElement?.closest(".wheres")) ref.current?.querySelector<HTMLElement>("[aria-checked=true]")?.focus();
+  }, [place]);
   useEffect(() => {
     ref.current?.querySelector("[aria-selected=true]")?.scrollIntoView({ block: "nearest" });
   }, [at.value, words.value]);
@@ -113,14 +126,15 @@ function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
         ))}
         {!matches.length && <li class="none">{treeTexts.noneFound}</li>}
       </ul>
+      <Warning outlook={outlook} />
       {chosenItem?.about && <p class="about">{firstSentence(chosenItem.about)}</p>}
       {places.length > 1 && (
         <div class="wheres" role="radiogroup" aria-label={treeTexts.where}>
           {places.map((name) => (
             <button
-              key={name} type="button" role="radio" aria-checked={name === place} title={treeTexts.whereKeys[name]} tabIndex={-1}
+              key={name} type="button" role="radio" aria-checked={name === place} tabIndex={name === place ? 0 : -1}
               onPointerDown={(event) => event.preventDefault()} onClick={() => { where.value = name; }}
-            >{treeTexts.wheres[name]}</button>
+            >{treeTexts.wheres[name]}<kbd>{treeTexts.whereKeys[name]}</kbd></button>
           ))}
         </div>
       )}
@@ -132,14 +146,16 @@ const firstSentence = (text: string) => /^[^]*?[.!?](?=\s|$)/.exec(text)?.[0] ??
 
 function Prompt() {
   const { ref } = usePlace();
-  const { label, value, accept } = prompt.value!;
+  const { label, value, command } = prompt.value!;
+  const [outlook, look] = usePreview();
   // Keys that follow at once are for the field.
   useLayoutEffect(() => { ref.current?.querySelector("input")?.select(); }, []);
   const key = (event: KeyboardEvent) => {
     if (event.key === "Enter") {
       const text = (event.target as HTMLInputElement).value.trim();
       close();
-      if (text !== value) inTurn(() => accept(text));
+      const wanted = text === value ? null : command(text);
+      if (wanted) inTurn(() => edit(wanted));
     } else if (event.key === "Escape") close();
     else return;
     event.preventDefault();
@@ -147,7 +163,11 @@ function Prompt() {
   };
   return (
     <div class="popup prompt" ref={ref} role="dialog" aria-label={label}>
-      <label>{label}<input defaultValue={value} spellcheck={false} onKeyDown={key} onBlur={() => { prompt.value = null; }} /></label>
+      <label>{label}<input
+        defaultValue={value} spellcheck={false} onKeyDown={key} onBlur={() => { prompt.value = null; }}
+        onInput={(event) => { const text = event.currentTarget.value.trim(); look(text === value ? null : () => command(text)); }}
+      /></label>
+      <Warning outlook={outlook} />
     </div>
   );
 }

@@ -1,13 +1,13 @@
 // What the popups at the selected node show.
 
 import { signal } from "@preact/signals";
-import type { PaletteItem } from "./protocol";
+import type { Command, PaletteItem } from "./protocol";
 
 /** The list of node types: to insert a node, to wrap the selected nodes, or to change the type of a node. */
 export const quick = signal<{ mode: "insert" | "wrap" | "type" } | null>(null);
 
-/** A field at the selected node. */
-export const prompt = signal<{ label: string; value: string; accept: (text: string) => unknown } | null>(null);
+/** A field at the selected node: *command* returns what its text leads to, or null. */
+export const prompt = signal<{ label: string; value: string; command: (text: string) => Command | null } | null>(null);
 
 export const menu = signal<{ x: number; y: number } | null>(null);
 export const help = signal(false);

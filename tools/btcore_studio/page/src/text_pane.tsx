@@ -4,7 +4,7 @@ import {
   autocompletion, closeBrackets, closeBracketsKeymap, type Completion, type CompletionContext, completionKeymap,
   type CompletionResult, snippet,
 } from "@codemirror/autocomplete";
-import { defaultKeymap, indentWithTab } from "@codemirror/commands";
+import { defaultKeymap } from "@codemirror/commands";
 import { xml } from "@codemirror/lang-xml";
 import {
   bracketMatching, codeFolding, foldGutter, foldKeymap, HighlightStyle, indentOnInput, syntaxHighlighting,
@@ -385,8 +385,19 @@ const extensions = (home: BrowserHome): Extension => [
     { key: "F12", run: goToDefinition },
     { key: "F2", run: startRename },
     { key: "Mod-.", run: offerFixes },
-    ...closeBracketsKeymap, ...completionKeymap, ...searchKeymap, ...foldKeymap, ...lintKeymap, ...defaultKeymap, indentWithTab,
+    ...closeBracketsKeymap, ...completionKeymap, ...searchKeymap, ...foldKeymap, ...lintKeymap,
+    // Tab moves the focus. Mod-] and Mod-[ indent.
+    ...defaultKeymap,
   ]),
+  EditorView.scrollHandler.of((view, { head }) => {
+    // The text follows the picture without moving the page.
+    if (view.hasFocus) return false;
+    const { scrollDOM } = view;
+    const { top, bottom } = view.lineBlockAt(head);
+    const margin = Math.min(60, scrollDOM.clientHeight / 3);
+    scrollDOM.scrollTop = Math.max(bottom + margin - scrollDOM.clientHeight, Math.min(scrollDOM.scrollTop, top - margin));
+    return true;
+  }),
 ];
 
 // --- problems
@@ -450,7 +461,7 @@ export function TextPane({ home }: { home: BrowserHome }) {
       const doc = home.documents.text(address);
       view.setState(known?.doc.eq(doc) ? known : EditorState.create({
         doc, selection: known ? EditorSelection.cursor(Math.min(known.selection.main.head, doc.length)) : EditorSelection.cursor(0),
-        extensions: [extensions(home), EditorView.contentAttributes.of({ "aria-label": label, "aria-description": texts.leaveEditor, tabindex: "0", spellcheck: "false" })],
+        extensions: [extensions(home), EditorView.contentAttributes.of({ "aria-label": label, tabindex: "0", spellcheck: "false" })],
       }));
       showMarks();
       showStops();

@@ -52,6 +52,7 @@ async function exportDrawing(home: Home, format: Format): Promise<void> {
     const content = new Blob([shown.svg], { type: "image/svg+xml" });
     const name = shown.tree.replace(/[^\p{L}\p{N}_.-]+/gu, "_") || "tree";
     await home.export(`${name}.${format}`, format === "svg" ? content : await rasterize(content));
+    if (home.documents) message.value = texts.exported(`${name}.${format}`);
   } catch (error) {
     message.value = texts.exportRefused(reasonOf(error));
   }
@@ -72,6 +73,14 @@ async function rasterize(svg: Blob): Promise<Blob> {
   } finally {
     URL.revokeObjectURL(image.src);
   }
+}
+
+export function Themes() {
+  return (
+    <select aria-label={texts.theme} value={theme.value} onChange={(event) => { theme.value = event.currentTarget.value as Theme; }}>
+      {THEMES.map((name) => <option key={name} value={name}>{texts.themes[name]}</option>)}
+    </select>
+  );
 }
 
 /** File, commands and settings. */
@@ -109,12 +118,7 @@ export function Toolbar({ home }: { home: Home }) {
           <button key={name} aria-pressed={!hiddenPanes.value.has(name)} onClick={() => togglePane(name)}>{texts.paneNames[name]}</button>
         ))}
       </div>
-      {home.documents && (
-        <select aria-label={texts.theme} value={theme.value}
-          onChange={(event) => { theme.value = event.currentTarget.value as Theme; }}>
-          {THEMES.map((name) => <option key={name} value={name}>{texts.themes[name]}</option>)}
-        </select>
-      )}
+      {home.documents && <Themes />}
     </>
   );
 }

@@ -82,3 +82,34 @@ export const canWrap = (kind: DrawnNode["kind"]): boolean => kind === "control" 
 export function placeOfTree(drawing: Drawing): Place | null {
   return drawing.trees.find((tree) => tree.id === drawing.tree)?.place ?? null;
 }
+
+/** Return the positions of the items that need not move so that all items rise. */
+export function longestRise(items: readonly number[]): Set<number> {
+  const ends: number[] = [], before: number[] = [];
+  items.forEach((item, position) => {
+    let [low, high] = [0, ends.length];
+    while (low < high) {
+      const middle = (low + high) >> 1;
+      if (items[ends[middle]!]! < item) low = middle + 1;
+      else high = middle;
+    }
+    before[position] = ends[low - 1] ?? -1;
+    ends[low] = position;
+  });
+  const found = new Set<number>();
+  for (let at = ends.at(-1) ?? -1; at >= 0; at = before[at]!) found.add(at);
+  return found;
+}
+
+/** Put elements into a parent before *end*, in their order, and move as few as possible. */
+export function inOrder(parent: Element, elements: readonly Element[], end: Element): void {
+  const places = new Map(Array.from(parent.children, (element, place) => [element, place]));
+  const present = elements.filter((element) => places.has(element));
+  const rise = longestRise(present.map((element) => places.get(element)!));
+  const staying = new Set(present.filter((_, position) => rise.has(position)));
+  let next: Element = end;
+  for (const element of elements.toReversed()) {
+    if (!staying.has(element)) parent.insertBefore(element, next);
+    next = element;
+  }
+}

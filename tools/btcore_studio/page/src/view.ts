@@ -1,12 +1,12 @@
 // The picture of the tree as elements: only visible cards exist. No card has listeners of its own.
 
-import { effect, signal } from "@preact/signals";
+import { effect, type ReadonlySignal, type Signal, signal } from "@preact/signals";
 import { liveIndex, statuses } from "./live";
-import { type Box, type Card, type Picture, outline, overlaps, parsePicture } from "./picture";
-import type { Drawing } from "./protocol";
+import { around, type Box, outline, overlaps } from "./picture";
+import type { Change, Drawing, DrawnNode } from "./protocol";
 import { drawing, folded, live, selection, severities } from "./state";
-import { treeTexts } from "./texts";
-import { Structure } from "./tree";
+import { comparisonTexts, treeTexts } from "./texts";
+import { inOrder, Structure } from "./tree";
 
 const SVG = "http://www.w3.org/2000/svg";
 const MIN_ZOOM = 0.08;
@@ -17,6 +17,12 @@ const MANY = 250;
 /** Pixels around the visible part in which cards exist, too. */
 const MARGIN = 300;
 const MOVE_MS = 130;
+/** The symbols ▶ ✔ ✘ ↷ of the statuses, and that of a tree that waits at a breakpoint. */
+const MARKS: Record<string, string> = {
+  1: "M-1.8-3.2L3.4 0L-1.8 3.2Z", 2: "M-3.6 .2L-1.1 2.8L3.6-2.8", 3: "M-3-3L3 3M3-3L-3 3",
+  4: "M-3.6 2.4C-3-3 2-3.6 3.2 .8M.6 .4L3.3 1.4L4.2-1.4", stop: "M-1.8-3.2L-1.8 3.2M1.8-3.2L1.8 3.2",
+};
+const EMPTY = '<svg viewBox="0 0 100 100" width="100" height="100"><g></g></svg>';
 
 export const query = signal("");
 /** The keys of the nodes that match the query. */
@@ -29,32 +35,52 @@ export function draw(tag: string, attributes: Record<string, string | number>, .
   return element;
 }
 
+/** What a view shows. */
+interface Source {
+  drawing: ReadonlySignal<Drawing | null>;
+  selection: Signal<readonly string[]>;
+  folded: Signal<ReadonlySet<string>>;
+  /** How the nodes differ from those of another version, by key. A view with changes is not edited. */
+  changes?: ReadonlySignal<ReadonlyMap<string, readonly Change[]>>;
+  /** Begins the IDs of elements. */
+  prefix: string;
+}
+
+const PAGE: Source = { drawing, selection, folded, prefix: "node" };
+export const CHANGE_SIGNS: Record<Change, string> = { added: "+", removed: "−", moved: "↔", changed: "≠" };
+
+/** The elements of a card. They are kept in the next drawing if they have the same content. */
+interface Group { element: SVGGElement; content: string }
+
 export class View {
   drawing: Drawing | null = null;
   structure = new Structure([]);
   /** The box of each node in the drawing; undefined below a folded node. */
   boxes: (Box | undefined)[] = [];
   zoom = 0;
-  private picture: Picture = parsePicture("");
-  private cards: (Card | undefined)[] = [];
+  /** The indices of the nodes with cards. */
+  private cards: number[] = [];
   private svg: SVGSVGElement | null = null;
   private layer: Element | null = null;
+  /** The edges whose ends may be visible. */
+  private readonly edges = draw("path", { class: "edge" });
   /** Insertion marks and other passing shapes, above the cards. */
   readonly marks = draw("g", { class: "marks" });
-  private readonly groups = new Map<number, SVGGElement>();
+  /** The cards that exist, by the index of their node. */
+  private groups = new Map<number, Group>();
   private readonly foundKeys = new Set<string>();
   private refreshing = false;
   private readonly ends: (() => void)[] = [];
 
-  constructor(readonly frame: HTMLElement) {
+  constructor(readonly frame: HTMLElement, private readonly source = PAGE) {
     const later = () => this.refreshSoon();
     frame.addEventListener("scroll", later, { passive: true });
     const observer = new ResizeObserver(later);
     observer.observe(frame);
     this.ends.push(
       () => { frame.removeEventListener("scroll", later); observer.disconnect(); },
-      effect(() => this.show(drawing.value)),
-      effect(() => { void [selection.value, severities.value, live.value]; this.dressAll(); }),
+      effect(() => this.show(source.drawing.value)),
+      effect(() => { void [source.selection.value, source.changes?.value, severities.value, live.value]; this.dressAll(); }),
       effect(() => this.search(query.value)),
     );
   }
@@ -68,7 +94,7 @@ export class View {
   private show(next: Drawing | null): void {
     const before = this.drawing;
     if (next === before) return;
-    const cursor = selection.peek().at(-1) ?? "";
+    const cursor = this.source.selection.peek().at(-1) ?? "";
     const old = this.structure;
     const anchor = old.at(cursor);
     const oldBox = this.boxes[Math.max(0, anchor)];
@@ -78,20 +104,18 @@ export class View {
     const places = isMoving ? this.placesByKey() : null;
     this.drawing = next;
     if (!next) {
-      this.frame.querySelector("svg.picture")?.remove();
+      this.svg?.remove();
+      this.svg = null;
+      this.structure = new Structure([]);
+      this.boxes = [];
       return;
     }
-    const picture = parsePicture(next.svg);
     const structure = new Structure(next.nodes);
-    const isNew = picture.head !== this.picture.head || picture.tail !== this.picture.tail || !this.svg;
-    this.picture = picture;
     this.structure = structure;
-    this.cards = next.nodes.map(() => undefined);
-    for (const card of picture.cards) this.cards[card.number - 1] = card;
-    this.boxes = this.cards;
-    this.groups.clear();
-    if (isNew) this.build();
-    else for (const group of this.layer!.querySelectorAll(":scope > g[data-uid]")) group.remove();
+    this.boxes = next.nodes.map((node) => node.card ? node : undefined);
+    this.cards = [...this.boxes.keys()].filter((index) => this.boxes[index]);
+    if (next.svg !== before?.svg || !this.svg) this.build(next.svg);
+    this.reuse(old);
     if (!this.zoom || isOther || !old.nodes.length) this.zoom = this.startZoom();
     this.resize();
     const kept = this.keep(old, isOther);
@@ -111,7 +135,7 @@ export class View {
 
   /** Keep the selection where the keys have changed, by the nodes' places in the tree. Return the cursor's key. */
   private keep(old: Structure, isOther: boolean): string {
-    const keys = selection.peek();
+    const keys = this.source.selection.peek();
     if (isOther || keys.length === 0 || keys.some((key) => this.structure.at(key) >= 0)) return keys.at(-1) ?? "";
     let index = old.at(keys.at(-1)!);
     if (index < 0) return "";
@@ -124,29 +148,91 @@ export class View {
       at = children[Math.min(position, children.length - 1)]!;
     }
     const key = this.structure.nodes[at]?.key;
-    selection.value = key ? [key] : [];
+    this.source.selection.value = key ? [key] : [];
     return key ?? "";
   }
 
-  private build(): void {
+  /** Make what is around the cards and edges. */
+  private build(text: string): void {
     // Chromium parses HTML three times as fast as XML. The server has escaped every text of the drawing.
     const template = document.createElement("template");
-    template.innerHTML = this.picture.head + this.picture.tail || "<svg><g></g></svg>";
+    template.innerHTML = text || EMPTY;
     const svg = template.content.firstElementChild as SVGSVGElement;
     svg.classList.add("picture");
     svg.setAttribute("role", "none");
     svg.querySelector(":scope > title")?.remove();
-    svg.prepend(hatching());
-    this.svg?.remove();
-    this.svg = svg;
-    this.layer = svg.querySelector(":scope > g");
-    this.layer?.append(this.marks);
-    this.frame.append(svg);
+    const layer = svg.querySelector(":scope > g");
+    if (!this.svg || !this.layer || !layer) {
+      svg.prepend(hatching());
+      layer?.append(this.edges, this.marks);
+      this.svg?.remove();
+      this.svg = svg;
+      this.layer = layer;
+      this.groups.clear();
+      // Chromium makes groups of items that have an element without a role above them.
+      layer?.setAttribute("role", "none");
+      this.frame.append(svg);
+      return;
+    }
+    // The layer with the cards stays where it is, so that the cards keep their layout.
+    for (const name of ["viewBox", "width", "height"]) this.svg.setAttribute(name, svg.getAttribute(name)!);
+    this.layer.setAttribute("transform", layer.getAttribute("transform") ?? "");
+    for (const frame of this.layer.querySelectorAll(":scope > .frame")) frame.remove();
+    this.layer.prepend(...layer.children);
+    for (const other of [...this.svg.children]) if (other !== this.layer && other.tagName !== "defs") other.remove();
+    const around = [...svg.children];
+    const at = around.indexOf(layer);
+    this.layer.before(...around.slice(0, at));
+    this.layer.after(...around.slice(at + 1));
+  }
+
+  /** Keep the cards of the last drawing whose nodes and contents are the same, in their new places. */
+  private reuse(old: Structure): void {
+    const before = this.groups;
+    this.groups = new Map();
+    for (const [index, group] of before) {
+      const next = this.structure.at(old.nodes[index]!.key);
+      const node = this.structure.nodes[next];
+      if (node?.card && group.content === this.contentOf(node) && !this.groups.has(next)) this.place(next, group);
+      else group.element.remove();
+    }
+  }
+
+  /** What the elements of a card depend on, besides its place and its number. */
+  private contentOf({ card, id }: DrawnNode, isFar = this.isFar): string {
+    return isFar ? outline(card) : `${card}\n${this.drawing!.about[id] ?? ""}`;
+  }
+
+  private place(index: number, group: Group): void {
+    const { element } = group;
+    const { x, y } = this.structure.nodes[index]!;
+    this.groups.set(index, group);
+    const number = String(index + 1);
+    if (element.dataset.uid !== number) {
+      element.dataset.uid = number;
+      const written = element.querySelector(":scope > .uid");
+      if (written) written.textContent = number;
+    }
+    set(element, "transform", `translate(${x} ${y})`);
+    this.describe(index, element);
+    this.dress(index, element);
+  }
+
+  /** Whether the texts of the cards cannot be read, and are not drawn. */
+  private get isFar(): boolean {
+    return this.zoom < FAR && this.cards.length > MANY;
+  }
+
+  private get left(): number { return this.drawing?.left ?? 0; }
+  private get top(): number { return this.drawing?.top ?? 0; }
+
+  private get size(): { width: number; height: number } {
+    return this.drawing?.svg ? this.drawing : { width: 100, height: 100 };
   }
 
   private resize(): void {
-    this.svg?.setAttribute("width", String(Math.round(this.picture.width * this.zoom)));
-    this.svg?.setAttribute("height", String(Math.round(this.picture.height * this.zoom)));
+    this.svg?.setAttribute("width", String(Math.round(this.size.width * this.zoom)));
+    this.svg?.setAttribute("height", String(Math.round(this.size.height * this.zoom)));
   }
 
   private refreshSoon(): void {
@@ -158,58 +244,62 @@ export class View {
   /** Make the cards in the visible part, and remove the others. */
   refresh(): void {
     if (!this.layer || !this.svg) return;
-    const isFar = this.zoom < FAR && this.picture.cards.length > MANY;
-    const all = this.picture.cards.length <= MANY / 2;
+    const { isFar } = this;
+    const all = this.cards.length <= MANY / 2;
     const area = this.visible(MARGIN);
-    const cursor = this.structure.at(selection.peek().at(-1) ?? "");
-    const shown = this.picture.cards.filter((card) => all || card.number - 1 === cursor || overlaps(card, area));
-    const wanted = new Set(shown.map((card) => card.number - 1));
-    for (const [index, group] of this.groups) {
-      if (wanted.has(index) && (group.dataset.far === "1") === isFar) continue;
-      group.remove();
+    const cursor = this.structure.at(this.source.selection.peek().at(-1) ?? "");
+    const shown = this.cards.filter((index) => all || index === cursor || overlaps(this.boxes[index]!, area));
+    const wanted = new Set(shown);
+    for (const [index, { element }] of this.groups) {
+      if (wanted.has(index) && (element.dataset.far === "1") === isFar) continue;
+      element.remove();
       this.groups.delete(index);
     }
-    const missing = shown.filter((card) => !this.groups.has(card.number - 1));
+    const missing = shown.filter((index) => !this.groups.has(index));
+    const { nodes } = this.structure;
     if (missing.length) {
       const template = document.createElement("template");
-      template.innerHTML = `<svg>${missing.map((card) => isFar ? outline(card) : card.text).join("")}</svg>`;
-      Array.from(template.content.firstElementChild!.children).forEach((element, position) => {
-        const group = element as SVGGElement;
-        const index = missing[position]!.number - 1;
-        if (isFar) group.dataset.far = "1";
-        this.groups.set(index, group);
-        const about = this.drawing!.about[this.structure.nodes[index]!.id];
-        if (about) group.querySelector(":scope > title")?.append(`\n${about}`);
-        this.describe(index, group);
-        this.dress(index, group);
+      template.innerHTML = `<svg>${missing.map((index) => `<g>${isFar ? outline(nodes[index]!.card) : nodes[index]!.card}</g>`).join("")}</svg>`;
+      Array.from(template.content.firstElementChild!.children).forEach((made, position) => {
+        const element = made as SVGGElement;
+        const index = missing[position]!;
+        if (isFar) element.dataset.far = "1";
+        const about = this.drawing!.about[nodes[index]!.id];
+        if (about) element.querySelector(":scope > title")?.append(`\n${about}`);
+        this.place(index, { element, content: this.contentOf(nodes[index]!, isFar) });
       });
     }
     // The groups are in the order of the tree, for screen readers.
-    let next: Element | null = this.layer.querySelector(":scope > g[data-uid]") ?? this.marks;
-    for (const card of shown) {
-      const group = this.groups.get(card.number - 1)!;
-      if (group === next) next = group.nextElementSibling;
-      else this.layer.insertBefore(group, next);
-    }
+    inOrder(this.layer, shown.map((index) => this.groups.get(index)!.element), this.marks);
+    set(this.edges, "d", this.visibleEdges(area, all));
     this.markActive();
+  }
+
+  /** Return the edges in a part of the drawing as one path. An edge is in the box around both of its cards. */
+  private visibleEdges(area: Box, all: boolean): string {
+    return this.cards.map((index) => {
+      const { x, y, edge } = this.structure.nodes[index]!;
+      const [box, parent] = [this.boxes[index]!, this.boxes[this.structure.parent(index)]];
+      return edge && (all || (parent && overlaps(around(box, parent), area))) ? `M${x} ${y}${edge}` : "";
+    }).join("");
   }
 
   /** Describe a node to screen readers: a flat tree, whose items have levels and positions. */
   private describe(index: number, group: SVGGElement): void {
     const node = this.structure.nodes[index]!;
-    group.id = `node-${index + 1}`;
-    group.setAttribute("role", "treeitem");
-    group.setAttribute("aria-level", String(this.structure.levels[index]));
-    group.setAttribute("aria-posinset", String(this.structure.positions[index]));
-    group.setAttribute("aria-setsize", String(this.structure.siblings(index).length));
-    group.setAttribute("aria-label", treeTexts.nodeLabel(node, this.structure.disabled[index]!));
-    if (!node.leaf) group.setAttribute("aria-expanded", String(!node.hidden));
+    set(group, "id", `${this.source.prefix}-${index + 1}`);
+    set(group, "role", "treeitem");
+    set(group, "aria-level", String(this.structure.levels[index]));
+    set(group, "aria-posinset", String(this.structure.positions[index]));
+    set(group, "aria-setsize", String(this.structure.siblings(index).length));
+    if (node.leaf) group.removeAttribute("aria-expanded");
+    else set(group, "aria-expanded", String(!node.hidden));
   }
 
   /** Give a group the classes of its present state. */
   private dress(index: number, group: SVGGElement): void {
     const node = this.structure.nodes[index]!;
-    const keys = selection.peek();
+    const keys = this.source.selection.peek();
     const isSelected = keys.includes(node.key);
     const classes = ["node"];
     if (isSelected) classes.push("selected");
@@ -220,41 +310,71 @@ export class View {
     if (severity) classes.push(severity === 1 ? "error" : "warning");
     const state = live.peek();
     const isLive = Boolean(state?.connection) && liveIndex.peek().size > 0;
-    let spoken = severity ? treeTexts.severity[severity] : "";
+    const isStopped = isLive && state?.stopped === node.key;
+    const spoken = severity ? [treeTexts.severity[severity]] : [];
+    let status = "", result = "0";
+    const changes = this.source.changes?.peek().get(node.key) ?? [];
+    classes.push(...changes);
+    if (changes.length) spoken.splice(0, 1, comparisonTexts.list(changes));
+    const sign = changes.map((change) => CHANGE_SIGNS[change]).join(" ");
+    const badge = group.querySelector(":scope > .change");
+    if (badge?.lastElementChild?.textContent !== sign) {
+      badge?.remove();
+      if (sign) group.append(changeBadge(sign));
+    }
     if (isLive && state) {
       const at = liveIndex.peek().get(node.key);
-      const status = at === undefined ? "" : state.statuses[at] ?? "";
+      if (at !== undefined) status = state.statuses[at] ?? "";
+      if (status === "0") result = state.results[at!] ?? "0";
       classes.push(status === "" ? "absent" : `s${status}`);
-      const result = status === "0" ? state.results[at!] ?? "0" : "0";
-      if (result !== "0") classes.push(`r${result}`);
-      if (state.stopped === node.key) classes.push("stopped");
-      spoken = [status === "" ? treeTexts.absent : statuses[Number(status)], spoken].filter(Boolean).join(", ");
+      if (result !== "0") {
+        classes.push(`r${result}`);
+        spoken.unshift(treeTexts.lastResult(statuses[Number(result)]!));
+      }
+      if (isStopped) classes.push("stopped");
+      spoken.unshift(status === "" ? treeTexts.absent : statuses[Number(status)]!);
     }
+    this.mark(index, group, isStopped ? "stop" : result !== "0" ? result : status);
     const stop = state?.wanted.includes(node.key) ? (state.breakpoints.includes(node.key) ? "set" : "pending") : "";
     const dot = group.querySelector(":scope > .stop");
     if (stop && !dot) group.append(draw("circle", { class: "stop", r: 6.5 }));
     else if (!stop) dot?.remove();
     if (stop) group.querySelector(":scope > .stop")!.classList.toggle("pending", stop === "pending");
     const name = classes.join(" ");
-    if (group.getAttribute("class") !== name) group.setAttribute("class", name);
-    group.setAttribute("aria-selected", String(isSelected));
-    if (spoken) group.setAttribute("aria-description", spoken);
+    set(group, "class", name);
+    set(group, "aria-selected", String(isSelected));
+    set(group, "aria-label", treeTexts.nodeLabel(node, this.structure.disabled[index]!, stop, isStopped));
+    // The ports distinguish nodes with the same name.
+    spoken.push(...node.ports.map(([name, text]) => `${name} ${text}`));
+    if (spoken.length) set(group, "aria-description", spoken.join(", "));
     else group.removeAttribute("aria-description");
     this.dressButtons(index, group, keys.length === 1 && isSelected);
+  }
+
+  /** Show the symbol of a status on a card, so that statuses differ by more than their colours. */
+  private mark(index: number, group: SVGGElement, status: string): void {
+    const path = group.dataset.far === "1" ? "" : MARKS[status] ?? "";
+    const mark = group.querySelector(":scope > .mark");
+    if (!path) mark?.remove();
+    else if (mark) set(mark.lastElementChild!, "d", path);
+    else {
+      group.append(draw("g", { class: "mark", transform: `translate(14 ${this.boxes[index]!.height})`, "aria-hidden": "true" },
+        draw("circle", { r: 7.5 }), draw("path", { d: path })));
+    }
   }
 
   dressAll(): void {
     const isLive = Boolean(live.peek()?.connection) && liveIndex.peek().size > 0;
     this.frame.classList.toggle("live", isLive);
-    for (const [index, group] of this.groups) this.dress(index, group);
-    const cursor = this.structure.at(selection.peek().at(-1) ?? "");
+    for (const [index, { element }] of this.groups) this.dress(index, element);
+    const cursor = this.structure.at(this.source.selection.peek().at(-1) ?? "");
     if (cursor >= 0 && !this.groups.has(cursor)) this.refresh();
     this.markActive();
   }
 
   private markActive(): void {
-    const cursor = this.structure.at(selection.peek().at(-1) ?? "");
-    if (cursor >= 0 && this.groups.has(cursor)) this.frame.setAttribute("aria-activedescendant", `node-${cursor + 1}`);
+    const cursor = this.structure.at(this.source.selection.peek().at(-1) ?? "");
+    if (cursor >= 0 && this.groups.has(cursor)) this.frame.setAttribute("aria-activedescendant", `${this.source.prefix}-${cursor + 1}`);
     else this.frame.removeAttribute("aria-activedescendant");
   }
 
@@ -267,14 +387,15 @@ export class View {
     const before = this.hovered;
     this.hovered = index;
     for (const other of [before, index]) {
-      const group = this.groups.get(other);
+      const group = this.group(other);
       if (group) this.dress(other, group);
     }
   }
 
   private dressButtons(index: number, group: SVGGElement, isSelected: boolean): void {
+    if (this.source.changes) return;
     const node = this.structure.nodes[index]!;
-    const card = this.cards[index]!;
+    const card = this.boxes[index]!;
     const isFar = group.dataset.far === "1";
     const hasFold = !isFar && (isSelected || this.hovered === index) && !node.leaf && !node.hidden;
     const hasAdd = !isFar && isSelected && this.structure.canTake(index, 1);
@@ -291,14 +412,14 @@ export class View {
   /** Return the point of the drawing at a point of the screen. */
   point(clientX: number, clientY: number): [number, number] {
     const box = this.svg?.getBoundingClientRect() ?? new DOMRect();
-    return [(clientX - box.left) / this.zoom - this.picture.left, (clientY - box.top) / this.zoom - this.picture.top];
+    return [(clientX - box.left) / this.zoom - this.left, (clientY - box.top) / this.zoom - this.top];
   }
 
   /** Return a box of the drawing on the screen. */
   screen(box: Box): DOMRect {
     const outer = this.svg?.getBoundingClientRect() ?? new DOMRect();
     return new DOMRect(
-      outer.left + (box.x + this.picture.left) * this.zoom, outer.top + (box.y + this.picture.top) * this.zoom,
+      outer.left + (box.x + this.left) * this.zoom, outer.top + (box.y + this.top) * this.zoom,
       box.width * this.zoom, box.height * this.zoom);
   }
 
@@ -315,11 +436,7 @@ export class View {
   }
 
   group(index: number): SVGGElement | undefined {
-    return this.groups.get(index);
-  }
-
-  cardText(index: number): string {
-    return this.cards[index]?.text ?? "";
+    return this.groups.get(index)?.element;
   }
 
   /** Scroll so that a node is visible. */
@@ -343,7 +460,7 @@ export class View {
   // --- zoom
 
   private fitZoom(): number {
-    const { width, height } = this.picture;
+    const { width, height } = this.size;
     return Math.min((this.frame.clientWidth - 4) / width, (this.frame.clientHeight - 4) / height);
   }
 
@@ -380,7 +497,7 @@ export class View {
 
   private animate(before: Map<string, Box>): void {
     if (this.groups.size > MANY / 2) return;
-    for (const [index, group] of this.groups) {
+    for (const [index, { element: group }] of this.groups) {
       const box = this.boxes[index]!;
       const old = before.get(this.structure.nodes[index]!.key);
       if (!old) group.animate([{ opacity: 0 }, { opacity: 1 }], MOVE_MS);
@@ -395,7 +512,7 @@ export class View {
 
   private search(words: string): void {
     this.find(words);
-    for (const [index, group] of this.groups) this.dress(index, group);
+    for (const [index, { element }] of this.groups) this.dress(index, element);
     if (found.peek().length) this.select([found.peek()[0]!], true);
   }
 
@@ -420,7 +537,7 @@ export class View {
 
   /** Select nodes; the last one is the cursor. */
   select(keys: readonly string[], isRevealing = false): void {
-    selection.value = keys;
+    this.source.selection.value = keys;
     const index = this.structure.at(keys.at(-1) ?? "");
     if (index < 0 || !isRevealing) return;
     this.unfoldAbove(index);
@@ -428,36 +545,48 @@ export class View {
   }
 
   private unfoldAbove(index: number): void {
-    const keys = new Set(folded.peek());
+    const keys = new Set(this.source.folded.peek());
     let isChanged = false;
     for (let above = this.structure.parent(index); above >= 0; above = this.structure.parent(above)) {
       if (this.structure.nodes[above]!.hidden) isChanged = keys.delete(this.structure.nodes[above]!.key) || isChanged;
     }
-    if (isChanged) folded.value = keys;
+    if (isChanged) this.source.folded.value = keys;
   }
 
   toggleFold(index: number): void {
     const node = this.structure.nodes[index];
     if (!node || node.leaf) return;
-    const keys = new Set(folded.peek());
+    const keys = new Set(this.source.folded.peek());
     if (node.hidden) keys.delete(node.key);
     else keys.add(node.key);
-    folded.value = keys;
+    this.source.folded.value = keys;
   }
 
   foldSubtrees(): void {
     const calls = this.structure.nodes.filter((node) => node.calls && node.parent);
-    folded.value = new Set([...folded.peek(), ...calls.map((node) => node.key)]);
+    this.source.folded.value = new Set([...this.source.folded.peek(), ...calls.map((node) => node.key)]);
   }
 
   unfoldAll(): void {
-    folded.value = new Set();
+    this.source.folded.value = new Set();
   }
+}
+
+/** Set an attribute, unless it has the value: the browser would compute styles again. */
+function set(element: Element, name: string, value: string): void {
+  if (element.getAttribute(name) !== value) element.setAttribute(name, value);
 }
 
 function button(name: string, x: number, y: number, path: string, title: string): SVGElement {
   return draw("g", { class: name, transform: `translate(${x} ${y})` },
     draw("title", {}, title), draw("circle", { class: "pill", r: 8 }), draw("path", { class: "sign", d: path }));
+}
+
+/** Return the sign of a changed node, at the corner of its card. */
+function changeBadge(sign: string): SVGElement {
+  const width = 8 + 11 * sign.length;
+  return draw("g", { class: "change" },
+    draw("rect", { x: -9, y: -9, width, height: 19, rx: 9.5 }), draw("text", { x: width / 2 - 9, y: 5 }, sign));
 }
 
 /** The pattern of disabled nodes, and their cards' second fill. */

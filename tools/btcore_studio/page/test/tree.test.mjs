@@ -13,7 +13,7 @@ after(() => rmSync(folder, { recursive: true }));
 const source = ["picture", "drop_targets", "fuzzy", "keyboard", "tree"].map((name) => `export * from "./${name}";`).join("\n");
 const outfile = path.join(folder, "tree.mjs");
 await build({ stdin: { contents: source, resolveDir: path.join(here, "../src"), loader: "ts" }, bundle: true, platform: "node", format: "esm", outfile });
-const { actionOf, DropTargets, match, neighbour, outline, parsePicture, search, Structure } = await import(pathToFileURL(outfile).href);
+const { actionOf, complete, DropTargets, isSamePicture, longestRise, match, neighbour, outline, search, Structure } = await import(pathToFileURL(outfile).href);
 
 // --- a tree: 0 root(1 a, 2 loop(3 b), 4 c), where "loop" is a decorator
 
@@ -100,33 +100,28 @@ test("children in columns have places above and below", () => {
 
 // --- the picture
 
-const CARD = (number, x, y, name) => `<g data-uid="${number}" transform="translate(${x} ${y})"><title>${name}
-second line</title><rect class="card action" width="120.5" height="46.0" rx="7"/><g><circle/></g><text>${name}</text></g>`;
-const SVG = `<svg xmlns="http://www.w3.org/2000/svg" width="400" height="300" viewBox="0 0 400.0 300.5" role="img">
-<title>T</title>
-
-<rect class="sheet"/>
-<g transform="translate(28.0 66)">
-<path class="edge" d="M0 0"/>
-${CARD(1, "10.0", "-2.5", "a")}
-${CARD(2, 30, 80, "b &lt;g data-uid=")}
-</g>
-<circle class="badge"/>
-</svg>
-`;
-
-test("a picture is taken apart and can be put together", () => {
-  const picture = parsePicture(SVG);
-  assert.deepEqual([picture.width, picture.height, picture.left, picture.top], [400, 300.5, 28, 66]);
-  const { text, ...place } = picture.cards[0];
-  assert.deepEqual(place, { number: 1, x: 10, y: -2.5, width: 120.5, height: 46 });
-  assert.equal(picture.head + picture.cards.map((card) => card.text).join("") + picture.tail, SVG);
-  assert.equal(outline(picture.cards[1]), '<g data-uid="2" transform="translate(30 80)"><rect class="card action" width="120.5" height="46.0" rx="7"/></g>');
-  assert.ok(text.endsWith("</g>\n"));
+const CARD = '<title>a</title><rect class="card action" width="120.5" height="46.0" rx="7"/><text class="uid"></text>';
+const drawn = (key, x) => ({
+  key, parent: 0, place: { uri: "file:///t.xml", position: { line: 1, character: 2 } }, end: { line: 1, character: 9 }, x, y: 0, card: CARD,
 });
 
-test("an empty picture", () => {
-  assert.deepEqual(parsePicture("").cards, []);
+test("a drawing is completed from the earlier one", () => {
+  const before = { number: 1, svg: "<svg/>", nodes: [drawn("a", 0), drawn("b", 50)], moved: [] };
+  const after = complete({ number: 2, svg: "<svg/>", nodes: [drawn("c", 0)], moved: [[1, 1, 1, 3, 4, 3, 11, 70, 20, "m0 0"]] }, before);
+  const moved = { ...drawn("b", 70), y: 20, parent: 1, edge: "m0 0", end: { line: 3, character: 11 } };
+  moved.place = { uri: "file:///t.xml", position: { line: 3, character: 4 } };
+  assert.deepEqual(after.nodes, [drawn("c", 0), moved]);
+  assert.deepEqual([isSamePicture(before, before), isSamePicture(before, after)], [true, false]);
+});
+
+test("a card has no texts from afar", () => {
+  assert.equal(outline(CARD), '<rect class="card action" width="120.5" height="46.0" rx="7"/>');
+});
+
+test("as few elements as possible move", () => {
+  assert.deepEqual([...longestRise([3, 4, 0, 1, 2])].sort(), [2, 3, 4]);
+  assert.deepEqual([...longestRise([9, 0, 1, 2])].sort(), [1, 2, 3]);
+  assert.deepEqual([...longestRise([])], []);
 });
 
 // --- search
