@@ -158,7 +158,7 @@ def main_tree_of(reading: TreeReading) -> TreeDefinition | None:
     ):
         return definitions.main_tree
     named = (document.root.get("main_tree_to_execute") for document in reading.sources.documents)
-    return next((definitions.by_id[id] for id in named if id in definitions.by_id), None)
+    return next((tree for id in named if (tree := definitions.by_id.get(id or "")) is not None), None)
 
 
 def tree_summaries(reading: TreeReading) -> list[TreeSummary]:
