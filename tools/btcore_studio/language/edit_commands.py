@@ -360,8 +360,8 @@ class _Operation:
         self._notes: list[str] = []
         self._tolerated: frozenset[DiagnosticCode] = _UNFINISHED
         self._always_warns = False
-        self._is_renaming = False
         self._adds_node = False
+        self._is_renaming = False
 
     def apply(self, command: AnyCommand) -> None:
         """Compute the edits."""

@@ -22,7 +22,8 @@ import type {
   SharedFile, WorkspaceEdit,
 } from "./protocol";
 import {
-  actions, diagnostics, drawing, files, folded, isSamePlace, live, message, palette, reasonOf, refusedField, selectedNodes, selection, showError, start, tree, uri,
+  actions, diagnostics, drawing, files, folded, isSamePlace, live, message, palette, reasonOf, refusedField, selectedNodes, selection,
+  showError, start, tree, uri,
 } from "./state";
 import { RpcError } from "./rpc";
 import { Splitter } from "./splitter";

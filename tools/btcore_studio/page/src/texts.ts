@@ -200,7 +200,8 @@ export const treeTexts = {
       case "add_tree": return `Created the tree ${command.id}.`;
       case "remove_tree": return `Deleted the tree ${command.id}.`;
       case "set_main_tree": return `${command.id} is the main tree now.`;
-      case "set_model": case "remove_model": return "";
+      case "set_model": return "";
+      case "remove_model": return `Deleted the node type ${command.id}.`;
     }
   },
   clipboardRefused: "The browser does not allow access to the clipboard. Paste works in this page only.",
@@ -272,7 +273,6 @@ export const treeTexts = {
   renamesType: (id: string) => `${id} gets this ID in all files.`,
   renamesPort: (name: string) => `The port ${name} gets this name in all files.`,
   removeModel: "Delete the type",
-  modelRemoved: (id: string) => `Deleted the node type ${id}.`,
   modelWritten: (id: string) => `Wrote the node type ${id}.`,
   id: "ID",
   type: "Type",
