@@ -859,6 +859,9 @@ class _Operation:
                 self._notes.append(error.message)
         if self._always_warns or after.size <= MAX_CHECKED:
             new = draft.new(after.diagnostics.warnings, lambda: before.diagnostics.warnings)
+            if before.plans.diagnostics.errors:
+                # Not all warnings of a document with errors are known: elsewhere, a warning may be old.
+                new = [item for item in new if draft.marks(item)]
             self._notes += [item.message for item in new[:_MAX_WARNINGS]]
 
     def _is_to_be_completed(self, draft: _Draft, item: Diagnostic) -> bool:

@@ -71,18 +71,18 @@ class DrawingParams(DocumentParams, frozen=True):
     Attributes:
         tree: The ID of the tree; None for the main tree, or the first.
         folded: The keys of the nodes whose children are hidden.
-        call: The key of the running SubTree node whose tree this is; "" for a main tree.
         since: The number of a drawing that the client has: its nodes that have only moved are not sent again.
             0 for none.
         styled: Whether the SVG is the whole drawing, with its style sheet and the descriptions of the nodes,
             so that it can be saved.
+        call: The key of the running SubTree node whose tree this is; "" for a main tree.
     """
 
     tree: str | None = None
     folded: frozenset[str] = frozenset()
-    call: str = ""
     since: int = 0
     styled: bool = False
+    call: str = ""
 
 
 class DrawnNode(Data, frozen=True):

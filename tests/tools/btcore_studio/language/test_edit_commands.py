@@ -375,6 +375,14 @@ def test_change_type(page: Callable[..., Page]) -> None:
     assert same.edit.changes == {}
 
 
+def test_a_corrected_error_makes_no_warning_new(page: Callable[..., Page]) -> None:
+    shown = page('<Sequence><Sleep msec="x"/><Script code="a := never"/></Sequence>')
+    corrected = protocol.SetAttribute(shown.place("<Sleep"), "msec", "1")
+    assert shown.do(corrected).notes == []
+    added = protocol.SetAttribute(shown.place("<Sleep"), "_skipIf", "unknown > 1")
+    assert "unknown" in shown.do(added).notes[0]
+
+
 def test_set_an_attribute(page: Callable[..., Page]) -> None:
     shown = page('<Sleep msec="1"/>')
     result = shown.do(protocol.SetAttribute(shown.place("<Sleep"), "msec", 'one & "two"\n'))

@@ -49,7 +49,7 @@ function changeTree(home: Home, { id, place, isMain }: TreeSummary): void {
   ask({
     title: texts.changeTree(id), choices,
     answer: (choice) => {
-      if (choice === texts.makeMain) void actions.edit({ kind: "set_main_tree", uri: place.uri, id });
+      if (choice === texts.makeMain) void actions.edit({ kind: "set_main_tree", uri: uri.value, id });
       else if (choice === texts.remove) void actions.edit({ kind: "remove_tree", uri: place.uri, id });
       else void renameTree(home, place).catch(showError);
     },
@@ -114,7 +114,7 @@ export function Files({ home }: { home: Home }) {
               {item.id} {item.isMain && <span class="tag">{texts.mainTree}</span>}
               <small>{item.callers.length ? texts.calledBy(item.callers) : item.isMain ? "" : texts.notCalled}</small>
             </button>
-            {canChange && item.id === drawing.value?.tree && item.place.uri === uri.value && (
+            {canChange && item.id === drawing.value?.tree && (
               <button class="small" onClick={() => changeTree(home, item)} aria-label={texts.changeTree(item.id)} title={texts.changeTree(item.id)}>…</button>
             )}
           </li>

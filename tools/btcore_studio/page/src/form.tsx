@@ -5,7 +5,7 @@ import type { ComponentChildren } from "preact";
 import { useEffect, useMemo, useRef } from "preact/hooks";
 import { statuses, statusOf } from "./live";
 import { edit, openTree, run } from "./operations";
-import { Symbol } from "./palette";
+import { SIGNS, Symbol } from "./palette";
 import { usePreview } from "./preview";
 import { modelForm } from "./quick_state";
 import type { Command, Diagnostic, DrawnNode, Field, NodeForm, Problem } from "./protocol";
@@ -16,7 +16,15 @@ import { treeTexts } from "./texts";
 import { focusPicture } from "./view";
 
 const NONE: Diagnostic[] = [];
-const SIGNS = { in: "→", out: "←", inout: "↔", "": "" };
+let isPressed = false;
+addEventListener("pointerdown", () => { isPressed = true; }, true);
+for (const name of ["pointerup", "pointercancel"]) addEventListener(name, () => { isPressed = false; }, true);
+
+/** Run a change of the layout, after a click that has begun: otherwise the click would miss its target. */
+function afterPress(change: () => void): void {
+  if (isPressed) addEventListener("click", () => setTimeout(change), { once: true, capture: true });
+  else change();
+}
 
 export function Form() {
   const node = selectedNode.value;
@@ -171,7 +179,7 @@ function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; pr
   const common = {
     ref: input, id, name: field.name, spellcheck: false, autocomplete: "off", readOnly: start.value?.readOnly ?? false,
     placeholder: field.default ?? "", "aria-invalid": isWrong, "aria-required": field.isRequired,
-    "aria-describedby": describedBy || undefined, defaultValue: text, onBlur: () => { isFocused.value = false; commit(); },
+    "aria-describedby": describedBy || undefined, defaultValue: text, onBlur: () => { commit(); afterPress(() => { isFocused.value = document.activeElement === input.current; }); },
     onFocus: () => { isFocused.value = true; }, onKeyDown: key, onInput: (event: InputEvent) => write((event.currentTarget as HTMLInputElement).value),
   };
   return (

@@ -8,6 +8,9 @@ import { help, menu } from "./quick_state";
 import { treeTexts } from "./texts";
 import { focusPicture } from "./view";
 
+/** Reasons of most operations, which are shown for one at a time. */
+const GENERAL: ReadonlySet<string> = new Set([treeTexts.refusal.readOnly, treeTexts.refusal.noSelection]);
+
 export function Menu() {
   return menu.value ? <OpenMenu key={`${menu.value.x} ${menu.value.y}`} {...menu.value} /> : null;
 }
@@ -68,7 +71,7 @@ function OpenMenu({ x, y }: { x: number; y: number }) {
                   onFocus={() => consider(operation)} onPointerEnter={() => consider(operation)}
                 >
                   <span>{operation.label()}</span><kbd>{operation.keys}</kbd>
-                  {reason && <small>{reason}</small>}
+                  {reason && <small class={GENERAL.has(reason) ? "general" : ""}>{reason}</small>}
                   {warning && looked.value === operation.id && <small class={`outlook ${levelOf(outlook)}`}>⚠ {warning}</small>}
                 </button>
               );

@@ -86,9 +86,7 @@ function OpenForm({ item }: { item: PaletteItem | null }) {
   const removeType = async () => {
     const result = await edit({ kind: "remove_model", uri: address, id: item!.id });
     refusal.value = { text: result ? "" : message.value, field: "" };
-    if (!result) return;
-    message.value = treeTexts.modelRemoved(item!.id);
-    dialog.current?.close();
+    if (result) dialog.current?.close();
   };
   // The reason is beside its field, which gets the focus.
   useLayoutEffect(() => {

@@ -319,7 +319,7 @@ export const operations: readonly Operation[] = [
   moving("in", "Alt+↓"),
   {
     id: "extract", keys: "X", group: "tree", label: () => treeTexts.operation.extract,
-    refusal: refusals.single,
+    refusal: () => refusals.some() || (chosen().length > 1 ? treeTexts.refusal.extractSeveral : ""),
     run: () => {
       prompt.value = {
         label: treeTexts.treeId, value: "",
