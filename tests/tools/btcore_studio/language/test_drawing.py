@@ -54,7 +54,7 @@ def draw(project: Project) -> Draw:
     """Draw a text, of the tree *tree* and with the *folded* nodes."""
 
     def draw(text: str, tree: str | None = None, *folded: str, uri: str = URI, since: int = 0) -> Drawing:
-        params = DrawingParams(DocumentIdentifier(uri), tree, frozenset(folded), since)
+        params = DrawingParams(DocumentIdentifier(uri), tree, frozenset(folded), since=since)
         return draw_document(project, project.open(uri, text, 1), params)
 
     return draw

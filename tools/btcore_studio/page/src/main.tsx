@@ -34,7 +34,7 @@ import { fileName, hiddenPanes, Toolbar } from "./toolbar";
 import { view } from "./view";
 
 /** A drawing that takes longer waits for a pause in typing. */
-const QUICK_MS = 30;
+const QUICK_MS = 100;
 const TYPING_WAIT_MS = 60;
 const PALETTE_WAIT_MS = 1000;
 

@@ -7,12 +7,15 @@ const MAX_SIDE = 200 * 96;
 
 /** Open the browser's dialog to print a drawing without its own style sheet, in light colours. */
 export function printDrawing({ svg, tree }: Drawing): void {
+  const template = document.createElement("template");
+  template.innerHTML = svg; // the server has escaped every text of the drawing
+  const picture = template.content.querySelector("svg");
+  if (!picture) return;
+  picture.querySelector("style")?.remove();
+  picture.classList.add("picture");
   const paper = document.createElement("div");
   paper.className = "paper";
-  paper.innerHTML = svg; // the server has escaped every text of the drawing
-  const picture = paper.querySelector("svg");
-  if (!picture) return;
-  picture.classList.add("picture");
+  paper.append(picture);
   const { width, height } = picture.viewBox.baseVal;
   const scale = Math.min(1, MAX_SIDE / Math.max(width, height));
   picture.setAttribute("width", String(width * scale));

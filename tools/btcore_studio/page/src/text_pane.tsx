@@ -50,6 +50,8 @@ export function revealText(place: Place, focus = true): void {
 const openPlace = (address: string, line: number) => revealText({ uri: address, position: { line, character: 0 } });
 
 const COLOUR_WAIT_MS = 120;
+/** From the picture of a change to its text. */
+const AFTER_PICTURE_MS = 40;
 const MANY_LINES = 2000;
 const HOVER_WAIT_MS = 350;
 const SEVERITIES = ["error", "error", "warning", "info", "hint"] as const;
@@ -443,6 +445,19 @@ export function TextPane({ home }: { home: BrowserHome }) {
 
     const isInText = () => root.activeElement === view.contentDOM;
 
+    // Showing a change in the text takes as long as showing it in the picture, which comes first.
+    const later: (() => void)[] = [];
+    const catchUp = () => {
+      for (const step of later.splice(0)) step();
+    };
+    const afterPicture = (step: () => void) => {
+      later.push(step);
+      if (isInText() || document.hidden) catchUp();
+      else if (later.length === 1) requestAnimationFrame(() => setTimeout(catchUp, AFTER_PICTURE_MS));
+    };
+    const events = ["focusin", "pointerdown", "keydown", "drop"] as const;
+    for (const event of events) place.addEventListener(event, catchUp, true);
+
     const selectAtCursor = () => {
       const best = keyAt(shown, cursorOf(view));
       const placeOf = (key: string | null) => nodesByKey.peek().get(key ?? "")?.place;
@@ -486,8 +501,11 @@ export function TextPane({ home }: { home: BrowserHome }) {
 
     home.documents.listen(({ uri: address, changes, origin }: Change) => {
       if (address !== shown || origin === "typing") return;
-      view.dispatch({ changes, annotations: external.of(true) });
-      if (origin === "undo") moveTo(lastChange(changes));
+      afterPicture(() => {
+        if (address !== shown) return;
+        view.dispatch({ changes, annotations: external.of(true) });
+        if (origin === "undo") moveTo(lastChange(changes));
+      });
     });
     const ends = [
       effect(() => { shownUri.value = uri.value; }),
@@ -495,7 +513,7 @@ export function TextPane({ home }: { home: BrowserHome }) {
         const address = shownUri.value;
         const wanted = wantedPlace.value;
         if (!address) return;
-        void home.documents.load(address).then(() => {
+        const show = () => {
           if (address !== shownUri.peek()) return;
           if (shown !== address) showDocument(address);
           if (wanted && wanted === wantedPlace.peek() && wanted.uri === address) {
@@ -506,6 +524,10 @@ export function TextPane({ home }: { home: BrowserHome }) {
               selectAtCursor();
             }
           }
+        };
+        void home.documents.load(address).then(() => {
+          afterPicture(show);
+          if (wanted?.focus) catchUp();
         }, showError);
       }),
       effect(() => {
@@ -521,14 +543,16 @@ export function TextPane({ home }: { home: BrowserHome }) {
         if (drawing.value) untracked(() => { if (isInText()) selectAtCursor(); });
       }),
       effect(() => {
-        if (live.value && drawing.value) untracked(showStops);
+        if (live.value && drawing.value) untracked(() => afterPicture(showStops));
       }),
       effect(() => {
-        if (diagnostics.value && fixes.value) untracked(() => { if (shown) showMarks(); });
+        if (diagnostics.value && fixes.value) untracked(() => afterPicture(() => { if (shown) showMarks(); }));
       }),
     ];
     return () => {
       for (const end of ends) end();
+      for (const event of events) place.removeEventListener(event, catchUp, true);
+      later.length = 0;
       view.destroy();
     };
   }, [home]);

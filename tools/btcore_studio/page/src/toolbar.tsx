@@ -43,7 +43,7 @@ async function exportDrawing(home: Home, format: Format): Promise<void> {
   try {
     if (format === "pdf" && !home.documents) throw new Error(texts.noPrinter);
     const shown = await actions.request<Drawing>("btcore/drawing", {
-      textDocument: { uri: uri.value }, tree: tree.value, folded: [...folded.value], styled: format !== "pdf",
+      textDocument: { uri: uri.value }, tree: tree.value, folded: [...folded.value], styled: true,
     });
     if (format === "pdf") {
       printDrawing(shown);

@@ -14,6 +14,8 @@ const MAX_ZOOM = 3;
 /** Below this zoom the texts of many cards cannot be read, and are not drawn. */
 const FAR = 0.28;
 const MANY = 250;
+/** Up to this number, all cards exist. */
+const FEW = 60;
 /** Pixels around the visible part in which cards exist, too. */
 const MARGIN = 300;
 const MOVE_MS = 130;
@@ -245,7 +247,7 @@ export class View {
   refresh(): void {
     if (!this.layer || !this.svg) return;
     const { isFar } = this;
-    const all = this.cards.length <= MANY / 2;
+    const all = this.cards.length <= FEW;
     const area = this.visible(MARGIN);
     const cursor = this.structure.at(this.source.selection.peek().at(-1) ?? "");
     const shown = this.cards.filter((index) => all || index === cursor || overlaps(this.boxes[index]!, area));
