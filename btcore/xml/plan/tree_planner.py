@@ -443,9 +443,9 @@ class TreePlanner:
             key = "{=}" if "=" in text else text.strip()
             hint = f"write {key}" + (" without surrounding spaces" if key != "{=}" else "")
             fixes = (SetValue(key, is_safe=True),)
-        elif is_port_name(text):
-            hint = f"to use the blackboard entry, write {{{text}}}"
-            fixes += (SetValue(f"{{{text}}}"),)
+        elif is_port_name(name := text.strip("{}")):  # a brace may be missing
+            hint = f"to use the blackboard entry, write {{{name}}}"
+            fixes += (SetValue(f"{{{name}}}"),)
         message = f"the port '{port.name}' of <{node.id}> has the type {port.type.name}: {error}"
         self._report(INCONVERTIBLE_TEXT, message, node.element, attribute=port.name, hint=hint, fixes=fixes)
 

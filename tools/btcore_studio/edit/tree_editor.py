@@ -67,10 +67,12 @@ class TreeEditor(DocumentEditor):
         """Put the children of an element in its place.
 
         Raises:
-            EditError: The element has no children.
+            EditError: The element has no children, or no end tag.
         """
         if not element.children:
             raise EditError(f"<{element.tag}> has no children")
+        if element.end_tag_start < 0:
+            raise EditError(f"<{element.tag}> has no end tag: write it first")
         text = self.text
         start = element.start_tag_end
         while text[start].isspace():

@@ -144,10 +144,21 @@ def shown_tree(reading: TreeReading, id: str | None) -> TreeDefinition | None:
     own = (tree for tree in definitions.by_id.values() if tree.document is reading.document)
     return (
         definitions.by_id.get(id or "")
-        or definitions.main_tree
+        or main_tree_of(reading)
         or next(own, None)
         or next(iter(definitions.by_id.values()), None)
     )
+
+
+def main_tree_of(reading: TreeReading) -> TreeDefinition | None:
+    """Return the main tree of a document, or of its includes if it has no trees, as a project of Groot 2."""
+    definitions = reading.definitions
+    if definitions.main_tree is not None or any(
+        tree.document is reading.document for tree in definitions.by_id.values()
+    ):
+        return definitions.main_tree
+    named = (document.root.get("main_tree_to_execute") for document in reading.sources.documents)
+    return next((tree for id in named if (tree := definitions.by_id.get(id or "")) is not None), None)
 
 
 def tree_summaries(reading: TreeReading) -> list[TreeSummary]:
@@ -157,13 +168,14 @@ def tree_summaries(reading: TreeReading) -> list[TreeSummary]:
     for tree in definitions.by_id.values():
         for call in tree.element.iter(*definitions.dialect.subtree_tags):
             callers.setdefault(call.get("ID") or "", {})[tree.id] = None
+    main = main_tree_of(reading)
     trees = sorted(definitions.by_id.values(), key=lambda tree: tree.document is not reading.document)
     return [
         TreeSummary(
             tree.id,
             reading.place(tree.document, tree.element),
             list(callers.get(tree.id, ())),
-            tree is definitions.main_tree,
+            tree is main,
         )
         for tree in trees
     ]

@@ -11,6 +11,7 @@ from typing import Final, NamedTuple
 
 from msgspec.structs import replace
 
+from btcore.blackboard.ports import Port
 from btcore.diagnostic_codes import (
     CONTROL_CHARACTER_IN_NAME,
     FIRST_TICK_REFUSED,
@@ -32,6 +33,7 @@ from btcore.diagnostics import Diagnostic
 from btcore.names import FORBIDDEN, RESERVED_IDS, is_port_name, port_name_error
 from btcore.registry.manifest import Manifest
 from btcore.registry.nodes_without_code import is_mock
+from btcore.registry.registration_checks import default_value_error
 from btcore.suggestions import child_count_text, did_you_mean, with_article
 from btcore.xml.edit.editor import Edit, EditError, apply_edits, escape_value
 from btcore.xml.models.tree_nodes_model import TAG_OF
@@ -44,9 +46,18 @@ from btcore_studio.edit.tree_editor import TreeEditor, is_disabled
 from btcore_studio.language.clipboard import copy_elements, read_clipping
 from btcore_studio.language.diagnostics import report_of
 from btcore_studio.language.drawing import child_limits, draw_document
-from btcore_studio.language.element_texts import NewElement, is_port, new_element, port_text, unindented
+from btcore_studio.language.element_texts import (
+    DIRECTIONS,
+    NewElement,
+    is_port,
+    new_element,
+    port_text,
+    unindented,
+)
+from btcore_studio.language.node_models import type_named
 from btcore_studio.language.project import Project, SourceDocument
 from btcore_studio.language.project_symbols import symbols_of
+from btcore_studio.language.rename import XML_NAME, RenameError, rename_node_type
 from btcore_studio.language.studio_protocol import (
     Add,
     AddTree,
@@ -66,6 +77,7 @@ from btcore_studio.language.studio_protocol import (
     Problem,
     Range,
     Remove,
+    RemoveModel,
     RemoveTree,
     SetAttribute,
     SetMainTree,
@@ -98,6 +110,19 @@ _OF_PASTED_NODES: Final = frozenset({UNKNOWN_NODE, UNKNOWN_TREE, MISSING_ID, UNE
 # XML parsers other than tinyxml2 reject these characters, and no file can contain a lone surrogate.
 _FORBIDDEN_CHARACTER: Final = re.compile("[\0-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
 _ATTRIBUTE_NAME: Final = re.compile(r"[^\W\d][\w.:-]*")
+
+
+class FieldError(EditError):
+    """A text in the form of a node type cannot be written.
+
+    Args:
+        message: The reason.
+        field: "id", or "ports", the index of the port and the name of the member, such as "ports/0/name".
+    """
+
+    def __init__(self, message: str, field: str) -> None:
+        super().__init__(message)
+        self.field = field
 
 
 def compute_edit(project: Project, command: AnyCommand, drawing: DrawingParams | None = None) -> EditResult:
@@ -336,6 +361,7 @@ class _Operation:
         self._tolerated: frozenset[DiagnosticCode] = _UNFINISHED
         self._always_warns = False
         self._adds_node = False
+        self._is_renaming = False
 
     def apply(self, command: AnyCommand) -> None:
         """Compute the edits."""
@@ -372,6 +398,8 @@ class _Operation:
                 self._set_main_tree(self._draft(command.uri), command.id)
             case SetModel():
                 self._set_model(self._document(command.uri), command)
+            case RemoveModel():
+                self._remove_model(self._draft(command.uri), command.id)
 
     # --- places
 
@@ -668,20 +696,92 @@ class _Operation:
         names = [port.name for port in command.ports]
         for number, port in enumerate(command.ports):
             if port.name in names[:number]:
-                raise EditError(f"two ports have the name '{port.name}': rename one of them")
+                raise FieldError(
+                    f"two ports have the name '{port.name}': rename one of them", f"ports/{number}/name"
+                )
             if error := port_name_error(port.name, draft.format):
-                raise EditError(f"'{port.name}' cannot be the name of a port: {error}")
-        if not command.id or not FORBIDDEN.isdisjoint(command.id) or command.id in RESERVED_IDS:
-            raise EditError(f"'{command.id}' cannot be the ID of a node: use letters, digits, '_' and '-'")
-        known = draft.reading.nodes.get(command.id, draft.format)
-        if command.type != "SubTree" and known is not None and not is_mock(known.cls):
-            raise EditError(f"the node '{command.id}' has code, which declares its ports: choose another ID")
+                raise FieldError(
+                    f"'{port.name}' cannot be the name of a port: {error}", f"ports/{number}/name"
+                )
+        old = command.before or command.id
+        before = next(_models_in(draft, old), None)
+        is_name = XML_NAME.fullmatch(command.id) is not None or (before is not None and old == command.id)
+        if not is_name or not FORBIDDEN.isdisjoint(command.id) or command.id in RESERVED_IDS:
+            way_out = "use letters, digits, '_' and '-', and begin with a letter"
+            raise FieldError(f"'{command.id}' cannot be the ID of a node: {way_out}", "id")
+        if command.type != "SubTree":
+            known = draft.reading.nodes.get(command.id, draft.format)
+            if known is not None and not is_mock(known.cls):
+                reason = f"the node '{command.id}' has code, which declares its ports: choose another ID"
+                raise FieldError(reason, "id")
+            self._check_defaults(draft, command, before)
+            self._check_removed_ports(old, before, {*names, *command.renamed})
+            self._rename_type(old, command)
         before = next(_models_in(draft, command.id), None)
         if before is None:
             self._insert_models(draft, [f'<{command.type} ID="{escape_value(command.id)}"/>'])
         elif before.tag != command.type:
             draft.apply(draft.editor.rename_element(before, command.type))
         self._set_ports(draft, command)
+
+    def _check_defaults(self, draft: _Draft, command: SetModel, before: ScannedElement | None) -> None:
+        """Refuse a new default that is not a value of its port's type."""
+        nodes = draft.reading.nodes
+        directions = {name: direction for direction, name in DIRECTIONS.items()}
+        for number, port in enumerate(command.ports):
+            written = before.children if before is not None else []
+            is_written = any(
+                item.get("name") == port.name and is_port(item, port, draft.text) for item in written
+            )
+            if not port.default or not port.type or is_written:
+                continue
+            declared = Port(
+                port.name or "port", directions[port.direction], type_named(nodes, port.type), port.default
+            )
+            if error := default_value_error(declared):
+                raise FieldError(
+                    f"'{port.default}' cannot be the default of the type {port.type}: {error}",
+                    f"ports/{number}/default",
+                )
+
+    def _check_removed_ports(self, id: str, before: ScannedElement | None, kept: set[str]) -> None:
+        """Refuse to remove a port that a tree uses."""
+        declared = before.children if before is not None else []
+        removed = {child.get("name") or "" for child in declared if child.tag in PORT_TAGS} - kept
+        symbols = symbols_of(self._project)
+        for uri, element in symbols.nodes(id) if removed else ():
+            used = next((item.name for item in element.attributes if item.name in removed), None)
+            if used is not None:
+                place = symbols.place(uri, element.start)
+                raise EditError(
+                    f"<{id}> in {place} uses the port '{used}': remove this attribute, or rename the port"
+                )
+
+    def _rename_type(self, id: str, command: SetModel) -> None:
+        """Rename a node type and its ports in all files."""
+        ports = {name: new for name, new in command.renamed.items() if name != new}
+        if id == command.id and not ports:
+            return
+        try:
+            changes = rename_node_type(self._project, id, command.id, ports)
+        except RenameError as error:
+            raise FieldError(str(error), "id") from None
+        for uri, edits in changes.items():
+            draft = self._draft(uri)
+            shift = draft.reading.source.mark_length
+            draft.apply([Edit(start - shift, end - shift, text) for start, end, text in edits])
+        self._is_renaming = True
+
+    def _remove_model(self, draft: _Draft, id: str) -> None:
+        symbols = symbols_of(self._project)
+        used = next(symbols.nodes(id), None)
+        if used is not None:
+            place = symbols.place(used[0], used[1].start)
+            raise EditError(f"<{id}> is used in {place}: remove these nodes first, or change their type")
+        models = list(_models_in(draft, id))
+        if not models:
+            raise EditError(f"there is no model of '{id}' in this document")
+        draft.apply([draft.editor.remove(model) for model in models])
 
     def _set_ports(self, draft: _Draft, command: SetModel) -> None:
         """Write the ports of a model. Ports that do not change keep their text."""
@@ -750,6 +850,8 @@ class _Operation:
         after = read_trees(self._project, draft.source)
         if after.broken:
             raise EditError(f"the result would not be XML ({after.broken})")
+        if self._is_renaming:
+            return  # the other documents of the project have the old names
         for error in draft.new(after.plans.diagnostics.errors, lambda: before.plans.diagnostics.errors):
             if error.code not in self._tolerated:
                 raise EditError(f"{error.message}: {error.hint}" if error.hint else error.message)
@@ -757,6 +859,9 @@ class _Operation:
                 self._notes.append(error.message)
         if self._always_warns or after.size <= MAX_CHECKED:
             new = draft.new(after.diagnostics.warnings, lambda: before.diagnostics.warnings)
+            if before.plans.diagnostics.errors:
+                # Not all warnings of a document with errors are known: elsewhere, a warning may be old.
+                new = [item for item in new if draft.marks(item)]
             self._notes += [item.message for item in new[:_MAX_WARNINGS]]
 
     def _is_to_be_completed(self, draft: _Draft, item: Diagnostic) -> bool:

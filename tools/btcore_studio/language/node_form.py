@@ -5,6 +5,7 @@ from typing import Literal
 
 from btcore.blackboard.ports import KEY_ROLES, SCRIPT_ROLES, Port, remapped_key
 from btcore.names import SCRIPT_ATTRIBUTES
+from btcore.registry.nodes_without_code import is_mock
 from btcore.status import NodeType
 from btcore.values.types import literals_of
 from btcore.xml.plan.key_uses import NON_KEY_ATTRIBUTES
@@ -114,6 +115,7 @@ class _Form:
     def _port_fields(self) -> Iterator[Field]:
         if self._manifest is None:
             return
+        is_modelled = is_mock(self._manifest.cls)
         for port in self._manifest.ports.values():
             is_script = port.role in SCRIPT_ROLES and (
                 remapped_key(self._element.get(port.name) or "", port.name, self._format) is None
@@ -124,7 +126,8 @@ class _Form:
                 direction=DIRECTIONS[port.direction],
                 type=type_name(port.type),
                 default=port.default,
-                is_required=is_mandatory(self._manifest, port),
+                # A model does not tell whether the node works without an output: most nodes do.
+                is_required=is_mandatory(self._manifest, port) and (port.reads or not is_modelled),
                 about=port.description,
                 choices=() if is_script else self._choices(port),
                 is_script=is_script,

@@ -166,6 +166,12 @@ class ProjectSymbols:
         """Return the models of a node in all files."""
         return self._models.get((id, False), [])
 
+    def place(self, file: str, offset: int) -> str:
+        """Return the name of a file and the line of an offset, for messages."""
+        document = self.documents[file]
+        name = document.path.name if document.path is not None else document.uri
+        return f"{name}:{document.positions.line(offset) + 1}"
+
     def nodes(self, id: str) -> Iterator[tuple[str, ScannedElement]]:
         """Yield (file, element) for each node with this ID in the trees of all files."""
         for uri, symbols in self.files.items():

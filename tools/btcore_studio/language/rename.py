@@ -1,17 +1,19 @@
 """Rename trees, nodes and blackboard keys in all files of a project, so that the trees behave as before."""
 
 import re
+from collections.abc import Mapping
 from typing import Final, NamedTuple
 
 from lsprotocol.types import LSPErrorCodes, PrepareRenamePlaceholder, WorkspaceEdit
 from pygls.exceptions import JsonRpcException
 
+from btcore.blackboard.ports import remapped_key
 from btcore.names import RESERVED_IDS, forbidden_in, port_name_error
 from btcore.registry.nodes_without_code import is_mock
 from btcore.script import lexer
 from btcore.xml.edit.editor import Edit
 from btcore.xml.models.tree_nodes_model import quoted
-from btcore.xml.read.dialect import EXPLICIT_TAGS
+from btcore.xml.read.dialect import EXPLICIT_TAGS, PORT_TAGS
 from btcore.xml.read.scan import ScannedAttribute, ScannedElement
 from btcore_studio.language.key_links import MAX_LINKS, KeyLinks, TreeKey, links_of
 from btcore_studio.language.navigation import NamedKey, NamedNode, NamedTree, named_at, node_span
@@ -22,7 +24,7 @@ from btcore_studio.language.symbols import KeyForm, KeyUse, TreeSymbol, is_call,
 MAX_NAME_LENGTH: Final = 1_000
 """Maximum number of characters of a new name."""
 # The names of XML 1.0 without ":", which would need a declared prefix.
-_XML_NAME: Final = re.compile(
+XML_NAME: Final = re.compile(
     "[A-Za-z_\u00c0-\u00d6\u00d8-\u00f6\u00f8-\u02ff\u0370-\u037d\u037f-\u1fff\u200c-\u200d\u2070-\u218f"
     "\u2c00-\u2fef\u3001-\ud7ff\uf900-\ufdcf\ufdf0-\ufffd\U00010000-\U000effff]"
     "[-.0-9A-Za-z_\u00b7\u00c0-\u00d6\u00d8-\u00f6\u00f8-\u037d\u037f-\u1fff\u200c-\u200d\u203f-\u2040"
@@ -105,9 +107,30 @@ def rename_symbol(project: Project, document: SourceDocument, offset: int, new_n
     elif isinstance(target, NamedTree):
         edits = _rename_tree(links.symbols, document, target, new_name)
     elif isinstance(target, NamedNode):
-        edits = _rename_node(links.symbols, target, new_name)
+        edits = _rename_node(links.symbols, target.id, new_name)
     else:
         edits = _rename_instance(document, target, new_name)
+    return _by_file(edits)
+
+
+def rename_node_type(project: Project, id: str, new_id: str, ports: Mapping[str, str]) -> FileEdits:
+    """Return the edits of all files that rename a node type without code, and its ports.
+
+    Args:
+        project: The project.
+        id: The ID of the node type.
+        new_id: The new ID, or the same.
+        ports: The new name of each port that gets another name.
+
+    Raises:
+        RenameError: The node has code, or a new name is invalid or in use.
+    """
+    symbols = symbols_of(project)
+    _check_has_no_code(project, symbols, id)
+    return _by_file([*_rename_node(symbols, id, new_id), *_rename_ports(symbols, id, ports)])
+
+
+def _by_file(edits: list[_FileEdit]) -> FileEdits:
     changes: FileEdits = {}
     for file, edit in sorted(set(edits)):
         changes.setdefault(file, []).append(edit)
@@ -220,7 +243,7 @@ def _check_new_key(symbols: ProjectSymbols, use: KeyUse, new_name: str) -> None:
             )
     elif use.form is KeyForm.ATTRIBUTE or use.form is KeyForm.MODEL:
         error = port_name_error(new_name, file.format)
-        if not error and _XML_NAME.fullmatch(new_name) is None:
+        if not error and XML_NAME.fullmatch(new_name) is None:
             error = "it is not a name in XML"
         if not error and file.format == 3 and new_name in ("__autoremap", "__shared_blackboard"):
             error = "this attribute is reserved"
@@ -232,9 +255,7 @@ def _check_new_key(symbols: ProjectSymbols, use: KeyUse, new_name: str) -> None:
 
 
 def _place_of(symbols: ProjectSymbols, use: KeyUse) -> str:
-    document = symbols.documents[use.file]
-    name = document.path.name if document.path is not None else document.uri
-    return f"{name}:{document.positions.line(use.start) + 1}"
+    return symbols.place(use.file, use.start)
 
 
 # --- trees
@@ -276,18 +297,22 @@ def _check_node(project: Project, symbols: ProjectSymbols, named: NamedNode) -> 
     """Raise a RenameError if the node is not declared by a model alone."""
     if named.port:
         raise RenameError(f"the code of <{named.id}> declares its port '{named.port}': rename it there")
-    known = project.models.get(named.id)
-    if known is not None and known.file.endswith(".py"):
-        raise RenameError(f"the Python code of <{named.id}> declares its ID: rename it in {known.file}")
-    registered = symbols.registry.get(named.id, 4) or symbols.registry.get(named.id, 3)
-    if registered is not None and not is_mock(registered.cls):
-        raise RenameError(f"<{named.id}> is a node of {registered.library}")
+    _check_has_no_code(project, symbols, named.id)
     if not symbols.node_models(named.id):
         raise RenameError(f"no <TreeNodesModel> of the project declares the node '{named.id}'")
 
 
-def _rename_node(symbols: ProjectSymbols, target: NamedNode, new_name: str) -> list[_FileEdit]:
-    if new_name == target.id:
+def _check_has_no_code(project: Project, symbols: ProjectSymbols, id: str) -> None:
+    known = project.models.get(id)
+    if known is not None and known.file.endswith(".py"):
+        raise RenameError(f"the Python code of <{id}> declares its ID: rename it in {known.file}")
+    registered = symbols.registry.get(id, 4) or symbols.registry.get(id, 3)
+    if registered is not None and not is_mock(registered.cls):
+        raise RenameError(f"<{id}> is a node of {registered.library}")
+
+
+def _rename_node(symbols: ProjectSymbols, id: str, new_name: str) -> list[_FileEdit]:
+    if new_name == id:
         return []
     character = forbidden_in(new_name)
     if character:
@@ -305,16 +330,44 @@ def _rename_node(symbols: ProjectSymbols, target: NamedNode, new_name: str) -> l
         raise RenameError(f"the project has a tree '{new_name}' already")
     text = _escaped(new_name)
     edits: list[_FileEdit] = []
-    for model in symbols.node_models(target.id):
+    for model in symbols.node_models(id):
         edits.append((model.file, Edit(*node_span(model.element), text)))
-    for file, element in symbols.nodes(target.id):
+    for file, element in symbols.nodes(id):
         edits.append((file, Edit(*node_span(element), text)))
         if element.tag not in EXPLICIT_TAGS:
-            if _XML_NAME.fullmatch(new_name) is None:
+            if XML_NAME.fullmatch(new_name) is None:
                 raise RenameError(f"'{new_name}' cannot be a tag: it is not a name in XML")
             if element.end_tag_start >= 0:
                 at = symbols.documents[file].text.index(element.tag, element.end_tag_start)
                 edits.append((file, Edit(at, at + len(element.tag), text)))
+    return edits
+
+
+def _rename_ports(symbols: ProjectSymbols, id: str, ports: Mapping[str, str]) -> list[_FileEdit]:
+    """Return the edits of the models and of the attributes of a node."""
+    edits: list[_FileEdit] = []
+    for model in symbols.node_models(id):
+        for port in model.element.children:
+            name = port.attribute("name")
+            new_name = ports.get(name.value or "") if name is not None else None
+            if name is not None and new_name is not None and port.tag in PORT_TAGS:
+                edit = Edit(name.value_start, name.value_end, _escaped(new_name))
+                edits.append((model.file, edit))
+    for file, element in symbols.nodes(id):
+        for attribute in element.attributes:
+            new_name = ports.get(attribute.name)
+            if new_name is None:
+                continue
+            if XML_NAME.fullmatch(new_name) is None:
+                raise RenameError(f"'{new_name}' cannot be an attribute: it is not a name in XML")
+            if new_name not in ports and element.attribute(new_name) is not None:
+                place = symbols.place(file, element.start)
+                raise RenameError(f"<{id}> in {place} has an attribute '{new_name}': remove it first")
+            edits.append((file, Edit(attribute.start, attribute.name_end, new_name)))
+            format = symbols.files[file].format
+            if remapped_key(attribute.value or "", "", format) == "":  # the key with the name of the port
+                key = _escaped(f"{{{attribute.name}}}")
+                edits.append((file, Edit(attribute.value_start, attribute.value_end, key)))
     return edits
 
 

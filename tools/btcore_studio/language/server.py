@@ -38,7 +38,7 @@ from btcore_studio.language import (
 from btcore_studio.language.checker import Checker
 from btcore_studio.language.diagnostics import Report
 from btcore_studio.language.drawing import draw_document
-from btcore_studio.language.edit_commands import compute_edit, copy_nodes, preview_edit
+from btcore_studio.language.edit_commands import FieldError, compute_edit, copy_nodes, preview_edit
 from btcore_studio.language.leaf_code import leaf_of
 from btcore_studio.language.live import LiveExtension, LiveTree
 from btcore_studio.language.node_form import form_of
@@ -158,7 +158,9 @@ class TreeServerProtocol(LanguageServerProtocol):
         """Send the result of a request. A refused operation is an answer, and not a failure of the server."""
         error = None if future.cancelled() else future.exception()
         if isinstance(error, BtcoreError):
-            error = RequestError(str(error))
+            error = RequestError(
+                str(error), data={"field": error.field} if isinstance(error, FieldError) else None
+            )
         if isinstance(error, (rename.RenameError, RequestError)):
             self._request_futures.pop(msg_id, None)
             self._send_response(msg_id, error=error.to_response_error())

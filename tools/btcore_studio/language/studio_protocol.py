@@ -71,18 +71,18 @@ class DrawingParams(DocumentParams, frozen=True):
     Attributes:
         tree: The ID of the tree; None for the main tree, or the first.
         folded: The keys of the nodes whose children are hidden.
-        call: The key of the running SubTree node whose tree this is; "" for a main tree.
         since: The number of a drawing that the client has: its nodes that have only moved are not sent again.
             0 for none.
         styled: Whether the SVG is the whole drawing, with its style sheet and the descriptions of the nodes,
             so that it can be saved.
+        call: The key of the running SubTree node whose tree this is; "" for a main tree.
     """
 
     tree: str | None = None
     folded: frozenset[str] = frozenset()
-    call: str = ""
     since: int = 0
     styled: bool = False
+    call: str = ""
 
 
 class DrawnNode(Data, frozen=True):
@@ -361,12 +361,26 @@ class SetMainTree(Command, frozen=True):
 
 
 class SetModel(Command, frozen=True):
-    """Write the model of a node type, or of a tree, or replace it."""
+    """Write the model of a node type, or of a tree, or replace it.
+
+    Attributes:
+        before: The present ID of a node type that gets another ID in all files, or "".
+        renamed: The new name of each port that gets another name in all files.
+    """
 
     uri: str
     id: str
     type: Literal["Action", "Condition", "Control", "Decorator", "SubTree"]
     ports: list[PalettePort]
+    before: str = ""
+    renamed: dict[str, str] = {}
+
+
+class RemoveModel(Command, frozen=True):
+    """Remove the model of a node type that no tree uses."""
+
+    uri: str
+    id: str
 
 
 AnyCommand = (
@@ -387,6 +401,7 @@ AnyCommand = (
     | RemoveTree
     | SetMainTree
     | SetModel
+    | RemoveModel
 )
 
 

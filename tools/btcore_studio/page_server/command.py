@@ -35,6 +35,9 @@ if TYPE_CHECKING:
     from btcore_studio.page_server.session import Shown, StudioSession
 
 
+_LOGS = (".btlog", ".db3")
+
+
 class StudioOptions(LibraryOptions):
     """The options that select what the studio shows."""
 
@@ -187,8 +190,14 @@ def find_shown(source: str, options: StudioOptions, live: "LiveExtension | None"
     if timeline is not None:
         if live is not None and live.address:
             raise click.UsageError(f"{path} is a recording, so there is no running tree to watch.")
-        main = _write_documents(timeline.plans, recording)
+        main, recorded_models = _write_documents(timeline.plans, recording)
+        models += recorded_models
         return Shown(recording, main, options.tree, True, plugins, models, RecordedRun(timeline))
+    if path.suffix.lower() in _LOGS:
+        raise click.UsageError(
+            f"'{path}' is a log: write it as a recording first, with "
+            f"`btcore replay {path} --save-recording {path.stem}.btrec.txt`."
+        )
     if path.suffix.lower() not in SUFFIXES:
         raise click.UsageError(f"'{path}' has no trees: its name must end with {' or '.join(SUFFIXES)}.")
     is_bundled = path.is_relative_to(bundled_trees.folder()) and not Path(source).exists()
@@ -243,8 +252,12 @@ def _libraries(options: StudioOptions) -> tuple[tuple[str, ...], tuple[str, ...]
     return plugins, tuple(str(path.absolute()) for path in options.models)
 
 
-def _write_documents(plans: Plans, folder: Path) -> Path:
-    """Write the documents of a recorded tree below *folder*. Return the file of the main document."""
+def _write_documents(plans: Plans, folder: Path) -> tuple[Path, tuple[str, ...]]:
+    """Write the documents of a recorded tree below *folder*.
+
+    Returns:
+        The file of the main document, and the files with models, which are the models of the whole run.
+    """
     from btcore_studio.language.project import SUFFIXES
 
     documents = plans.definitions.sources.documents
@@ -267,7 +280,12 @@ def _write_documents(plans: Plans, folder: Path) -> Path:
             reason = read_error(error) if isinstance(error, OSError) else str(error)
             raise click.ClickException(f"the recorded tree can't be written: {reason}") from None
         files.append(file)
-    return real_path(files[-1])  # the main document is the last
+    models = [
+        str(real_path(file))
+        for document, file in zip(documents, files, strict=True)
+        if next(document.root.iterchildren("TreeNodesModel"), None) is not None
+    ]
+    return real_path(files[-1]), tuple(models)  # the main document is the last
 
 
 def _keep_unsaved(session: "StudioSession", folder: Path) -> None:

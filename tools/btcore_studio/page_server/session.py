@@ -45,6 +45,10 @@ _SCAN_SHARE: Final = 0.05
 _MAX_WAITING: Final = 64 << 20
 """Maximum bytes that wait until a page receives them. A page that is slower is closed."""
 
+_MAX_SEARCHED: Final = 500
+_MAX_HEAD: Final = 16 << 10
+"""Maximum number of files, and of bytes in each, in which the main tree of a folder is searched."""
+
 _PARSE_ERROR: Final = -32700
 _INVALID_REQUEST: Final = -32600
 _METHOD_NOT_FOUND: Final = -32601
@@ -99,7 +103,7 @@ class Shown:
 
     Attributes:
         folder: The folder whose files are shown.
-        file: The file to show first; None for the first file of the folder.
+        file: The file to show first; None for the first file with a main tree.
         tree: The ID of the tree to show first; None for the main tree.
         is_read_only: Whether nothing is written.
         plugins: Node libraries that the user of the command line trusts.
@@ -178,7 +182,10 @@ class StudioSession:
         file = shown.file
         if file is None:
             trees = _of_trees(self._stamps)
-            file = next((path for path in trees if path.suffix != PROJECT_SUFFIX), next(iter(trees), None))
+            file = next(filter(_names_main_tree, trees[:_MAX_SEARCHED]), None)
+            if file is None:
+                of_trees = (path for path in trees if path.suffix != PROJECT_SUFFIX)
+                file = next(of_trees, next(iter(trees), None))
         return {
             "folder": str(self.files.folder),
             "uri": "" if file is None else file_uri(file),
@@ -438,8 +445,8 @@ class PageSession:
         pushed = msgspec.convert(params, _Pushed)
         return {"version": self._studio.files.push(self, pushed.uri, pushed.version, pushed.edits)}
 
-    def _save(self, params: object) -> None:
-        self._studio.files.save(msgspec.convert(params, _Document).uri)
+    def _save(self, params: object) -> object:
+        return self._studio.files.save(msgspec.convert(params, _Document).uri)
 
     def _create(self, params: object) -> object:
         created = msgspec.convert(params, _Created)
@@ -474,6 +481,15 @@ def _document(project: Project, version: Version) -> SourceDocument:
 
 def _of_trees(paths: Iterable[Path]) -> list[Path]:
     return sorted(path for path in paths if path.suffix in SUFFIXES)
+
+
+def _names_main_tree(path: Path) -> bool:
+    """Return whether the beginning of a file names its main tree."""
+    try:
+        with path.open("rb") as file:
+            return b"main_tree_to_execute" in file.read(_MAX_HEAD)
+    except OSError:
+        return False
 
 
 def _uris_in(value: object) -> Iterator[str]:

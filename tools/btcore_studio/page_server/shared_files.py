@@ -228,8 +228,8 @@ class SharedFiles:
         self._show_files()
         return text.version
 
-    def save(self, uri: str) -> None:
-        """Write the text of a file.
+    def save(self, uri: str) -> bool:
+        """Write the text of a file. Return whether there was something to write.
 
         Raises:
             RefusedError: Nothing may be written, the file has changed on disk, or it cannot be written.
@@ -243,7 +243,7 @@ class SharedFiles:
         if text.conflict is not None:
             raise RefusedError(f"'{name}' has changed on disk: decide which text to keep, then save it")
         if not text.is_unsaved:
-            return
+            return False
         if text.version != version:
             raise RefusedError(f"'{name}' has changed on disk: check the merged text, then save it")
         encoding = _ENCODING.match(text.text)
@@ -262,6 +262,7 @@ class SharedFiles:
         text.disk, text.base, text.is_deleted = data, text.text, False
         text.read_stamp = text.seen_stamp = stamp_of(text.path)
         self._show_files()
+        return True
 
     def create(self, name: str, content: str) -> str:
         """Create a file of trees, or the Python file of a node, and return its URI.

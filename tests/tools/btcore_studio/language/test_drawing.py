@@ -240,6 +240,8 @@ def test_trees_of_a_project_of_groot_call_each_other(draw: Draw, project: Projec
     shown = draw(text, uri=(tmp_path / "tree.xml").as_uri())
     assert ids(shown).count("Inverter") == 2
     assert [tree.id for tree in shown.trees] == ["Rounds", "Visit"]
+    whole = draw((tmp_path / "all.btproj").read_text(), uri=(tmp_path / "all.btproj").as_uri())
+    assert (whole.tree, [tree.id for tree in whole.trees if tree.is_main]) == ("Rounds", ["Rounds"])
     other = draw(PART, uri=(tmp_path / "part.xml").as_uri())
     assert (other.tree, other.trees[0].callers) == ("Visit", ["Rounds"])
     assert ids(draw(text, uri=(tmp_path / "tree.xml").as_uri())).count("Inverter") == 2

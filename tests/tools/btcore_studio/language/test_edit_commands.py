@@ -221,6 +221,11 @@ def test_too_many_children_are_refused(
         (protocol.SetModel(URI, "a b", "Action", []), "cannot be the ID of a node"),
         (protocol.SetModel(URI, "a", "Action", [PalettePort("1", "in", "", "", "")]), "cannot be the name"),
         (protocol.SetModel(URI, "root", "Action", []), "cannot be the ID of a node"),
+        (protocol.SetModel(URI, "Grip}", "Action", []), "cannot be the ID of a node"),
+        (
+            protocol.SetModel(URI, "a", "Action", [PalettePort("b", "in", "double", "abc", "")]),
+            "'abc' cannot be the default of the type double",
+        ),
         (protocol.SetModel(URI, "Sleep", "Action", []), "the node 'Sleep' has code"),
         (
             protocol.SetModel(URI, "a", "Action", [PalettePort("b", "in", "", "", "")] * 2),
@@ -370,6 +375,14 @@ def test_change_type(page: Callable[..., Page]) -> None:
     assert same.edit.changes == {}
 
 
+def test_a_corrected_error_makes_no_warning_new(page: Callable[..., Page]) -> None:
+    shown = page('<Sequence><Sleep msec="x"/><Script code="a := never"/></Sequence>')
+    corrected = protocol.SetAttribute(shown.place("<Sleep"), "msec", "1")
+    assert shown.do(corrected).notes == []
+    added = protocol.SetAttribute(shown.place("<Sleep"), "_skipIf", "unknown > 1")
+    assert "unknown" in shown.do(added).notes[0]
+
+
 def test_set_an_attribute(page: Callable[..., Page]) -> None:
     shown = page('<Sleep msec="1"/>')
     result = shown.do(protocol.SetAttribute(shown.place("<Sleep"), "msec", 'one & "two"\n'))
@@ -473,6 +486,41 @@ def test_models_are_written_and_changed(page: Callable[..., Page]) -> None:
     assert shown.text == written.replace("Action", "Condition")
     shown.do(protocol.SetModel(URI, "Other", "Decorator", []))
     assert '<Decorator ID="Other"/>\n  </TreeNodesModel>' in shown.text
+    shown.do(protocol.RemoveModel(URI, "Other"))
+    assert shown.text == written.replace("Action", "Condition")
+
+
+def test_a_node_type_and_its_ports_are_renamed_in_all_files(
+    page: Callable[..., Page], tmp_path: Path
+) -> None:
+    model = '<TreeNodesModel><Action ID="Go"><input_port name="goal"/></Action></TreeNodesModel>'
+    shown = page('<Go goal="{=}"/>')
+    shown.show(shown.text.replace("</root>", f"{model}</root>"))
+    other = shown.project.open("untitled:other.xml", "\ufeff" + MAIN.format('<Go goal="1"></Go>'), 1)
+    target = PalettePort("target", "in", "", "", "")
+    renaming = protocol.SetModel(URI, "Drive", "Action", [target], "Go", {"goal": "target"})
+    result = compute_edit(shown.project, renaming)
+    texts = [shown.source, other]
+    after = []
+    for text in texts:
+        changes = result.edit.changes[text.uri]
+        offset = text.positions.offset
+        after.append(apply_edits(text.text, [
+            Edit(offset(edit.range.start), offset(edit.range.end), edit.new_text) for edit in changes
+        ]))  # fmt: skip
+    named = shown.text.replace('goal="{=}"', 'target="{goal}"').replace("Go", "Drive")
+    assert after[0] == named.replace('name="goal"', 'name="target"')
+    assert after[1] == other.text.replace("Go", "Drive").replace("goal", "target")
+    for command, reason in (
+        (
+            protocol.SetModel(URI, "A", "Action", [target], "Go", {"goal": "target"}),
+            "the project has a tree 'A'",
+        ),
+        (protocol.SetModel(URI, "Go", "Action", [target]), "tree.xml:3 uses the port 'goal'"),
+        (protocol.RemoveModel(URI, "Go"), "<Go> is used in .*tree.xml:3"),
+    ):
+        with pytest.raises(EditError, match=reason):
+            compute_edit(shown.project, command)
 
 
 # --- the clipboard
@@ -605,6 +653,12 @@ def test_a_document_with_errors_stays_editable(page: Callable[..., Page]) -> Non
         shown.do(protocol.Duplicate([shown.place("<Sleep")]))
 
 
+def test_an_element_without_an_end_tag_is_not_unwrapped(page: Callable[..., Page]) -> None:
+    shown = page("<Sequence><Fallback><Sleep msec='1'/></Sequence>")
+    with pytest.raises(EditError, match="<Fallback> has no end tag: write it first"):
+        shown.do(protocol.Unwrap(shown.place("<Fallback")))
+
+
 def test_a_broken_text_is_editable_before_the_fault(page: Callable[..., Page]) -> None:
     shown = page(
         MAIN.format("<Sequence>\n  <Sleep/>\n  <A/>\n  <Fallback>\n  <Sleep msec=></Fallback></Sequence>")
@@ -675,6 +729,8 @@ def random_command(rng: random.Random, drawing: Drawing, uri: str) -> AnyCommand
         protocol.RemoveTree(uri, name),
         protocol.SetMainTree(uri, name),
         protocol.SetModel(uri, name, node_type, ports),
+        protocol.SetModel(uri, "Renamed", node_type, ports, name, {"a": "d"}),
+        protocol.RemoveModel(uri, name),
     ]
     return rng.choice(commands)
 

@@ -68,6 +68,13 @@ def test_ports_of_a_node(form: Form) -> None:
     assert fields(paint, "other")["note"].text == "n"
 
 
+def test_an_output_of_a_model_is_not_required(form: Form) -> None:
+    text = """<root BTCPP_format="4"><BehaviorTree ID="A"><Go/></BehaviorTree><TreeNodesModel><Action ID="Go">
+      <input_port name="goal"/><output_port name="error"/></Action></TreeNodesModel></root>"""
+    ports = fields(form("<Go", text), "port")
+    assert {name: port.is_required for name, port in ports.items()} == {"goal": True, "error": False}
+
+
 def test_scripts_and_conditions(form: Form) -> None:
     code = fields(form("<Script"), "port")["code"]
     assert (code.text, code.is_script, code.choices, code.is_required) == ("speed := 1", True, [], True)

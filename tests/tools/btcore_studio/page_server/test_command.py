@@ -75,12 +75,15 @@ def test_file_is_edited_until_a_signal(folder: Path, built: Path) -> None:
 
 
 @pytest.mark.parametrize("arguments", [(), (".",)])
-def test_folder_shows_its_first_file(folder: Path, built: Path, arguments: tuple[str, ...]) -> None:
+def test_folder_shows_its_main_tree(folder: Path, built: Path, arguments: tuple[str, ...]) -> None:
     (folder / "a.btproj").write_text('<root project_name="a"/>')
+    (folder / "b.xml").write_text(
+        '<root BTCPP_format="4"><BehaviorTree ID="B"><Sleep/></BehaviorTree></root>'
+    )
     with running(built, folder, *arguments) as (_, page):
         start = page.request("btcore/start")
         assert start["uri"] == (folder / "tree.xml").as_uri()
-        assert [file["name"] for file in page.request("btcore/files")] == ["a.btproj", "tree.xml"]
+        assert [file["name"] for file in page.request("btcore/files")] == ["a.btproj", "b.xml", "tree.xml"]
 
 
 def test_bundled_tree_is_read_only(folder: Path, built: Path) -> None:
@@ -110,6 +113,10 @@ def test_usage_errors(cli: Callable[..., Result], tmp_path: Path, monkeypatch: p
     assert "needs a file" in cli("studio", "-").stderr
     assert cli("studio", "missing.xml").exit_code == 2
     (tmp_path / "notes.txt").write_text("x")
+    (tmp_path / "run.btlog").write_text("x")
+    assert "--save-recording run.btrec.txt" in " ".join(
+        cli("studio", str(tmp_path / "run.btlog")).stderr.split()
+    )
     assert "must end with .xml or .btproj" in cli("studio", str(tmp_path / "notes.txt")).stderr
     tree = str(bundled_trees.folder() / "bumpgo.xml")
     assert "takes two files, and no SOURCE" in cli("studio", ".", "--compare", tree, tree).stderr

@@ -69,7 +69,7 @@ def test_edit_reaches_the_other_page_and_the_disk(studio: Studio, previous: Path
         files = [{"uri": uri, "name": "tree.xml", "unsaved": True}]
         assert page.request("btcore/files") == other.notification("btcore/files") == files
         assert (studio.folder / "tree.xml").read_text(encoding="utf-8") == TREE
-        assert page.request("btcore/save", {"uri": uri}) is None
+        assert page.request("btcore/save", {"uri": uri}) is True
         after = TREE.replace("Küche", "Bad 𝒙")
         assert (studio.folder / "tree.xml").read_text(encoding="utf-8") == after
         assert other.notification("btcore/files")[0]["unsaved"] is False

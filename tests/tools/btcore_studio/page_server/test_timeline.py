@@ -123,6 +123,7 @@ def test_the_keys_of_a_moment_are_those_of_the_drawing(
 
 def test_documents_of_a_recording_keep_their_places(tmp_path: Path) -> None:
     part = f'<root BTCPP_format="4">{TREE[TREE.index("<BehaviorTree") :]}'.replace("Rounds", "Visit")
+    part = part.replace("</root>", "<TreeNodesModel/></root>")
     main = TREE.replace("<AlwaysSuccess/>", '<SubTree ID="Visit"/>').replace(
         ">", '><include path="../shared/part.xml"/>', 1
     )
@@ -135,6 +136,7 @@ def test_documents_of_a_recording_keep_their_places(tmp_path: Path) -> None:
     shown = find_shown(str(tmp_path / "run.btrec.txt"), StudioOptions(), None, tmp_path / "recording")
     assert shown.file is not None
     assert shown.file.is_relative_to(tmp_path / "recording")
+    assert [Path(model).name for model in shown.models] == ["part.xml"]
     assert shown.file.read_text(encoding="utf-8") == main
     assert (shown.file.parent / "../shared/part.xml").resolve().read_text(encoding="utf-8") == part
 

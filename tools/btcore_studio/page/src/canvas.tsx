@@ -3,6 +3,7 @@
 import "./tree.css";
 import { useEffect, useRef } from "preact/hooks";
 import { followPointers } from "./drag";
+import { backTo } from "./files";
 import { type Action, actionOf, type Direction, isForPage, neighbour, type PageAction } from "./keyboard";
 import { CallChoice, durationOf, liveIndex, notes } from "./live";
 import { Help, Menu } from "./menu";
@@ -205,7 +206,7 @@ function act(shown: View, action: Action): void {
     const place = box ? shown.screen(box) : shown.frame.getBoundingClientRect();
     const page: Record<PageAction, () => unknown> = {
       all: () => { selection.value = structure.nodes.map((node) => node.key); },
-      none: () => shown.select([]),
+      none: () => { if (selection.value.length || !backTo()) shown.select([]); },
       search: () => document.getElementById("search")?.focus(),
       larger: () => shown.zoomTo(shown.zoom * ZOOM_STEP), smaller: () => shown.zoomTo(shown.zoom / ZOOM_STEP),
       fit: () => shown.fit(), help: () => { help.value = true; },

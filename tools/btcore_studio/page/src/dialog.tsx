@@ -1,5 +1,5 @@
 import { signal } from "@preact/signals";
-import { useEffect, useRef } from "preact/hooks";
+import { useLayoutEffect, useRef } from "preact/hooks";
 import { texts } from "./texts";
 
 interface Question {
@@ -7,6 +7,8 @@ interface Question {
   /** A text field with this label, or only the choices. */
   label?: string;
   text?: string;
+  /** Why the last answer was refused. */
+  reason?: string;
   /** The buttons. With a field, the first one is that of Enter. */
   choices: readonly string[];
   answer: (choice: string, text: string) => void;
@@ -23,13 +25,18 @@ export function ask(asked: Question): void {
 export function Dialog() {
   const dialog = useRef<HTMLDialogElement>(null);
   const asked = question.value;
-  useEffect(() => {
+  // Keys that follow at once are for the field.
+  useLayoutEffect(() => {
     if (!asked) return;
     dialog.current?.showModal();
     dialog.current?.querySelector("input")?.select();
   }, [asked]);
   if (!asked) return null;
-  const close = () => { question.value = null; };
+  // The browser gives the focus back when the dialog is closed before it is removed.
+  const close = () => {
+    dialog.current?.close();
+    question.value = null;
+  };
   const submit = (event: SubmitEvent) => {
     event.preventDefault();
     const text = String(new FormData(event.target as HTMLFormElement).get("text") ?? "");
@@ -37,10 +44,11 @@ export function Dialog() {
     asked.answer((event.submitter as HTMLButtonElement | null)?.value ?? asked.choices[0] ?? "", text);
   };
   return (
-    <dialog ref={dialog} onClose={close} aria-label={asked.title}>
+    <dialog ref={dialog} onClose={() => { if (question.value === asked) question.value = null; }} aria-label={asked.title}>
       <h2>{asked.title}</h2>
+      {asked.reason && <p class="error" id="reason">{asked.reason}</p>}
       <form onSubmit={submit}>
-        {asked.label !== undefined && <label>{asked.label} <input name="text" defaultValue={asked.text ?? ""} autocomplete="off" /></label>}
+        {asked.label !== undefined && <label>{asked.label} <input name="text" defaultValue={asked.text ?? ""} autocomplete="off" aria-describedby={asked.reason && "reason"} /></label>}
         {asked.choices.map((choice) => <button key={choice} type="submit" value={choice}>{choice}</button>)}
         <button type="button" onClick={close}>{texts.cancel}</button>
       </form>

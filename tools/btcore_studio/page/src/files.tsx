@@ -4,9 +4,10 @@ import { ask } from "./dialog";
 import { offsetAt, positionAt } from "./documents";
 import type { Home } from "./home";
 import type { TreeSummary } from "./protocol";
-import { actions, drawing, files, showError, start, tree, uri } from "./state";
+import { actions, drawing, files, reasonOf, selection, showError, start, tree, uri } from "./state";
 import { rename } from "./text_pane";
 import { texts } from "./texts";
+import { focusPicture } from "./view";
 
 const NEW_FILE = `<?xml version="1.0" encoding="UTF-8"?>
 <root BTCPP_format="4" main_tree_to_execute="MainTree">
@@ -24,11 +25,11 @@ export function openFile(address: string): void {
   });
 }
 
-function createFile(): void {
+function createFile(text = "tree.xml", reason = ""): void {
   ask({
-    title: texts.newFile, label: texts.fileName, text: "tree.xml", choices: [texts.create],
+    title: texts.newFile, label: texts.fileName, text, reason, choices: [texts.create],
     answer: (_, name) => void actions.request<{ uri: string }>("btcore/create", { name, text: NEW_FILE })
-      .then((created) => openFile(created.uri), showError),
+      .then((created) => { openFile(created.uri); focusPicture(); }, (error) => createFile(name, reasonOf(error))),
   });
 }
 
@@ -36,7 +37,9 @@ function createTree(): void {
   ask({
     title: texts.newTree, label: texts.treeId, choices: [texts.create],
     answer: (_, id) => void actions.edit({ kind: "add_tree", uri: uri.value, id }).then((result) => {
-      if (result) tree.value = id;
+      if (!result) return;
+      tree.value = id;
+      focusPicture();
     }),
   });
 }
@@ -46,7 +49,7 @@ function changeTree(home: Home, { id, place, isMain }: TreeSummary): void {
   ask({
     title: texts.changeTree(id), choices,
     answer: (choice) => {
-      if (choice === texts.makeMain) void actions.edit({ kind: "set_main_tree", uri: place.uri, id });
+      if (choice === texts.makeMain) void actions.edit({ kind: "set_main_tree", uri: uri.value, id });
       else if (choice === texts.remove) void actions.edit({ kind: "remove_tree", uri: place.uri, id });
       else void renameTree(home, place).catch(showError);
     },
@@ -83,7 +86,7 @@ export function Files({ home }: { home: Home }) {
         <>
           <div class="row">
             <h2>{texts.files}</h2>
-            {canChange && <button class="small" onClick={createFile} aria-label={texts.newFile} title={texts.newFile}>+</button>}
+            {canChange && <button class="small" onClick={() => createFile()} aria-label={texts.newFile} title={texts.newFile}>+</button>}
           </div>
           {files.value.length > MANY_FILES && (
             <input type="search" placeholder={texts.filterFiles} aria-label={texts.filterFiles} value={filter.value}
@@ -111,7 +114,7 @@ export function Files({ home }: { home: Home }) {
               {item.id} {item.isMain && <span class="tag">{texts.mainTree}</span>}
               <small>{item.callers.length ? texts.calledBy(item.callers) : item.isMain ? "" : texts.notCalled}</small>
             </button>
-            {canChange && item.id === drawing.value?.tree && item.place.uri === uri.value && (
+            {canChange && item.id === drawing.value?.tree && (
               <button class="small" onClick={() => changeTree(home, item)} aria-label={texts.changeTree(item.id)} title={texts.changeTree(item.id)}>…</button>
             )}
           </li>
@@ -137,7 +140,22 @@ effect(() => {
   if (at >= 0) path.value = before.slice(0, at + 1);
   else if (item?.callers.includes(last)) path.value = [...before, shown.tree];
   else path.value = item?.callers[0] && !item.isMain ? [item.callers[0], shown.tree] : [shown.tree];
+  // The caller's node is where the user came from.
+  const called = at >= 0 && before[at + 1];
+  const call = called && !selection.peek().length && shown.nodes.find((node) => node.calls === called);
+  if (call) selection.value = [call.key];
 });
+
+/** Show a tree on the way to the shown tree, by default its caller. Return whether there is one. */
+export function backTo(id = path.value.at(-2)): boolean {
+  if (id === undefined) return false;
+  batch(() => {
+    selection.value = [];
+    tree.value = id;
+  });
+  focusPicture();
+  return true;
+}
 
 export function Breadcrumbs() {
   if (path.value.length < 2) return null;
@@ -147,7 +165,7 @@ export function Breadcrumbs() {
         {path.value.map((id) => (
           <li key={id}>
             {id === path.value.at(-1) ? <span aria-current="page">{id}</span>
-              : <button class="plain" onClick={() => { tree.value = id; }}>{id}</button>}
+              : <button class="plain" onClick={() => backTo(id)}>{id}</button>}
           </li>
         ))}
       </ol>

@@ -5,17 +5,26 @@ import type { ComponentChildren } from "preact";
 import { useEffect, useMemo, useRef } from "preact/hooks";
 import { statuses, statusOf } from "./live";
 import { edit, openTree, run } from "./operations";
-import { Symbol } from "./palette";
+import { SIGNS, Symbol } from "./palette";
 import { usePreview } from "./preview";
 import { modelForm } from "./quick_state";
 import type { Command, Diagnostic, DrawnNode, Field, NodeForm, Problem } from "./protocol";
 import { actions, diagnostics, drawing, live, palette, problemsByKey, selectedNode, selectedNodes, start } from "./state";
 import { moment } from "./timeline";
+import { plain } from "./markdown";
 import { treeTexts } from "./texts";
 import { focusPicture } from "./view";
 
 const NONE: Diagnostic[] = [];
-const SIGNS = { in: "→", out: "←", inout: "↔", "": "" };
+let isPressed = false;
+addEventListener("pointerdown", () => { isPressed = true; }, true);
+for (const name of ["pointerup", "pointercancel"]) addEventListener(name, () => { isPressed = false; }, true);
+
+/** Run a change of the layout, after a click that has begun: otherwise the click would miss its target. */
+function afterPress(change: () => void): void {
+  if (isPressed) addEventListener("click", () => setTimeout(change), { once: true, capture: true });
+  else change();
+}
 
 export function Form() {
   const node = selectedNode.value;
@@ -79,7 +88,7 @@ function Ports({ node }: { node: DrawnNode }) {
 /** A docstring, which has code between backquotes. */
 function About({ text }: { text: string }) {
   if (!text) return null;
-  return <p class="about">{text.split("`").map((part, index) => index % 2 ? <code key={index}>{part}</code> : part)}</p>;
+  return <p class="about">{plain(text).split("`").map((part, index) => index % 2 ? <code key={index}>{part}</code> : part)}</p>;
 }
 
 function Fields({ node, form }: { node: DrawnNode; form: NodeForm }) {
@@ -170,7 +179,7 @@ function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; pr
   const common = {
     ref: input, id, name: field.name, spellcheck: false, autocomplete: "off", readOnly: start.value?.readOnly ?? false,
     placeholder: field.default ?? "", "aria-invalid": isWrong, "aria-required": field.isRequired,
-    "aria-describedby": describedBy || undefined, defaultValue: text, onBlur: () => { isFocused.value = false; commit(); },
+    "aria-describedby": describedBy || undefined, defaultValue: text, onBlur: () => { commit(); afterPress(() => { isFocused.value = document.activeElement === input.current; }); },
     onFocus: () => { isFocused.value = true; }, onKeyDown: key, onInput: (event: InputEvent) => write((event.currentTarget as HTMLInputElement).value),
   };
   return (
@@ -193,7 +202,7 @@ function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; pr
         const [found, ...hint] = problem.message.split("\n");
         return <span key={problem.message} class={problem.severity === 1 ? "error" : "warning"}>{found} <em>{hint.join(" ")}</em></span>;
       })}</p>}
-      {field.about && <p class={`about ${isFocused.value ? "" : "folded"}`} id={`${id}-about`}>{field.about}</p>}
+      {field.about && <p class={`about ${isFocused.value ? "" : "folded"}`} id={`${id}-about`}>{plain(field.about)}</p>}
     </div>
   );
 }

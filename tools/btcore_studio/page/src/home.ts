@@ -26,7 +26,8 @@ export interface Home {
   /** Resolves to null if there is nothing to undo, or if the editor shows what it has undone. */
   undo(): Promise<Done | null>;
   redo(): Promise<Done | null>;
-  save(uri: string): Promise<void>;
+  /** Resolves to whether something was written. */
+  save(uri: string): Promise<boolean>;
   /** Offer a file to the user. */
   export(name: string, content: Blob): Promise<void>;
   /** Show a place in the editor; the browser's page shows it itself. */
@@ -159,11 +160,12 @@ export class BrowserHome implements Home {
     return Promise.resolve(this.history.redo());
   }
 
-  async save(uri: string): Promise<void> {
+  async save(uri: string): Promise<boolean> {
     await this.documents.load(uri);
     await this.documents.pushed(uri);
-    await this.connection.request("btcore/save", { uri });
+    const isWritten = await this.connection.request<boolean>("btcore/save", { uri });
     this.connection.notify("textDocument/didSave", { textDocument: { uri } });
+    return isWritten;
   }
 
   export(name: string, content: Blob): Promise<void> {
@@ -279,8 +281,9 @@ class EditorHome implements Home {
     return null;
   }
 
-  async save(uri: string): Promise<void> {
+  async save(uri: string): Promise<boolean> {
     await this.connection.request("studio/save", { uri });
+    return true;
   }
 
   async export(name: string, content: Blob): Promise<void> {

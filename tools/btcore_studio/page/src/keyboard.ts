@@ -14,7 +14,7 @@ const OPERATIONS: Record<string, OperationId> = {
   "i": "insert", "Insert": "insert", "w": "wrap", "u": "unwrap", "t": "type", "F2": "rename", "e": "toggle",
   "Ctrl+d": "duplicate", "Delete": "remove", "Backspace": "remove", "Ctrl+c": "copy", "Ctrl+x": "cut",
   "Alt+ArrowLeft": "earlier", "Alt+ArrowRight": "later", "Alt+ArrowUp": "out", "Alt+ArrowDown": "in",
-  "x": "extract", "Shift+X": "inline", "n": "model", "o": "open", "Ctrl+Enter": "text", " ": "fold", "b": "breakpoint",
+  "x": "extract", "Shift+X": "inline", "n": "model", "o": "open", "Ctrl+Enter": "text", " ": "fold", "b": "breakpoint", "c": "release",
 };
 const PAGE: Record<string, PageAction> = {
   "Ctrl+a": "all", "Escape": "none", "/": "search", "Ctrl+f": "search", "+": "larger", "=": "larger", "-": "smaller", "0": "fit", "?": "help", "F1": "help",

@@ -2,6 +2,7 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
+import { release } from "./announcer";
 import type { Live, RunningCall } from "./protocol";
 import { actions, drawing, live, nodesByKey, showError, start, tree } from "./state";
 import { treeTexts } from "./texts";
@@ -136,7 +137,7 @@ export function LiveControls() {
       <input ref={field} placeholder={proposed} aria-label={treeTexts.address} />
       <button title={treeTexts.watchTitle}>{address ? treeTexts.disconnect : treeTexts.connect}</button>
       {state?.stopped && (
-        <button type="button" class="continue" onClick={() => void send("btcore/release", {})}>{treeTexts.continue}</button>
+        <button type="button" class="continue" title={`${treeTexts.continue} (C)`} onClick={() => void release()}>{treeTexts.continue}</button>
       )}
     </form>
   );

@@ -3,11 +3,13 @@
 import "../studio.css";
 import { batch, effect, signal, untracked } from "@preact/signals";
 import { render } from "preact";
+import { Announcer, followPage, notice, postponeReport } from "./announcer";
 import { Canvas } from "./canvas";
 import { ComparisonPage, loadComparison } from "./comparison";
 import { Dialog } from "./dialog";
 import { Mark } from "./documents";
 import { Breadcrumbs, Files } from "./files";
+import { keepFocus, movePane } from "./focus";
 import { Form } from "./form";
 import type { Done } from "./history";
 import { BrowserHome, findHome, isConnected } from "./home";
@@ -20,13 +22,16 @@ import type {
   SharedFile, WorkspaceEdit,
 } from "./protocol";
 import {
-  actions, diagnostics, drawing, files, folded, isSamePlace, live, message, palette, reasonOf, selection, showError, start, tree, uri,
+  actions, diagnostics, drawing, files, folded, isSamePlace, live, message, palette, reasonOf, refusedField, selectedNodes, selection,
+  showError, start, tree, uri,
 } from "./state";
+import { RpcError } from "./rpc";
 import { Splitter } from "./splitter";
 import { revealText, TextPane } from "./text_pane";
-import { texts } from "./texts";
+import { texts, treeTexts } from "./texts";
 import { Timeline } from "./timeline";
 import { fileName, hiddenPanes, Toolbar } from "./toolbar";
+import { view } from "./view";
 
 /** A drawing that takes longer waits for a pause in typing. */
 const QUICK_MS = 100;
@@ -34,8 +39,6 @@ const TYPING_WAIT_MS = 60;
 const PALETTE_WAIT_MS = 1000;
 
 const home = findHome();
-/** Why the picture is not that of the present text, or "". */
-const notice = signal("");
 const conflicts = signal<readonly DiskConflict[]>([]);
 
 // --- the drawing
@@ -102,7 +105,10 @@ function selectPlaces({ nodes }: Drawing): void {
     const node = nodes.find(({ place }) => isSamePlace(place, wanted));
     return node ? [node.key] : [];
   });
-  if (keys.length) selection.value = keys;
+  if (keys.length) {
+    selection.value = keys;
+    view.value?.select(keys, true);
+  }
   toSelect = [];
 }
 
@@ -148,7 +154,7 @@ function edit(command: Command): Promise<EditResult | null> {
     try {
       const mark = home.mark();
       // VS Code may change the texts of the edit, and then draws them.
-      const [wanted, known] = [drawingParams(), drawing.value];
+      const [wanted, shown] = [drawingParams(), drawing.value];
       const params: EditParams = home.documents ? { command: moved, drawing: wanted } : { command: moved };
       const result = await actions.request<EditResult>("btcore/edit", versions ? { ...params, versions } : params);
       toSelect = result.select;
@@ -157,18 +163,27 @@ function edit(command: Command): Promise<EditResult | null> {
       const before = requested;
       isDrawn = next !== null;
       await home.apply(result.edit, mark).finally(() => { isDrawn = false; });
-      if (next) show(complete(next, known), wanted, home.mark());
-      message.value = result.notes.join(" ");
-      if (moved.kind === "set_model") waitForPalette(0);
+      if (next) show(complete(next, shown), wanted, home.mark());
+      if (moved.kind === "set_model" || moved.kind === "remove_model") waitForPalette(0);
       // A changed text is being drawn, or was drawn before VS Code replied.
       if (requested !== before) await running;
       else if (!next) await redraw();
+      message.value = [treeTexts.edited(moved, selectedNodes.value.length, whereIsCursor()), ...result.notes].filter(Boolean).join(" ");
       return result;
     } catch (error) {
       showError(error);
+      refusedField.value = error instanceof RpcError ? (error.data as { field?: string } | null)?.field ?? "" : "";
       return null;
     }
   });
+}
+
+/** Return the place of the selected node among its siblings in words, or "". */
+function whereIsCursor(): string {
+  const structure = view.value?.structure;
+  const index = structure?.at(selection.value.at(-1) ?? "") ?? -1;
+  const parent = structure?.nodes[structure.parent(index)];
+  return structure && parent ? treeTexts.placeOf(structure.positions[index]!, structure.siblings(index).length, parent.name) : "";
 }
 
 async function preview(command: Command): Promise<Preview> {
@@ -185,19 +200,19 @@ const apply = (change: WorkspaceEdit) => void inOrder(async () => {
   }
 });
 
-async function move(step: () => Promise<Done | null>, nothing: string): Promise<void> {
+async function move(step: () => Promise<Done | null>, moved: string, nothing: string): Promise<void> {
   await inOrder(async () => {
     const done = await step();
     if (!done) {
       if (home.documents) message.value = nothing;
       return;
     }
-    message.value = "";
     const [first] = done.uris;
     if (first && !done.uris.includes(uri.value)) revealText({ uri: first, position: { line: 0, character: 0 } }, false);
     await (running ?? redraw()); // a changed text is being drawn already
     // In the text, the cursor shows what has changed.
     if (!document.activeElement?.closest(".text")) selection.value = done.selection;
+    message.value = moved;
   });
 }
 
@@ -208,12 +223,13 @@ const changed = new Set<string>();
 async function save(): Promise<void> {
   const unsaved = files.value.filter((file) => file.unsaved).map((file) => file.uri);
   const wanted = home.documents ? [...new Set([...unsaved, ...changed])] : [uri.value];
+  const written: string[] = [];
   try {
     for (const address of wanted) {
-      await home.save(address);
+      if (await home.save(address)) written.push(fileName(address));
       changed.delete(address);
     }
-    message.value = wanted.length ? texts.saved(wanted.map(fileName).join(", ")) : texts.nothingToSave;
+    message.value = written.length ? texts.saved(written.join(", ")) : texts.nothingToSave;
   } catch (error) {
     message.value = texts.saveRefused(reasonOf(error));
   }
@@ -224,8 +240,8 @@ Object.assign(actions, {
   edit,
   preview,
   apply,
-  undo: () => move(() => home.undo(), texts.nothingToUndo),
-  redo: () => move(() => home.redo(), texts.nothingToRedo),
+  undo: () => move(() => home.undo(), texts.undone, texts.nothingToUndo),
+  redo: () => move(() => home.redo(), texts.redone, texts.nothingToRedo),
   save: () => inOrder(save),
   reveal: (place) => {
     if (home.documents) revealText(place);
@@ -236,11 +252,11 @@ Object.assign(actions, {
 // --- what the server notifies
 
 home.connection.on<{ uri: string; diagnostics: Diagnostic[] }>("textDocument/publishDiagnostics", (params) => {
-  if (!checked.value.has(params.uri)) checked.value = new Set([...checked.value, params.uri]);
   const all = new Map(diagnostics.value);
   if (params.diagnostics.length) all.set(params.uri, params.diagnostics);
   else all.delete(params.uri);
   diagnostics.value = all;
+  if (!checked.value.has(params.uri)) checked.value = new Set([...checked.value, params.uri]);
 });
 home.connection.on<Live>("btcore/live", (state) => {
   const { keys, calls } = live.value ?? {};
@@ -285,6 +301,7 @@ function waitForPalette(ms: number): void {
 home.onChange((address, origin) => {
   if (origin !== "remote") changed.add(address);
   clearTimeout(typingTimer);
+  postponeReport();
   if (origin === "typing" && drawingMs > QUICK_MS) typingTimer = window.setTimeout(redraw, TYPING_WAIT_MS);
   else if (!isDrawn || running) void redraw();
   waitForPalette(PALETTE_WAIT_MS);
@@ -317,6 +334,11 @@ addEventListener("input", (event) => {
 /** Handle the keys of the page. Returns whether a key is the page's, or that of one of its fields. */
 function handleKey(event: KeyboardEvent): boolean {
   if (event.defaultPrevented) return true;
+  if (event.key === "F6" && home.documents && !event.ctrlKey && !event.altKey && !document.querySelector("dialog[open]")) {
+    movePane(event.shiftKey ? -1 : 1);
+    event.preventDefault();
+    return true;
+  }
   if (event.altKey || !(event.ctrlKey || event.metaKey)) return false;
   const key = event.key.toLowerCase();
   const isUndo = key === "z" && !event.shiftKey;
@@ -348,7 +370,7 @@ addEventListener("beforeunload", (event) => {
 
 function Notices() {
   return (
-    <div class="notices" role="status">
+    <div class="notices">
       {!isConnected.value && <p>{texts.lost}</p>}
       {notice.value && <p>{notice.value}</p>}
       {start.value?.uri === "" && !uri.value && <p>{texts.emptyFolder}</p>}
@@ -397,8 +419,9 @@ function Page() {
       </div>
       <footer>
         {home.documents && <Problems />}
-        <p class="message" role="status">{message.value}</p>
+        <p class="message">{message.value}</p>
       </footer>
+      <Announcer />
       <Dialog />
     </>
   );
@@ -406,6 +429,8 @@ function Page() {
 
 async function begin(): Promise<void> {
   render(<Page />, document.body);
+  keepFocus();
+  followPage();
   try {
     const begun = await home.begin();
     start.value = begun;

@@ -34,6 +34,9 @@ function inline(parent: HTMLElement, text: string, open: OpenPlace): void {
   }
 }
 
+/** Return a docstring without the marks of its emphasized words. */
+export const plain = (text: string): string => text.replace(/(?<![\w*])\*([^\s*](?:[^*`]*[^\s*])?)\*(?![\w*])/g, "$1");
+
 /**
  * Return a description as elements.
  *

@@ -8,6 +8,9 @@ import { help, menu } from "./quick_state";
 import { treeTexts } from "./texts";
 import { focusPicture } from "./view";
 
+/** Reasons of most operations, which are shown for one at a time. */
+const GENERAL: ReadonlySet<string> = new Set([treeTexts.refusal.readOnly, treeTexts.refusal.noSelection]);
+
 export function Menu() {
   return menu.value ? <OpenMenu key={`${menu.value.x} ${menu.value.y}`} {...menu.value} /> : null;
 }
@@ -68,7 +71,7 @@ function OpenMenu({ x, y }: { x: number; y: number }) {
                   onFocus={() => consider(operation)} onPointerEnter={() => consider(operation)}
                 >
                   <span>{operation.label()}</span><kbd>{operation.keys}</kbd>
-                  {reason && <small>{reason}</small>}
+                  {reason && <small class={GENERAL.has(reason) ? "general" : ""}>{reason}</small>}
                   {warning && looked.value === operation.id && <small class={`outlook ${levelOf(outlook)}`}>⚠ {warning}</small>}
                 </button>
               );
@@ -93,12 +96,9 @@ export function Help() {
     ...operations.map((operation) => ({ group: operation.group, keys: operation.keys, text: treeTexts.operation[operation.id] })),
     ...treeTexts.pageKeys,
   ];
-  const closed = () => {
-    help.value = false;
-    focusPicture();
-  };
+  // The browser gives the focus back to what had it.
   return (
-    <dialog class="help" ref={dialog} aria-label={treeTexts.helpTitle} onClose={closed}>
+    <dialog class="help" ref={dialog} aria-label={treeTexts.helpTitle} onClose={() => { help.value = false; }}>
       <form method="dialog"><h2>{treeTexts.helpTitle}</h2><button aria-label={treeTexts.close} title={treeTexts.close}>×</button></form>
       <div class="help-groups">
         {[...Map.groupBy(rows, (row) => row.group)].map(([group, items]) => (
@@ -108,6 +108,7 @@ export function Help() {
           </section>
         ))}
       </div>
+      <p>{treeTexts.marks}</p>
       <p>{treeTexts.mouse}</p>
     </dialog>
   );

@@ -1,16 +1,17 @@
 // The form of a node type: its ID, its type and its ports, written as a model of the file.
 
 import { useSignal } from "@preact/signals";
+import { Fragment } from "preact";
 import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { edit } from "./operations";
 import type { Leaf, PaletteItem, PalettePort } from "./protocol";
 import { modelForm } from "./quick_state";
-import { actions, files, message, reasonOf, uri } from "./state";
+import { actions, files, message, reasonOf, refusedField, uri } from "./state";
 import { treeTexts } from "./texts";
 
 type ModelType = keyof typeof treeTexts.modelTypes;
-/** A port, and a number that no other port has. */
-type Row = PalettePort & { row: number };
+/** A port, its name before, and a number that no other port has. */
+type Row = PalettePort & { row: number; before: string };
 
 const TYPES = Object.keys(treeTexts.modelTypes) as ModelType[];
 const DIRECTIONS = ["in", "out", "inout"] as const;
@@ -35,10 +36,10 @@ function OpenForm({ item }: { item: PaletteItem | null }) {
   const dialog = useRef<HTMLDialogElement>(null);
   const id = useSignal(item?.id ?? "");
   const type = useSignal(TYPES.find((name) => name.toLowerCase() === item?.kind) ?? "Action");
-  const rows = useSignal<readonly Row[]>((item?.ports ?? []).map((port, row) => ({ ...port, row })));
+  const rows = useSignal<readonly Row[]>((item?.ports ?? []).map((port, row) => ({ ...port, row, before: port.name })));
   const nextRow = useRef(rows.value.length);
   const toFocus = useRef<number | null>(null);
-  const refusal = useSignal("");
+  const refusal = useSignal({ text: "", field: "" });
   const isWriting = useSignal(false);
   // The form is for the file that was shown when it was opened.
   const address = useRef(uri.value).current;
@@ -52,7 +53,7 @@ function OpenForm({ item }: { item: PaletteItem | null }) {
   }, [rows.value]);
   const add = () => {
     toFocus.current = rows.value.length;
-    rows.value = [...rows.value, { ...NEW_PORT, row: nextRow.current++ }];
+    rows.value = [...rows.value, { ...NEW_PORT, row: nextRow.current++, before: "" }];
   };
   const remove = (index: number) => {
     toFocus.current = index;
@@ -66,20 +67,36 @@ function OpenForm({ item }: { item: PaletteItem | null }) {
     if (isWriting.value) return;
     isWriting.value = true;
     const withLeaf = (event.submitter as HTMLButtonElement | null)?.name === "leaf";
-    const ports = rows.value.map(({ row: _, name, ...port }) => ({ ...port, name: name.trim() }));
+    const ports = rows.value.map(({ row: _, before: __, name, ...port }) => ({ ...port, name: name.trim() }));
     const name = id.value.trim();
-    const result = await edit({ kind: "set_model", uri: address, id: name, type: type.value, ports });
-    refusal.value = result ? "" : message.value;
+    const renamed = Object.fromEntries(rows.value.flatMap((port) =>
+      port.before && port.before !== port.name.trim() ? [[port.before, port.name.trim()]] : []));
+    const result = await edit({ kind: "set_model", uri: address, id: name, type: type.value, ports, before: item?.id ?? "", renamed });
+    refusal.value = result ? { text: "", field: "" } : { text: message.value, field: refusedField.value };
     try {
       if (result && withLeaf) message.value = treeTexts.leafWritten(...await writeLeaf(address, file!.slice(0, file!.lastIndexOf("/") + 1), name));
     } catch (error) {
-      refusal.value = reasonOf(error);
+      refusal.value = { text: reasonOf(error), field: "" };
     }
     isWriting.value = false;
-    if (refusal.value) return;
+    if (refusal.value.text) return;
     message.value ||= treeTexts.modelWritten(name);
     dialog.current?.close();
   };
+  const removeType = async () => {
+    const result = await edit({ kind: "remove_model", uri: address, id: item!.id });
+    refusal.value = { text: result ? "" : message.value, field: "" };
+    if (result) dialog.current?.close();
+  };
+  // The reason is beside its field, which gets the focus.
+  useLayoutEffect(() => {
+    const [, row, column] = refusal.value.field.split("/");
+    if (row) dialog.current!.querySelectorAll(".model-port")[Number(row)]?.querySelector<HTMLElement>(`[name=${column}]`)?.focus();
+    else if (refusal.value.field) dialog.current!.querySelector<HTMLElement>("[name=id]")?.focus();
+  }, [refusal.value]);
+  const reasonAt = (field: string) => refusal.value.field === field ? refusal.value.text : "";
+  const reason = (field: string) => reasonAt(field) && <p class="error" role="alert" id="model-refusal">{refusal.value.text}</p>;
+  const invalid = (field: string) => reasonAt(field) ? { "aria-invalid": true, "aria-describedby": "model-refusal" } : {};
   return (
     <dialog class="model" ref={dialog} aria-labelledby="model-title" onClose={() => { modelForm.value = null; }}>
       <h2 id="model-title">{item ? treeTexts.modelOf(item.id) : treeTexts.newModel}</h2>
@@ -87,9 +104,10 @@ function OpenForm({ item }: { item: PaletteItem | null }) {
         <label>
           {treeTexts.id}
           <input
-            name="id" value={id.value} readOnly={item !== null} autofocus={item === null} required spellcheck={false} autocomplete="off"
-            aria-describedby="model-refusal" onInput={(event) => { id.value = event.currentTarget.value; }}
+            name="id" value={id.value} autofocus={item === null} required spellcheck={false} autocomplete="off"
+            {...invalid("id")} onInput={(event) => { id.value = event.currentTarget.value; }}
           />
+          {item && id.value.trim() !== item.id && <small>{treeTexts.renamesType(item.id)}</small>}
         </label>
         <label>
           {treeTexts.type}
@@ -97,10 +115,12 @@ function OpenForm({ item }: { item: PaletteItem | null }) {
             {TYPES.map((name) => <option key={name} value={name}>{treeTexts.modelTypes[name]}</option>)}
           </select>
         </label>
+        {reason("id")}
         <fieldset>
           <legend>{treeTexts.ports}</legend>
           {rows.value.map((port, index) => (
-            <div class="model-port" key={port.row}>
+            <Fragment key={port.row}>
+            <div class="model-port">
               {COLUMNS.map((column) => {
                 const label = treeTexts.portField(treeTexts.portColumns[column], index + 1);
                 return column === "direction" ? (
@@ -111,22 +131,26 @@ function OpenForm({ item }: { item: PaletteItem | null }) {
                 ) : (
                   <input
                     key={column} name={column} aria-label={label} placeholder={treeTexts.portColumns[column]} value={port[column]}
-                    spellcheck={false} autocomplete="off" list={column === "type" ? "model-port-types" : undefined}
+                    spellcheck={false} autocomplete="off" {...invalid(`ports/${index}/${column}`)} list={column === "type" ? "model-port-types" : undefined}
                     onInput={(event) => change(index, column, event.currentTarget.value)}
                   />
                 );
               })}
               <button type="button" aria-label={treeTexts.removePort(port.name, index + 1)} title={treeTexts.removePort(port.name, index + 1)} onClick={() => remove(index)}>×</button>
             </div>
+            {port.before && port.name.trim() !== port.before && <small>{treeTexts.renamesPort(port.before)}</small>}
+            {COLUMNS.map((column) => reason(`ports/${index}/${column}`))}
+            </Fragment>
           ))}
           <button type="button" name="add" onClick={add}>{treeTexts.addPort}</button>
           <datalist id="model-port-types">{PORT_TYPES.map((name) => <option key={name} value={name} />)}</datalist>
         </fieldset>
         <p>{treeTexts.modelHint}{file && ` ${treeTexts.leafHint}`}</p>
-        <p class="error" role="alert" id="model-refusal">{refusal.value}</p>
+        {reason("")}
         <button type="submit" class="primary">{treeTexts.write}</button>
         {file && <button type="submit" name="leaf">{treeTexts.writeLeaf}</button>}
         <button type="button" onClick={() => dialog.current?.close()}>{treeTexts.cancel}</button>
+        {item && <button type="button" name="remove" onClick={() => void removeType()}>{treeTexts.removeModel}</button>}
       </form>
     </dialog>
   );

@@ -2,8 +2,9 @@
 
 import type { Making } from "./preview";
 import type { Command, DrawnNode, EditResult, PaletteItem, Place } from "./protocol";
+import { release } from "./announcer";
 import { chooseCall, toggleBreakpoints } from "./live";
-import { actions, drawing, live, message, reasonOf, selection, start, tree as shownTree } from "./state";
+import { actions, drawing, live, message, reasonOf, refuse, selection, start, tree as shownTree } from "./state";
 import { modelForm, prompt, quick } from "./quick_state";
 import { canWrap, placeOfTree, type Structure } from "./tree";
 import { treeTexts } from "./texts";
@@ -11,7 +12,7 @@ import { view } from "./view";
 
 export type OperationId =
   | "insert" | "wrap" | "unwrap" | "type" | "rename" | "toggle" | "duplicate" | "copy" | "cut" | "paste" | "remove"
-  | "earlier" | "later" | "out" | "in" | "extract" | "inline" | "model" | "open" | "text" | "fold" | "breakpoint";
+  | "earlier" | "later" | "out" | "in" | "extract" | "inline" | "model" | "open" | "text" | "fold" | "breakpoint" | "release";
 
 export interface Operation {
   id: OperationId;
@@ -43,7 +44,7 @@ export const edit = (command: Command): Promise<EditResult | null> => actions.ed
 /** Do what a command says, or show why it is not possible. */
 function perform(command: Command | string): unknown {
   if (typeof command !== "string") return edit(command);
-  message.value = command;
+  refuse(command);
   return undefined;
 }
 
@@ -318,7 +319,7 @@ export const operations: readonly Operation[] = [
   moving("in", "Alt+↓"),
   {
     id: "extract", keys: "X", group: "tree", label: () => treeTexts.operation.extract,
-    refusal: refusals.single,
+    refusal: () => refusals.some() || (chosen().length > 1 ? treeTexts.refusal.extractSeveral : ""),
     run: () => {
       prompt.value = {
         label: treeTexts.treeId, value: "",
@@ -359,6 +360,11 @@ export const operations: readonly Operation[] = [
     refusal: () => !start.value?.live ? treeTexts.refusal.notLive : cursor() >= 0 ? "" : treeTexts.refusal.noSelection,
     run: () => toggleBreakpoints([node(cursor()).key]),
   },
+  {
+    id: "release", keys: "C", group: "view", label: () => treeTexts.continue,
+    refusal: () => live.value?.stopped ? "" : treeTexts.refusal.notStopped,
+    run: release,
+  },
 ];
 
 const byId = new Map(operations.map((operation) => [operation.id, operation]));
@@ -391,7 +397,7 @@ export function run(id: OperationId): void {
   const step = () => {
     const operation = byId.get(id)!;
     const reason = operation.refusal();
-    if (reason) message.value = reason;
+    if (reason) refuse(reason);
     return reason ? undefined : operation.run();
   };
   if (POPUPS.has(id)) step();

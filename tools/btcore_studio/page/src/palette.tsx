@@ -6,12 +6,14 @@ import { search } from "./fuzzy";
 import { lastUsed, noteUse } from "./last_used";
 import { commandOf, run, applyType } from "./operations";
 import { usePreview, Warning } from "./preview";
+import { plain } from "./markdown";
 import type { PaletteItem } from "./protocol";
 import { modelForm } from "./quick_state";
 import { palette, start } from "./state";
 import { treeTexts } from "./texts";
 import { focusPicture } from "./view";
 
+export const SIGNS = { in: "→", out: "←", inout: "↔", "": "" };
 const KINDS: readonly PaletteItem["kind"][] = ["control", "decorator", "condition", "action", "subtree", "undefined"];
 
 /** The badge of a node type. */
@@ -30,6 +32,16 @@ export function Highlighted({ text, at }: { text: string; at: readonly number[] 
   return <b>{[...text].map((letter, index) => letters.has(index) ? <mark key={index}>{letter}</mark> : letter)}</b>;
 }
 
+/** Whether a group has nodes of the project, which have models or are trees. */
+const isOwn = (group: readonly { item: PaletteItem }[]): boolean => group.some(({ item }) => item.isEditable || item.kind === "subtree");
+
+/** What an item is for, and its ports. */
+const textOf = ({ about, ports }: PaletteItem): string => [
+  ...(about ? [plain(about)] : []),
+  ...ports.map(({ name, direction, type, default: text, about }) =>
+    `${SIGNS[direction]} ${name}${type && `: ${type}`}${text && ` = ${text}`}${about && `, ${about}`}`),
+].join("\n");
+
 /** Insert a node at the cursor, in the first place that is possible. */
 function insert(item: PaletteItem): void {
   noteUse(item.id);
@@ -42,7 +54,7 @@ export function Palette() {
   const about = useSignal("");
   const [outlook, look] = usePreview();
   const describe = (item: PaletteItem) => {
-    about.value = item.about;
+    about.value = textOf(item);
     look(() => commandOf("insert", item));
   };
   const current = useSignal("");
@@ -52,7 +64,7 @@ export function Palette() {
   const recent = words.value ? [] : lastUsed.value.flatMap((id) => byId.get(id) ?? []);
   const groups: [string, { item: PaletteItem; at: number[] }[]][] = words.value
     ? [[treeTexts.results(matches.length), matches]]
-    : [...Map.groupBy(matches, ({ item }) => item.group)];
+    : [...Map.groupBy(matches, ({ item }) => item.group)].toSorted((a, b) => Number(isOwn(b[1])) - Number(isOwn(a[1])));
   const itemAt = (event: Event) => byId.get((event.target as Element).closest<HTMLElement>("[data-id]")?.dataset.id ?? "");
   const press = (event: PointerEvent) => {
     const item = itemAt(event);
@@ -87,7 +99,7 @@ export function Palette() {
   ) : insertButton(item, at);
   const insertButton = (item: PaletteItem, at: readonly number[]) => (
     <button
-      key={item.id} class="palette-item" data-id={item.id} title={item.about} aria-describedby="palette-about"
+      key={item.id} class="palette-item" data-id={item.id} title={textOf(item)} aria-describedby="palette-about"
       tabIndex={item.id === stop ? 0 : -1} onFocus={() => { describe(item); current.value = item.id; }} onPointerEnter={() => describe(item)} onPointerLeave={() => look(null)} onBlur={() => look(null)}
     >
       <Symbol item={item} /><Highlighted text={item.id} at={at} />

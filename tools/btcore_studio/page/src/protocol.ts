@@ -156,6 +156,7 @@ export interface Field {
 }
 
 // --- btcore/edit: EditParams → EditResult. An operation that cannot be applied is an error with the reason.
+// Its data may have the *field* of a node type's form to which the reason belongs: "id", or "ports/0/name".
 
 /** *drawing* is what to draw after the edit. */
 export interface EditParams { command: Command; drawing?: DrawingParams; versions?: Drawing["versions"] }
@@ -177,7 +178,12 @@ export type Command =
   | { kind: "add_tree"; uri: string; id: string }
   | { kind: "remove_tree"; uri: string; id: string }
   | { kind: "set_main_tree"; uri: string; id: string }
-  | { kind: "set_model"; uri: string; id: string; type: "Action" | "Condition" | "Control" | "Decorator" | "SubTree"; ports: PalettePort[] };
+  /** *before* is the present ID of a node type that gets another ID in all files; *renamed* has new names of ports. */
+  | {
+    kind: "set_model"; uri: string; id: string; type: "Action" | "Condition" | "Control" | "Decorator" | "SubTree"; ports: PalettePort[];
+    before?: string; renamed?: Record<string, string>;
+  }
+  | { kind: "remove_model"; uri: string; id: string };
 
 export interface EditResult {
   edit: WorkspaceEdit;
@@ -325,7 +331,7 @@ export interface SharedText { text: string; version: number; unsaved: boolean }
  */
 export interface Pushed { uri: string; version: number; edits: TextEdit[] }
 
-/** btcore/save: { uri } → null, or fails with a reason. btcore/create: { name, text } → { uri }. */
+/** btcore/save: { uri } → whether the text was written, or fails with a reason. btcore/create: { name, text } → { uri }. */
 /** The notification btcore/disk: a file changed on disk while it had unsaved changes that overlap. */
 export interface DiskConflict { uri: string; text: string }
 /** btcore/resolve: { uri, keep: "disk" | "page" } → null. */

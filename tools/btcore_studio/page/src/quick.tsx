@@ -7,6 +7,7 @@ import { lastUsed, noteUse } from "./last_used";
 import { commandOf, edit, inTurn, applyType, type Where, wheres } from "./operations";
 import { Highlighted, Symbol } from "./palette";
 import { usePreview, Warning } from "./preview";
+import { plain } from "./markdown";
 import type { NodeForm, PaletteItem } from "./protocol";
 import { prompt, quick } from "./quick_state";
 import { actions, palette, selectedNode } from "./state";
@@ -81,16 +82,27 @@ function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
   useEffect(() => look(chosenItem ? () => commandOf(mode, chosenItem, place) : null), [chosenItem, place]);
   const key = (event: KeyboardEvent) => {
     const step = { ArrowDown: 1, ArrowUp: -1, PageDown: 8, PageUp: -8 }[event.key];
+    const isAtPlaces = (event.target as Element).closest(".wheres") !== null;
     const chosenPlace = event.altKey
       ? ({ ArrowDown: "child", ArrowUp: "around", ArrowLeft: "before", ArrowRight: "after" } as const)[event.key as "ArrowUp"] : undefined;
     if (chosenPlace) { if (places.includes(chosenPlace)) where.value = chosenPlace; }
     else if (step) at.value = Math.max(0, Math.min(matches.length - 1, at.value + step));
-    else if (event.key === "Enter") accept(chosenItem);
+    else if (event.key === "Tab") {
+      // Tab goes to the choice of the place and back; it does not lose what was typed.
+      const stops = [...ref.current!.querySelectorAll<HTMLElement>("input, [aria-checked=true]")];
+      stops[(stops.indexOf(document.activeElement as HTMLElement) + 1) % stops.length]?.focus();
+    } else if (isAtPlaces && (event.key === "ArrowLeft" || event.key === "ArrowRight")) {
+      const next = places.indexOf(place!) + (event.key === "ArrowLeft" ? -1 : 1);
+      where.value = places[(next + places.length) % places.length]!;
+    } else if (event.key === "Enter") accept(chosenItem);
     else if (event.key === "Escape") close();
     else return;
     event.preventDefault();
     event.stopPropagation();
   };
+  useLayoutEffect(() => {
+    if (document.activeElement?.closest(".wheres")) ref.current?.querySelector<HTMLElement>("[aria-checked=true]")?.focus();
+  }, [place]);
   useEffect(() => {
     ref.current?.querySelector("[aria-selected=true]")?.scrollIntoView({ block: "nearest" });
   }, [at.value, words.value]);
@@ -116,14 +128,14 @@ function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
         {!matches.length && <li class="none">{treeTexts.noneFound}</li>}
       </ul>
       <Warning outlook={outlook} />
-      {chosenItem?.about && <p class="about">{firstSentence(chosenItem.about)}</p>}
+      {chosenItem?.about && <p class="about">{firstSentence(plain(chosenItem.about))}</p>}
       {places.length > 1 && (
         <div class="wheres" role="radiogroup" aria-label={treeTexts.where}>
           {places.map((name) => (
             <button
-              key={name} type="button" role="radio" aria-checked={name === place} title={treeTexts.whereKeys[name]} tabIndex={-1}
+              key={name} type="button" role="radio" aria-checked={name === place} tabIndex={name === place ? 0 : -1}
               onPointerDown={(event) => event.preventDefault()} onClick={() => { where.value = name; }}
-            >{treeTexts.wheres[name]}</button>
+            >{treeTexts.wheres[name]}<kbd>{treeTexts.whereKeys[name]}</kbd></button>
           ))}
         </div>
       )}

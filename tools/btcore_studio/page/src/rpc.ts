@@ -13,7 +13,7 @@ interface Message {
   method?: string;
   params?: unknown;
   result?: unknown;
-  error?: { code: number; message: string };
+  error?: { code: number; message: string; data?: unknown };
 }
 
 export const CONTENT_MODIFIED = -32801;
@@ -22,7 +22,7 @@ const CONNECTION_LOST = -32000;
 
 /** An error reply. Its message is for the user. */
 export class RpcError extends Error {
-  constructor(readonly code: number, message: string) {
+  constructor(readonly code: number, message: string, readonly data?: unknown) {
     super(message);
     this.name = "RpcError";
   }
@@ -84,7 +84,7 @@ export class Connection {
     const reply = id === undefined || id === null ? undefined : this.replies.get(id);
     if (!reply || id === undefined || id === null) return;
     this.replies.delete(id);
-    if (message.error) reply.reject(new RpcError(message.error.code, message.error.message));
+    if (message.error) reply.reject(new RpcError(message.error.code, message.error.message, message.error.data));
     else reply.resolve(message.result as never);
   }
 

@@ -1,6 +1,6 @@
 // What the parts of the page share. A part changes another only through these signals and functions.
 
-import { computed, signal } from "@preact/signals";
+import { computed, effect, signal } from "@preact/signals";
 import type {
   Command, Diagnostic, Drawing, DrawnNode, EditResult, Live, Palette, Place, Position, Preview, SharedFile, Start, WorkspaceEdit,
 } from "./protocol";
@@ -20,8 +20,37 @@ export const selection = signal<readonly string[]>([]);
 export const diagnostics = signal<ReadonlyMap<string, readonly Diagnostic[]>>(new Map());
 /** The files of the folder. */
 export const files = signal<readonly SharedFile[]>([]);
-/** A sentence for the user, in the status line. */
-export const message = signal("");
+const ANNOUNCED_MS = 5000;
+/** What screen readers read, each item once. */
+export const announcements = signal<readonly { id: number; text: string }[]>([]);
+let announced = 0;
+
+/** Let screen readers read a text, also if it is the same as the last. */
+export function announce(text: string): void {
+  if (!text) return;
+  const item = { id: ++announced, text };
+  announcements.value = [...announcements.peek(), item];
+  setTimeout(() => { announcements.value = announcements.peek().filter((other) => other !== item); }, ANNOUNCED_MS);
+}
+
+const shownMessage = signal("");
+/** A sentence for the user, in the status line. Screen readers read it each time that it is set. */
+export const message = {
+  get value(): string { return shownMessage.value; },
+  set value(text: string) {
+    shownMessage.value = text;
+    announce(text);
+  },
+};
+/** Show why something is not possible, until another node, tree or connection is chosen. */
+export function refuse(reason: string): void {
+  message.value = reason;
+  refusal = reason;
+}
+let refusal = "";
+
+/** The field of a node type's form to which the last refusal belongs, or "". */
+export const refusedField = signal("");
 
 export const reasonOf = (error: unknown): string => (error instanceof Error ? error.message : String(error));
 export const showError = (error: unknown): void => { message.value = reasonOf(error); };
@@ -36,6 +65,12 @@ export const selectedNodes = computed(() =>
   }),
 );
 export const selectedNode = computed<DrawnNode | null>(() => selectedNodes.value.at(-1) ?? null);
+
+effect(() => {
+  void [selection.value, uri.value, tree.value, live.value?.connection];
+  if (refusal && shownMessage.peek() === refusal) shownMessage.value = "";
+  refusal = "";
+});
 
 const isBefore = (a: Position, b: Position) => a.line < b.line || (a.line === b.line && a.character <= b.character);
 const isWithin = ({ uri, position }: Place, { place, end }: DrawnNode) =>

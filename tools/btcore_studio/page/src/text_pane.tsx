@@ -4,7 +4,7 @@ import {
   autocompletion, closeBrackets, closeBracketsKeymap, type Completion, type CompletionContext, completionKeymap,
   type CompletionResult, snippet,
 } from "@codemirror/autocomplete";
-import { defaultKeymap, indentWithTab } from "@codemirror/commands";
+import { defaultKeymap } from "@codemirror/commands";
 import { xml } from "@codemirror/lang-xml";
 import {
   bracketMatching, codeFolding, foldGutter, foldKeymap, HighlightStyle, indentOnInput, syntaxHighlighting,
@@ -299,12 +299,6 @@ function offerFixes(view: EditorView): boolean {
   return true;
 }
 
-/** Let Tab move the focus, until the user types. Otherwise the keyboard could not leave the text. */
-function leaveWithTab(view: EditorView): boolean {
-  view.setTabFocusMode(true);
-  return true;
-}
-
 // --- appearance
 
 const highlight = HighlightStyle.define([
@@ -367,8 +361,7 @@ const extensions = (home: BrowserHome): Extension => [
   Prec.low(colours), xml(), syntaxHighlighting(highlight), look, hover, colourer, hideReturns, wholeBreaks,
   EditorState.readOnly.of(start.peek()?.readOnly ?? false),
   Prec.highest(EditorView.domEventHandlers({
-    beforeinput: (event, view) => {
-      view.setTabFocusMode(false);
+    beforeinput: (event) => {
       // The menu of the browser; the keys are the page's.
       if (event.inputType === "historyUndo") void actions.undo();
       else if (event.inputType === "historyRedo") void actions.redo();
@@ -385,8 +378,7 @@ const extensions = (home: BrowserHome): Extension => [
       event.preventDefault();
       return true;
     },
-    blur: (_, view) => {
-      view.setTabFocusMode(false);
+    blur: () => {
       home.history.separate();
       return false;
     },
@@ -395,9 +387,19 @@ const extensions = (home: BrowserHome): Extension => [
     { key: "F12", run: goToDefinition },
     { key: "F2", run: startRename },
     { key: "Mod-.", run: offerFixes },
-    ...closeBracketsKeymap, ...completionKeymap, ...searchKeymap, ...foldKeymap, ...lintKeymap, ...defaultKeymap, indentWithTab,
-    { key: "Escape", run: leaveWithTab },
+    ...closeBracketsKeymap, ...completionKeymap, ...searchKeymap, ...foldKeymap, ...lintKeymap,
+    // Tab moves the focus. Mod-] and Mod-[ indent.
+    ...defaultKeymap,
   ]),
+  EditorView.scrollHandler.of((view, { head }) => {
+    // The text follows the picture without moving the page.
+    if (view.hasFocus) return false;
+    const { scrollDOM } = view;
+    const { top, bottom } = view.lineBlockAt(head);
+    const margin = Math.min(60, scrollDOM.clientHeight / 3);
+    scrollDOM.scrollTop = Math.max(bottom + margin - scrollDOM.clientHeight, Math.min(scrollDOM.scrollTop, top - margin));
+    return true;
+  }),
 ];
 
 // --- problems
@@ -474,7 +476,7 @@ export function TextPane({ home }: { home: BrowserHome }) {
       const doc = home.documents.text(address);
       view.setState(known?.doc.eq(doc) ? known : EditorState.create({
         doc, selection: known ? EditorSelection.cursor(Math.min(known.selection.main.head, doc.length)) : EditorSelection.cursor(0),
-        extensions: [extensions(home), EditorView.contentAttributes.of({ "aria-label": label, "aria-description": texts.leaveEditor, tabindex: "0", spellcheck: "false" })],
+        extensions: [extensions(home), EditorView.contentAttributes.of({ "aria-label": label, tabindex: "0", spellcheck: "false" })],
       }));
       showMarks();
       showStops();
@@ -558,7 +560,6 @@ export function TextPane({ home }: { home: BrowserHome }) {
     <section class="text" aria-label={texts.text}>
       <div class="row">
         <h2>{fileName(shownUri.value) || texts.text}</h2>
-        <small class="leave" aria-hidden="true">{texts.leaveEditor}</small>
         {shownUri.value !== uri.value && <button class="small" onClick={() => openFile(shownUri.value)}>{texts.showTrees}</button>}
       </div>
       <div class="editor" ref={frame} />

@@ -1,7 +1,7 @@
 // Every English text of the page.
 
 import type { Target } from "./drop_targets";
-import type { Change, Difference, DrawnNode, Spot } from "./protocol";
+import type { Change, Command, Difference, DrawnNode, Spot } from "./protocol";
 import type { Structure } from "./tree";
 
 const count = (number: number, noun: string) => `${number} ${noun}${number === 1 ? "" : "s"}`;
@@ -18,6 +18,8 @@ export const texts = {
   saveRefused: (reason: string) => `Not saved: ${reason}`,
   editRefused: (reason: string) => `The studio's process does not accept the edit: ${reason}`,
   unsaved: "unsaved",
+  undone: "Undone.",
+  redone: "Repeated.",
   undo: "Undo",
   redo: "Redo",
   nothingToUndo: "Nothing to undo.",
@@ -30,6 +32,7 @@ export const texts = {
     svg: "Save the picture as an SVG file", png: "Save the picture as a PNG file",
     pdf: "Print the picture; the browser's printer “Save as PDF” writes a PDF file",
   },
+  exported: (name: string) => `Saved the picture as ${name}.`,
   exportRefused: (reason: string) => `The picture was not saved: ${reason}`,
   tooLarge: "the picture is too large for a PNG file; save it as SVG",
   noPrinter: "VS Code does not print. Save it as SVG, or open the file with btcore studio in a browser.",
@@ -56,6 +59,13 @@ export const texts = {
   problems: "Problems",
   checking: "Checking …",
   noProblems: "No errors or warnings",
+  problemSummary: (errors: number, warnings: number) => {
+    const parts = [errors && count(errors, "error"), warnings && count(warnings, "warning")].filter(Boolean);
+    return `${parts.join(", ") || texts.noProblems}.`;
+  },
+  newProblem: (isError: boolean, problem: string) => `New ${isError ? "error" : "warning"}: ${problem.replace(/[.!?]?$/, ".")}`,
+  opened: (file: string, tree: string, nodes: number) =>
+    `${file && `Opened ${file}. `}${tree ? `Tree ${tree}, ${count(nodes, "node")}.` : "The file has no tree."}`,
   errors: (number: number) => count(number, "error"),
   warnings: (number: number) => count(number, "warning"),
   gone: "This node is not in the text any more.",
@@ -77,7 +87,6 @@ export const texts = {
   keepPage: "Keep this text",
   sizes: { left: "Width of the left pane", right: "Width of the right pane", form: "Height of the form" },
   skip: "Skip to the picture",
-  leaveEditor: "Press Escape, then Tab, to leave the text.",
   editorLabel: (name: string) => `Text of ${name}`,
 };
 
@@ -86,8 +95,10 @@ export const treeTexts = {
   // the picture
   picture: "Picture of the tree",
   treeLabel: (id: string) => `Tree ${id}`,
-  nodeLabel: ({ name, id, kind, calls }: DrawnNode, isDisabled: boolean) =>
-    `${name}, ${kind}${name === id ? "" : ` ${id}`}${calls && calls !== name ? ` ${calls}` : ""}${isDisabled ? ", disabled" : ""}`,
+  nodeLabel: ({ name, id, kind, calls }: DrawnNode, isDisabled: boolean, stop: string, isStopped: boolean) =>
+    `${name}, ${kind}${name === id ? "" : ` ${id}`}${calls && calls !== name ? ` ${calls}` : ""}${isDisabled ? ", disabled" : ""}`
+    + (isStopped ? ", the tree waits here" : "") + ({ set: ", breakpoint", pending: ", breakpoint, not set yet" }[stop] ?? ""),
+  lastResult: (status: string) => `last result ${status}`,
   severity: { 1: "has an error", 2: "has a warning" },
   search: "Search nodes",
   noneFound: "none found",
@@ -134,13 +145,15 @@ export const treeTexts = {
     fold: "Fold or unfold",
     unfold: "Unfold",
     breakpoint: "Set or remove a breakpoint",
+    release: "Continue the tree that waits at a breakpoint",
     noBreakpoint: "Remove the breakpoint",
   },
-  groups: { edit: "Edit", clipboard: "Clipboard", move: "Move", tree: "Trees", view: "View", page: "Page", select: "Select" },
+  groups: { edit: "Edit", clipboard: "Clipboard", move: "Move", tree: "Trees", view: "View", page: "Page", select: "Select", text: "Text" },
   refusal: {
     readOnly: "The studio was started with --read-only. Start it without this option to edit.",
     noSelection: "Select a node first.",
     several: "Select a single node.",
+    extractSeveral: "A tree has one root node. Wrap the nodes into a control node first.",
     notConsecutive: "The selected nodes are not a row of siblings. Move them beside each other first.",
     oneRoot: "A tree has exactly one root node. Wrap the root into a control node first.",
     root: "The root stays where it is. Wrap it, or change its children.",
@@ -163,9 +176,34 @@ export const treeTexts = {
     last: "The node is the last child.",
     top: "The parent is the root of the tree. Wrap the root into a control node first.",
     noParent: "No sibling beside can have another child. Wrap one of them into a Sequence first.",
+    notStopped: "The tree does not wait at a breakpoint.",
     notLive: "Running trees cannot be watched here.",
   },
   copied: (number: number) => `Copied ${count(number, "node")} as XML.`,
+  placeOf: (position: number, siblings: number, parent: string) => `${position} of ${siblings} in ${parent}`,
+  /** What a command has done; *place* is where the selected node is now. */
+  edited: (command: Command, selected: number, place: string): string => {
+    switch (command.kind) {
+      case "add": return `Inserted ${command.id}${place && `, ${place}`}.`;
+      case "paste": return `Pasted ${count(selected, "node")}${place && `, ${place}`}.`;
+      case "move": return `Moved ${count(command.nodes.length, "node")}${place && `: ${place}`}.`;
+      case "remove": return `Deleted ${count(command.nodes.length, "node")}.`;
+      case "duplicate": return `Duplicated ${count(command.nodes.length, "node")}.`;
+      case "wrap": return `Wrapped into ${command.id}.`;
+      case "unwrap": return "Replaced the node by its children.";
+      case "change_type": return `Changed the type to ${command.id}.`;
+      case "set": return command.text === null ? `Removed ${command.name}.` : `Set ${command.name} to ${command.text}.`;
+      case "disable": return `Disabled ${count(command.nodes.length, "node")}.`;
+      case "enable": return `Enabled ${count(command.nodes.length, "node")}.`;
+      case "extract": return `Extracted into the tree ${command.id}.`;
+      case "inline": return "Replaced the call by the tree's nodes.";
+      case "add_tree": return `Created the tree ${command.id}.`;
+      case "remove_tree": return `Deleted the tree ${command.id}.`;
+      case "set_main_tree": return `${command.id} is the main tree now.`;
+      case "set_model": return "";
+      case "remove_model": return `Deleted the node type ${command.id}.`;
+    }
+  },
   clipboardRefused: "The browser does not allow access to the clipboard. Paste works in this page only.",
   nothingToPaste: "The clipboard contains no text.",
   nodeName: "Name",
@@ -196,18 +234,29 @@ export const treeTexts = {
     { group: "select", keys: "← ↑ → ↓", text: "Select the node in this direction" },
     { group: "select", keys: "Shift+arrows", text: "Select further nodes" },
     { group: "select", keys: "Ctrl+A", text: "Select all" },
-    { group: "select", keys: "Esc", text: "Select none, cancel a drag" },
+    { group: "select", keys: "Esc", text: "Select none, cancel a drag; then back to the calling tree" },
+    { group: "select", keys: "Home End", text: "Select the first, the last node" },
     { group: "select", keys: "/", text: "Search nodes" },
     { group: "view", keys: "+ −", text: "Zoom" },
     { group: "view", keys: "0", text: "Show the whole tree" },
     { group: "view", keys: ", .", text: "One tick of a recording back, forward" },
     { group: "page", keys: "Enter", text: "Edit the attributes of the node" },
     { group: "page", keys: "Shift+F10", text: "Menu of the node" },
+    { group: "page", keys: "Tab", text: "In the list of node types: the place of the new node" },
     { group: "page", keys: "Ctrl+Z", text: "Undo" },
-    { group: "page", keys: "Ctrl+Shift+Z", text: "Redo" },
+    { group: "page", keys: "Ctrl+Y", text: "Redo, as Ctrl+Shift+Z" },
     { group: "page", keys: "Ctrl+S", text: "Save" },
-    { group: "page", keys: "?", text: "This list" },
+    { group: "page", keys: "F6", text: "Next pane; Shift+F6: the pane before" },
+    { group: "page", keys: "? F1", text: "This list" },
+    { group: "text", keys: "Tab", text: "Leave the text" },
+    { group: "text", keys: "Ctrl+] [", text: "Indent more, less" },
+    { group: "text", keys: "Ctrl+Space", text: "Complete" },
+    { group: "text", keys: "F8", text: "Next problem" },
+    { group: "text", keys: "Ctrl+.", text: "Fixes of the line" },
+    { group: "text", keys: "F12", text: "Definition" },
+    { group: "text", keys: "F2", text: "Rename in all files" },
   ] as const,
+  marks: "A running tree: ▶ RUNNING, ✔ SUCCESS, ✘ FAILURE, ↷ SKIPPED; at an idle node, its last result. ‖: the tree waits at a breakpoint.",
   mouse: "Mouse: drag a node to another place, or with Ctrl a copy. Ctrl+click and Shift+click select several nodes, Shift+drag all "
     + "nodes in a rectangle. A double-click renames a node or shows a called tree. Touch: hold a node to drag it, or release it for the menu.",
 
@@ -223,6 +272,9 @@ export const treeTexts = {
   editModel: "Edit type",
   modelOf: (id: string) => `Node type ${id}`,
   modelHint: "The type is written into the <TreeNodesModel> of this file. It has no code until a library registers a node with this ID.",
+  renamesType: (id: string) => `${id} gets this ID in all files.`,
+  renamesPort: (name: string) => `The port ${name} gets this name in all files.`,
+  removeModel: "Delete the type",
   modelWritten: (id: string) => `Wrote the node type ${id}.`,
   id: "ID",
   type: "Type",
@@ -262,6 +314,10 @@ export const treeTexts = {
   connect: "Connect",
   disconnect: "Disconnect",
   continue: "Continue",
+  connected: (address: string) => `Connected to ${address}.`,
+  disconnected: "Disconnected.",
+  stoppedAt: (name: string) => `The tree waits at the breakpoint before ${name}. C continues it.`,
+  continued: "The tree continues.",
   blackboard: "Blackboard",
   seconds: (seconds: number) => `${seconds.toFixed(seconds < 10 ? 2 : seconds < 100 ? 1 : 0)} s`,
   shownCall: "Call",

@@ -52,6 +52,7 @@ async function exportDrawing(home: Home, format: Format): Promise<void> {
     const content = new Blob([shown.svg], { type: "image/svg+xml" });
     const name = shown.tree.replace(/[^\p{L}\p{N}_.-]+/gu, "_") || "tree";
     await home.export(`${name}.${format}`, format === "svg" ? content : await rasterize(content));
+    if (home.documents) message.value = texts.exported(`${name}.${format}`);
   } catch (error) {
     message.value = texts.exportRefused(reasonOf(error));
   }

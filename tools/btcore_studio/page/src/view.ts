@@ -19,6 +19,11 @@ const FEW = 60;
 /** Pixels around the visible part in which cards exist, too. */
 const MARGIN = 300;
 const MOVE_MS = 130;
+/** The symbols ▶ ✔ ✘ ↷ of the statuses, and that of a tree that waits at a breakpoint. */
+const MARKS: Record<string, string> = {
+  1: "M-1.8-3.2L3.4 0L-1.8 3.2Z", 2: "M-3.6 .2L-1.1 2.8L3.6-2.8", 3: "M-3-3L3 3M3-3L-3 3",
+  4: "M-3.6 2.4C-3-3 2-3.6 3.2 .8M.6 .4L3.3 1.4L4.2-1.4", stop: "M-1.8-3.2L-1.8 3.2M1.8-3.2L1.8 3.2",
+};
 const EMPTY = '<svg viewBox="0 0 100 100" width="100" height="100"><g></g></svg>';
 
 export const query = signal("");
@@ -166,6 +171,8 @@ export class View {
       this.svg = svg;
       this.layer = layer;
       this.groups.clear();
+      // Chromium makes groups of items that have an element without a role above them.
+      layer?.setAttribute("role", "none");
       this.frame.append(svg);
       return;
     }
@@ -287,7 +294,6 @@ export class View {
     set(group, "aria-level", String(this.structure.levels[index]));
     set(group, "aria-posinset", String(this.structure.positions[index]));
     set(group, "aria-setsize", String(this.structure.siblings(index).length));
-    set(group, "aria-label", treeTexts.nodeLabel(node, this.structure.disabled[index]!));
     if (node.leaf) group.removeAttribute("aria-expanded");
     else set(group, "aria-expanded", String(!node.hidden));
   }
@@ -306,10 +312,12 @@ export class View {
     if (severity) classes.push(severity === 1 ? "error" : "warning");
     const state = live.peek();
     const isLive = Boolean(state?.connection) && liveIndex.peek().size > 0;
-    let spoken = severity ? treeTexts.severity[severity] : "";
+    const isStopped = isLive && state?.stopped === node.key;
+    const spoken = severity ? [treeTexts.severity[severity]] : [];
+    let status = "", result = "0";
     const changes = this.source.changes?.peek().get(node.key) ?? [];
     classes.push(...changes);
-    if (changes.length) spoken = comparisonTexts.list(changes);
+    if (changes.length) spoken.splice(0, 1, comparisonTexts.list(changes));
     const sign = changes.map((change) => CHANGE_SIGNS[change]).join(" ");
     const badge = group.querySelector(":scope > .change");
     if (badge?.lastElementChild?.textContent !== sign) {
@@ -318,13 +326,17 @@ export class View {
     }
     if (isLive && state) {
       const at = liveIndex.peek().get(node.key);
-      const status = at === undefined ? "" : state.statuses[at] ?? "";
+      if (at !== undefined) status = state.statuses[at] ?? "";
+      if (status === "0") result = state.results[at!] ?? "0";
       classes.push(status === "" ? "absent" : `s${status}`);
-      const result = status === "0" ? state.results[at!] ?? "0" : "0";
-      if (result !== "0") classes.push(`r${result}`);
-      if (state.stopped === node.key) classes.push("stopped");
-      spoken = [status === "" ? treeTexts.absent : statuses[Number(status)], spoken].filter(Boolean).join(", ");
+      if (result !== "0") {
+        classes.push(`r${result}`);
+        spoken.unshift(treeTexts.lastResult(statuses[Number(result)]!));
+      }
+      if (isStopped) classes.push("stopped");
+      spoken.unshift(status === "" ? treeTexts.absent : statuses[Number(status)]!);
     }
+    this.mark(index, group, isStopped ? "stop" : result !== "0" ? result : status);
     const stop = state?.wanted.includes(node.key) ? (state.breakpoints.includes(node.key) ? "set" : "pending") : "";
     const dot = group.querySelector(":scope > .stop");
     if (stop && !dot) group.append(draw("circle", { class: "stop", r: 6.5 }));
@@ -333,9 +345,24 @@ export class View {
     const name = classes.join(" ");
     set(group, "class", name);
     set(group, "aria-selected", String(isSelected));
-    if (spoken) set(group, "aria-description", spoken);
+    set(group, "aria-label", treeTexts.nodeLabel(node, this.structure.disabled[index]!, stop, isStopped));
+    // The ports distinguish nodes with the same name.
+    spoken.push(...node.ports.map(([name, text]) => `${name} ${text}`));
+    if (spoken.length) set(group, "aria-description", spoken.join(", "));
     else group.removeAttribute("aria-description");
     this.dressButtons(index, group, keys.length === 1 && isSelected);
+  }
+
+  /** Show the symbol of a status on a card, so that statuses differ by more than their colours. */
+  private mark(index: number, group: SVGGElement, status: string): void {
+    const path = group.dataset.far === "1" ? "" : MARKS[status] ?? "";
+    const mark = group.querySelector(":scope > .mark");
+    if (!path) mark?.remove();
+    else if (mark) set(mark.lastElementChild!, "d", path);
+    else {
+      group.append(draw("g", { class: "mark", transform: `translate(14 ${this.boxes[index]!.height})`, "aria-hidden": "true" },
+        draw("circle", { r: 7.5 }), draw("path", { d: path })));
+    }
   }
 
   dressAll(): void {

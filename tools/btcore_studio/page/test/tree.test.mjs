@@ -10,10 +10,10 @@ import { build } from "esbuild";
 const here = path.dirname(fileURLToPath(import.meta.url));
 const folder = mkdtempSync(path.join(tmpdir(), "btcore-page-"));
 after(() => rmSync(folder, { recursive: true }));
-const source = ["picture", "drop_targets", "fuzzy", "keyboard", "tree"].map((name) => `export * from "./${name}";`).join("\n");
+const source = ["picture", "drop_targets", "fuzzy", "keyboard", "markdown", "tree"].map((name) => `export * from "./${name}";`).join("\n");
 const outfile = path.join(folder, "tree.mjs");
 await build({ stdin: { contents: source, resolveDir: path.join(here, "../src"), loader: "ts" }, bundle: true, platform: "node", format: "esm", outfile });
-const { actionOf, complete, DropTargets, isSamePicture, longestRise, match, neighbour, outline, search, Structure } = await import(pathToFileURL(outfile).href);
+const { actionOf, complete, DropTargets, isSamePicture, longestRise, match, neighbour, outline, search, Structure, plain } = await import(pathToFileURL(outfile).href);
 
 // --- a tree: 0 root(1 a, 2 loop(3 b), 4 c), where "loop" is a decorator
 
@@ -176,4 +176,8 @@ test("arrows follow the tree", () => {
   assert.equal(neighbour(STRUCTURE, 0, "up"), -1);
   assert.equal(neighbour(STRUCTURE, 4, "right"), -1);
   assert.equal(neighbour(STRUCTURE, -1, "down"), 0);
+});
+
+test("docstrings are shown without the marks of emphasis", () => {
+  assert.equal(plain("Succeeds if *low* or less; *wait_duration* of `a*b*c`, 2 * 3 * 4."), "Succeeds if low or less; wait_duration of `a*b*c`, 2 * 3 * 4.");
 });
