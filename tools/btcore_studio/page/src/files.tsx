@@ -108,8 +108,9 @@ export function Files({ home }: { home: Home }) {
         {canChange && uri.value && <button class="small" onClick={createTree} aria-label={texts.newTree} title={texts.newTree}>+</button>}
       </div>
       <ul>
-        {trees.map((item) => (
-          <li key={item.id} class="row">
+        {/* By number, so that the focus stays when a tree is renamed. */}
+        {trees.map((item, number) => (
+          <li key={number} class="row">
             <button class="plain" aria-current={item.id === drawing.value?.tree ? "true" : undefined} onClick={() => { tree.value = item.id; }}>
               {item.id} {item.isMain && <span class="tag">{texts.mainTree}</span>}
               <small>{item.callers.length ? texts.calledBy(item.callers) : item.isMain ? "" : texts.notCalled}</small>
