@@ -32,8 +32,9 @@ from btcore.fixes import (
     AddChildren,
     CreateTree,
     Fix,
-    Remove,
+    RemoveAttribute,
     RemoveChildren,
+    RemoveElement,
     RenameAttribute,
     SetAttributes,
     SetValue,
@@ -227,7 +228,7 @@ class TreePlanner:
         if children:
             children = element.node_children()
             if len(children) != len(element.children):
-                message, removal = "the obsolete <Root> is ignored", [Remove(is_safe=True)]
+                message, removal = "the obsolete <Root> is ignored", [RemoveElement(is_safe=True)]
                 for obsolete in element.iterchildren("Root"):
                     self._report(CAPITALISED_ROOT, message, obsolete, hint="remove it", fixes=removal)
         if tag == "BehaviorTree":
@@ -409,7 +410,8 @@ class TreePlanner:
                 if dialect.requires_explicit_tag_for_id and element.tag not in EXPLICIT_TAGS:
                     rule = 'only explicit tags such as <Action ID="…"> have one'
                     message = f"unexpected ID in <{node.id}>: {rule}"
-                    hint, fixes = 'to name the node, write name="…"', [RenameAttribute("name"), Remove()]
+                    hint = 'to name the node, write name="…"'
+                    fixes = [RenameAttribute("name"), RemoveAttribute()]
                     self._report(UNEXPECTED_ID, message, element, hint, fixes, attribute=key)
             elif key in dialect.comment_attributes or (
                 dialect.allows_non_port_attributes and not is_port_name(key)
