@@ -128,7 +128,7 @@ def _check_nodes(plans: Plans, results: ResultAnalysis, collector: DiagnosticCol
     tree_keys = TreeKeys(plans)
     for tree in plans.trees.values():
         reporter = NodeReporter(tree.definition.document, collector)
-        for node in tree.nodes():
+        for node in tree.node_plans():
             check_child_count(node, plans.dialect.format, reporter)
             check_ignored_attributes(node, reporter)
             check_port_literals(node, plans.dialect.format, reporter)
