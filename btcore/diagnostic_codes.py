@@ -9,7 +9,7 @@ from typing import Final, Literal
 Severity = Literal["error", "warning", "change"]
 """An error or a warning about a document, or a change in its conversion to format 4."""
 DiagnosticKind = Literal[
-    "file error", "document error", "tree error", "unknown node", "port error",
+    "document error", "tree error", "unknown node", "port error",
     "warning",
     "same meaning", "new meaning", "manual step",
 ]  # fmt: skip
@@ -73,7 +73,7 @@ class DiagnosticCode(str):
 # The document itself
 EMPTY_DOCUMENT: Final = DiagnosticCode("E001", "document error", "empty document")
 NOT_XML: Final = DiagnosticCode("E002", "document error", "not well-formed XML")
-UNREADABLE_FILE: Final = DiagnosticCode("E003", "file error", "unreadable file")
+UNREADABLE_FILE: Final = DiagnosticCode("E003", "tree error", "unreadable file")
 NOT_UTF8: Final = DiagnosticCode("E004", "document error", "not UTF-8")
 DOCUMENT_TYPE: Final = DiagnosticCode("E005", "document error", "document type declaration")
 TOO_DEEP: Final = DiagnosticCode("E006", "document error", "nesting too deep")

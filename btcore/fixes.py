@@ -90,15 +90,19 @@ class CreateEntry(Fix):
     """Change the assignment after the marked key, which creates the entry then."""
 
 
-class Remove(Fix):
-    """Remove the marked attribute or element."""
+class RemoveAttribute(Fix):
+    """Remove the marked attribute."""
+
+
+class RemoveElement(Fix):
+    """Remove the marked element."""
 
 
 class CloseTag(Fix):
     """Close the marked tag, which is cut off."""
 
 
-class EndTag(_FixWithText):
+class WriteEndTag(_FixWithText):
     """Write the end tag of an element instead of the marked end tag, or before it."""
 
 

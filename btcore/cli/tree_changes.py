@@ -122,7 +122,7 @@ def _ports_of_mock_leaves(plans: Plans) -> dict[str, Mapping[str, Port]]:
     leaves: dict[str, Mapping[str, Port]] = {}
     assert plans.main_tree is not None
     for tree in reachable_trees(plans.trees, plans.main_tree):
-        for node in tree.nodes():
+        for node in tree.node_plans():
             if issubclass(node.manifest.cls, MockAction):
                 for name in (node.name or node.id, node.id):
                     leaves.setdefault(name, node.manifest.ports)

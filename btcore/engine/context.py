@@ -112,7 +112,8 @@ class TreeContext:
         limit: The limit of ticks that repeat nodes.
         uses_time: Whether a node has read the clock, so that the tree reads it at the start of each tick.
         tick_start: The time (ns) at which the present tick began, by which its timers are judged, or -1.
-        journal: Records what the ticks depend on; None = nothing is recorded.
+        journal: Records what the ticks depend on; None = nothing is recorded. It is made of `observers`,
+            which are never set to None again: the ticks of a tree without observers need not look for it.
         recorded_pause: In a replay, answers `must_pause` as in the recorded run.
     """
 

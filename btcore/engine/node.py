@@ -24,7 +24,6 @@ from btcore.engine.node_spec import NodeSpec
 from btcore.errors import BlackboardError, ConversionError, NodeError, NodeExecutionError, TickInterrupt
 from btcore.script.program import Program, compile_script, condition_result
 from btcore.status import (
-    ANY_RESULT,
     FAILURE,
     IDLE,
     RUNNING,
@@ -65,25 +64,7 @@ class TreeNode:
         [('round', 'round', 'CONTROL'), ('door', 'door', 'ACTION')]
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(
-        node_type=NodeType.UNDEFINED,
-        symbol="",
-        results=ANY_RESULT,
-        state_fields=(),
-        time_fields=(),
-        uses=None,
-        may_complete_on_start=False,
-        never_pauses=False,
-        skips_alone=True,
-        is_endless=False,
-        child_count=(0, 0),
-        child_count_at_load=(0, 0),
-        child_roles="",
-        continue_on=None,
-        branch_results=(),
-        formats=(),
-        id="",
-    )
+    spec: ClassVar[NodeSpec] = NodeSpec()
     _must_complete: ClassVar[bool] = False
     """Whether a tick must not return RUNNING."""
 

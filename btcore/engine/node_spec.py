@@ -1,17 +1,19 @@
 """What a node class declares about its nodes for tools and static checks, in addition to its ports."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields, replace
 from typing import Any, Final
 from weakref import WeakKeyDictionary
 
-from btcore.status import NodeType, Status
+from btcore.status import ANY_RESULT, NodeType, Status
 
-INHERITED: Final[Any] = object()
-"""The value of a field that a class does not declare."""
+_NOT_DECLARED: Final[Any] = object()
 _ADDED: Final = ("state_fields", "time_fields")
 """The fields to which a class adds names, instead of replacing those of its base classes."""
-_OF_ONE_CLASS: Final = {"formats": (), "id": ""}
-"""The fields that are not inherited, and their values for a class that does not declare them."""
+
+
+def _inherited(default: Any) -> Any:
+    """Return a field that a class inherits unless it declares it; `TreeNode` has the value *default*."""
+    return field(default=_NOT_DECLARED, metadata={"default": default})
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, match_args=False)
@@ -63,23 +65,23 @@ class NodeSpec:
         (('goal',), <NodeType.ACTION: 1>)
     """
 
-    node_type: NodeType = INHERITED
-    symbol: str = INHERITED
-    results: frozenset[Status] = INHERITED
-    state_fields: tuple[str, ...] | None = INHERITED
-    time_fields: tuple[str, ...] = INHERITED
-    uses: frozenset[str] | None = INHERITED
-    may_complete_on_start: bool = INHERITED
-    never_pauses: bool = INHERITED
-    skips_alone: bool = INHERITED
-    is_endless: bool = INHERITED
-    child_count: tuple[int, int | None] = INHERITED
-    child_count_at_load: tuple[int, int | None] = INHERITED
-    child_roles: str = INHERITED
-    continue_on: Status | None = INHERITED
-    branch_results: tuple[Status, ...] = INHERITED
-    formats: tuple[int, ...] = INHERITED
-    id: str = INHERITED
+    node_type: NodeType = _inherited(NodeType.UNDEFINED)  # noqa: RUF009 (a field)
+    symbol: str = _inherited("")
+    results: frozenset[Status] = _inherited(ANY_RESULT)
+    state_fields: tuple[str, ...] | None = _inherited(())
+    time_fields: tuple[str, ...] = _inherited(())
+    uses: frozenset[str] | None = _inherited(None)
+    may_complete_on_start: bool = _inherited(False)
+    never_pauses: bool = _inherited(False)
+    skips_alone: bool = _inherited(True)
+    is_endless: bool = _inherited(False)
+    child_count: tuple[int, int | None] = _inherited((0, 0))
+    child_count_at_load: tuple[int, int | None] = _inherited((0, 0))
+    child_roles: str = _inherited("")
+    continue_on: Status | None = _inherited(None)  # noqa: RUF009
+    branch_results: tuple[Status, ...] = _inherited(())
+    formats: tuple[int, ...] = ()
+    id: str = ""
 
     def __get__(self, node: object, cls: type) -> "NodeSpec":
         """Return the complete spec of *cls*."""
@@ -90,26 +92,30 @@ class NodeSpec:
 
 
 _COMPLETE_SPECS: Final["WeakKeyDictionary[type, NodeSpec]"] = WeakKeyDictionary()
+_DEFAULTS: Final = {each.name: each.metadata["default"] for each in fields(NodeSpec) if each.metadata}
+"""The inherited fields, with their values for `TreeNode`."""
 
 
 def declared_fields(cls: type) -> dict[str, Any]:
-    """Return the fields that *cls* itself declares in its spec, with their values."""
+    """Return the inherited fields that *cls* itself declares in its spec, with their values."""
+    spec = _own_spec(cls)
+    return {name: value for name in _DEFAULTS if (value := getattr(spec, name)) is not _NOT_DECLARED}
+
+
+def _own_spec(cls: type) -> NodeSpec:
     spec = vars(cls).get("spec")
-    if not isinstance(spec, NodeSpec):
-        return {}
-    return {name: value for name, value in vars(spec).items() if value is not INHERITED}
+    return spec if isinstance(spec, NodeSpec) else NodeSpec()
 
 
 def _complete_spec(cls: type) -> NodeSpec:
-    values: dict[str, Any] = {}
+    values = dict(_DEFAULTS)
     added: dict[str, set[str]] = {name: set() for name in _ADDED}
     for parent in reversed(cls.__mro__):
         declared = declared_fields(parent)
-        values.update(_OF_ONE_CLASS)
         values.update(declared)
         for name, items in added.items():
             items.update(declared.get(name) or ())
     for name, items in added.items():
         if values[name] is not None:
             values[name] = tuple(sorted(items))
-    return NodeSpec(**values)
+    return replace(_own_spec(cls), **values)

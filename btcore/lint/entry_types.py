@@ -29,7 +29,7 @@ from btcore.status import SUCCESS
 from btcore.values import INT64, STRING
 from btcore.xml.plan.key_uses import WRITING, AccessKind
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
-from btcore.xml.read.document import DiagnosticCollector
+from btcore.xml.read.diagnostic_collector import DiagnosticCollector
 
 ChildPlace = tuple[NodePlan, int]
 """The parent of a node, and the node's index among the children."""
@@ -177,7 +177,7 @@ def _check_untyped_entries(dry_run: DryRun, untyped: list[Entry]) -> None:
             continue
         plan = dry_run.plan_of(creator.scope)
         if creator.is_in_script and plan not in places:
-            children = ((node, *at) for node in plan.nodes() for at in enumerate(node.children))
+            children = ((node, *at) for node in plan.node_plans() for at in enumerate(node.children))
             places[plan] = {child: (node, index) for node, index, child in children}
         for use in texts:
             if not creator.is_in_script or (

@@ -27,7 +27,8 @@ from btcore.registry.registry import Registry
 from btcore.xml.define import define
 from btcore.xml.plan.key_uses import TreeKeys
 from btcore.xml.plan.plan import Plans, plan, root_trees
-from btcore.xml.read.document import CollectedDiagnostics, DiagnosticCollector, Document, sort_diagnostics
+from btcore.xml.read.diagnostic_collector import CollectedDiagnostics, DiagnosticCollector, sort_diagnostics
+from btcore.xml.read.document import Document
 from btcore.xml.read.positions import LineIndex
 from btcore.xml.read.read import Sources, read
 from btcore.xml.read.scan import ScannedElement
@@ -86,12 +87,14 @@ def validate_plans(
         is_selected: Whether the main tree was selected by its ID, so that the document need not name it.
         given: Keys that the main tree's blackboard holds before the first tick.
     """
-    collector = DiagnosticCollector(plans.diagnostics)
+    found = plans.diagnostics
     definitions, main = plans.definitions, plans.main_tree
     names_main = definitions.sources.main_document.root.get("main_tree_to_execute") is not None
     if not is_selected and definitions.all and not names_main:
         # The document is a library: no main tree is needed.
-        collector.errors = [error for error in collector.errors if error.code != UNDETERMINED_MAIN_TREE]
+        errors = tuple(error for error in found.errors if error.code != UNDETERMINED_MAIN_TREE)
+        found = found._replace(errors=errors)
+    collector = DiagnosticCollector(found)
     roots = [root for root in root_trees(plans.trees, main) if root.id in plans.sizes]
     for root in roots:
         plans.sizes[root.id].ensure_recursion_limit()
@@ -125,7 +128,7 @@ def _check_nodes(plans: Plans, results: ResultAnalysis, collector: DiagnosticCol
     tree_keys = TreeKeys(plans)
     for tree in plans.trees.values():
         reporter = NodeReporter(tree.definition.document, collector)
-        for node in tree.nodes():
+        for node in tree.node_plans():
             check_child_count(node, plans.dialect.format, reporter)
             check_ignored_attributes(node, reporter)
             check_port_literals(node, plans.dialect.format, reporter)

@@ -2,36 +2,24 @@
 
 A provider of a type is used if a leaf or a used provider needs the type, and no object of the program has it.
 A side-effect provider is used if one of its settings was given. The candidates for a type are its providers
-whose required options were given, and whose own needs can be provided. Of several candidates, the first
-criterion in which they differ decides:
+whose required options were given, and whose own needs can be provided. Of several candidates, one is used:
 
-    | the best candidate …                      | for example, in a run …      | is preferred to            |
-    |-------------------------------------------|------------------------------|----------------------------|
-    | 1 takes the most of the given settings    | with `--bag F --ros2 tiago`, | `ros_robot`, which takes   |
-    |   with a required option                  | `bag_robot`                  | one, and `simulator`: none |
-    | 2 is used for another type anyway         | that explores, `exploration` | `navigation` (`Servers`)   |
-    | 3 is the user's, not an installed one     | with a plugin, its robot     | `simulator`                |
-    | 4 is not a default                        | with another package's robot | `simulator`                |
+1. the provider that takes the most of the given settings with a required option. With `--ros2 tiago`,
+   `ros_robot` is used instead of `simulator`; with `--bag F`, too, `bag_robot`, which takes both settings;
+2. then a provider that is used for another type anyway: in a run that explores, the `Servers` are those of
+   `exploration`, and not those of `navigation`;
+3. then the user's provider, such as a plugin's robot, and not an installed one;
+4. then a provider that is not a default. `simulator` is a default.
 
-The other candidates are rejected. They are used for no other type either, and neither is a provider that
-needs what only they provide: the map of a simulated world does not fit another robot.
-
-If no used provider is a clock, a provider of nothing but a clock is used, too, if everything that it needs is
-provided anyway. A run with providers of the core alone does not search for such a provider.
+If several are left, an error asks for an option. The other candidates are rejected: they are used for no
+other type either, and neither is a provider that needs what only they provide. With `--ros2 tiago`, the
+map of the simulated world is not used, because it does not fit the robot.
 
 The choice consists of rounds. Each round follows the needs from the leaves, through types with a single
 candidate, to a type with several candidates, and rejects all but the best of them. In the last round each
-needed type has a single candidate.
-
-For example, the leaves of `btcore run patrolling --ros2 tiago --map house.yaml` need a `Robot`, `Waypoints`
-and a `PoseNavigator`:
-
-1. In the first round, `simulator` and `ros_robot` provide a `Robot`. The required option of `ros_robot`,
-   `--ros2`, was given, so that `simulator` is rejected.
-2. In a later round, `navigator` provides the `PoseNavigator`, and needs a `Navigation`, which needs an
-   `OccupancyMap`. It is that of `map_file`: `world_map` needs the world of `simulator`, which is rejected.
-3. In the last round, the order is: `ros_session`, which `ros_robot` needs, `ros_robot`, `waypoints`,
-   `map_file`, `navigation`, `navigator`.
+needed type has a single candidate. Then, if no used provider is a clock, a provider of nothing but a clock is
+used, too, if everything that it needs is provided anyway; a run with providers of the core alone does not
+search for such a provider.
 """
 
 from collections.abc import Iterable, Mapping, Sequence, Set
@@ -282,7 +270,7 @@ class _Round:
         return best[0]
 
     def _rank(self, provider: Provider) -> tuple[int, bool, bool, bool]:
-        """Return the criteria of the table in the module's docstring; the greatest rank is best."""
+        """Return the criteria 1 to 4 of the module's docstring; the greatest rank is best."""
         given = self._given & set(provider.settings_classes)
         return (
             sum(bool(required_option_names(cls)) for cls in given),

@@ -46,7 +46,7 @@ def test_a_code_links_to_its_heading() -> None:
 
 def test_letter_and_digit_of_a_code_define_its_kind() -> None:
     kinds = {
-        "E0": {"document error", "file error"},
+        "E0": {"document error", "tree error"},
         "E1": {"tree error", "unknown node"},
         "E2": {"port error"},
         "W": {"warning"},

@@ -125,9 +125,7 @@ def domain_of(
 
 def _may_complete_on_start(cls: type[TreeNode]) -> bool:
     """Return what a class declares; True if only the default of all actions is known."""
-    declared = any(
-        "may_complete_on_start" in declared_fields(base) for base in cls.__mro__ if base is not TreeNode
-    )
+    declared = any("may_complete_on_start" in declared_fields(base) for base in cls.__mro__)
     return cls.spec.may_complete_on_start if declared else True
 
 

@@ -21,6 +21,7 @@ from btcore.runs.run import Run
 from btcore.runs.settings import GivenSettings, RunSettings
 from btcore.runs.tick_loop import Until
 from btcore.tree.tree import Tree
+from btcore.xml.plan.plan import Plans
 
 if TYPE_CHECKING:
     from btcore.cli.reloads import Reloads
@@ -113,59 +114,33 @@ def run(ctx: click.Context, /, source: str, options: RunCommandOptions, settings
       130  interrupted by Ctrl-C
       143  terminated by SIGTERM
     """
-    session = RunSession(ctx, source, options, settings)
+    session = create_session(ctx, source, options, settings)
     session.run_to_end()
     return session.print_results()
 
 
 class RunSession:
-    """The run of a tree from the command line.
-
-    It reads the tree, and makes its run; the providers are opened by `run_to_end`.
-
-    Args:
-        ctx: The context of the command, with its providers and plugins.
-        source: The tree, as the user named it.
-        options: The options of the command itself.
-        settings: The settings of the run and of providers.
-        installed: Returns the installed nodes, for a process that loads them once for many runs. They are
-            not changed. With plugins, further nodes are loaded only if the tree uses them.
+    """The run of a tree on the terminal, with progress and summary; `create_session` creates it.
 
     Attributes:
         plans: The plans of the first tree.
-        run: The run.
+        run: The run, whose providers are opened by `run_to_end`.
     """
 
     def __init__(
         self,
-        ctx: click.Context,
-        source: str,
+        plans: Plans,
+        run: Run,
         options: RunCommandOptions,
-        settings: GivenSettings,
-        installed: Callable[[], NodeLibraries] | None = None,
+        tree_reader: TreeReader,
+        file_watcher: "FileWatcher | None",
     ) -> None:
-        changes = TreeChanges(options.outcomes, options.substitute, options.set)
-        path = find_source(source)
-        if options.watch and path == STDIN:
-            raise click.UsageError("--watch needs a file: a tree on stdin cannot be saved again.")
-        # The watcher looks at the files before they are read: a save in between is not missed.
-        self._file_watcher = _watch_files(path, options.confined) if options.watch else None
-        libraries = _load_libraries(ctx, options, installed)
-        self._tree_reader = TreeReader(path, options, libraries, changes.with_rules)
-        self.plans = plans = self._tree_reader.read_plans()
-        changes.check(plans)
-
-        def prepare(run: Run) -> None:
-            run.tree.start_tick_counts()  # before the first tick, for the summary and --json
-            terminal.print_diagnostics(plans.diagnostics.warnings)
-            changes.apply_to(run.tree, plans)
-
-        resources, tick_limit = changes.resources, options.tick_limit
-        self.run = create_run(ctx, plans, settings, prepare, resources=resources, tick_limit=tick_limit)
+        self.plans = plans
+        self.run = run
         self._options = options
+        self._tree_reader = tree_reader
+        self._file_watcher = file_watcher
         self._reloads: Reloads | None = None
-        if options.watch:
-            self.run.report["reloads"] = 0  # the first entry of the report
 
     def run_to_end(self, on_tree: Callable[[Tree], object] = lambda tree: None) -> None:
         """Run to the end.
@@ -202,10 +177,48 @@ class RunSession:
         return run.exit_code
 
 
-def _watch_files(path: Path, confined: bool) -> "FileWatcher":
-    from btcore.loading.hot_reload import FileWatcher  # most runs do not need it
+def create_session(
+    ctx: click.Context,
+    source: str,
+    options: RunCommandOptions,
+    settings: GivenSettings,
+    installed: Callable[[], NodeLibraries] | None = None,
+) -> RunSession:
+    """Read a tree, and return the session of its run.
 
-    return FileWatcher(path, confined)
+    Args:
+        ctx: The context of the command, with its providers and plugins.
+        source: The tree, as the user named it.
+        options: The options of the command itself.
+        settings: The settings of the run and of providers.
+        installed: Returns the installed nodes, for a process that loads them once for many runs. They are
+            not changed. With plugins, further nodes are loaded only if the tree uses them.
+    """
+    changes = TreeChanges(options.outcomes, options.substitute, options.set)
+    path = find_source(source)
+    file_watcher = None
+    if options.watch:
+        if path == STDIN:
+            raise click.UsageError("--watch needs a file: a tree on stdin cannot be saved again.")
+        from btcore.loading.hot_reload import FileWatcher  # most runs do not need it
+
+        # The watcher looks at the files before they are read: a save in between is not missed.
+        file_watcher = FileWatcher(path, options.confined)
+    libraries = _load_libraries(ctx, options, installed)
+    tree_reader = TreeReader(path, options, libraries, changes.with_rules)
+    plans = tree_reader.read_plans()
+    changes.check(plans)
+
+    def prepare(created: Run) -> None:
+        created.tree.start_tick_counts()  # before the first tick, for the summary and --json
+        terminal.print_diagnostics(plans.diagnostics.warnings)
+        changes.apply_to(created.tree, plans)
+
+    resources, tick_limit = changes.resources, options.tick_limit
+    created = create_run(ctx, plans, settings, prepare, resources=resources, tick_limit=tick_limit)
+    if options.watch:
+        created.report["reloads"] = 0  # the first entry of the report
+    return RunSession(plans, created, options, tree_reader, file_watcher)
 
 
 def _load_libraries(
@@ -231,9 +244,9 @@ def parse_run(
     """Return a context with the session of `btcore run` with *arguments*, before its providers are opened.
 
     Args:
-        installed: As in `RunSession`.
+        installed: As in `create_session`.
     """
     with run.make_context("run", list(arguments)) as ctx:
         options = from_values(RunCommandOptions, ctx.params)
         assert options is not None, "no option is required"
-        yield RunSession(ctx, ctx.params["source"], options, given_settings(ctx), installed)
+        yield create_session(ctx, ctx.params["source"], options, given_settings(ctx), installed)

@@ -139,7 +139,7 @@ def _titled_edits(fix: fixes.Fix, problem: _Problem) -> _TitledEdits:
             if fix.index < len(elements) and elements[fix.index].get("ID") == fix.tree:
                 edit = editor.set_attribute(elements[fix.index], fix.key, fix.value)
                 yield f"Connect {_shown(fix.key)} in the SubTree of '{_shown(fix.tree)}'", [edit]
-        case fixes.EndTag():
+        case fixes.WriteEndTag():
             yield from _with_end_tag(fix.text, problem)
         case fixes.CloseTag() if problem.marked.startswith("</"):
             yield "Close the tag", [Edit(problem.end, problem.end, ">")]
@@ -148,7 +148,7 @@ def _titled_edits(fix: fixes.Fix, problem: _Problem) -> _TitledEdits:
             for ending in ("/>", ">"):
                 yield f"Close the tag with {ending}", [Edit(end, end, ending)]
         # Fixes of the marked attribute.
-        case fixes.Remove() if element is not None and attribute is not None:
+        case fixes.RemoveAttribute() if element is not None and attribute is not None:
             yield f"Remove {attribute.name}", [editor.remove_attribute(element, attribute.name)]
         case fixes.RenameAttribute() if (
             element is not None and attribute is not None and element.attribute(fix.text) is None
@@ -176,7 +176,7 @@ def _shown(text: str) -> str:
 def _edits_of_element(fix: fixes.Fix, editor: DocumentEditor, element: ScannedElement) -> _TitledEdits:
     """Yield the edits of a fix that changes the marked element or adds something for it."""
     match fix:
-        case fixes.Remove():
+        case fixes.RemoveElement():
             yield f"Remove <{_shown(element.tag)}>", [editor.remove(element)]
         case fixes.RenameElement():
             yield f"Change to <{_shown(fix.text)}>", editor.rename_element(element, fix.text)

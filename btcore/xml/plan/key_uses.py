@@ -181,7 +181,7 @@ class TreeKeys:
             self._known[tree] = None  # ends the recursion of trees that call each other
             plan = self._plans.trees.get(tree)
             if plan is not None and not plan.has_unknown_nodes:
-                self._known[tree] = self.keys_in(plan.nodes())
+                self._known[tree] = self.keys_in(plan.node_plans())
         return self._known[tree]
 
     def keys_in(self, nodes: Iterable[NodePlan]) -> set[str] | None:

@@ -16,8 +16,9 @@ from btcore.script.program import compile_script
 from btcore.xml.define import Definitions, TreeDefinition, define
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.plan.tree_planner import PlanningContext, TreePlanner
+from btcore.xml.read.diagnostic_collector import MAX_COMPARISONS, CollectedDiagnostics, DiagnosticCollector
 from btcore.xml.read.dialect import Dialect
-from btcore.xml.read.document import MAX_COMPARISONS, CollectedDiagnostics, DiagnosticCollector, Document
+from btcore.xml.read.document import Document
 from btcore.xml.read.read import PackageResolver, read
 
 MAX_DEPTH: Final = 10_000
@@ -73,8 +74,8 @@ class Plans(NamedTuple):
     def required_resources(self) -> list[Any]:
         """Return the types of the resources that the leaves of the main tree need, each once."""
         trees = () if self.main_tree is None else reachable_trees(self.trees, self.main_tree)
-        nodes = (node for tree in trees for node in tree.nodes())
-        manifests = {node.id: node.manifest for node in nodes}
+        node_plans = (node_plan for tree in trees for node_plan in tree.node_plans())
+        manifests = {node_plan.id: node_plan.manifest for node_plan in node_plans}
         types: list[Any] = []
         for manifest in manifests.values():
             types += (resource for resource in manifest.required_resources if resource not in types)
@@ -153,8 +154,8 @@ def _plan_trees(
     sizes = _measure(trees, main_tree, collector)
     if every_tree or collector.errors:
         for tree in trees.values():
-            for node in tree.nodes():
-                report_invalid_scripts(node, tree.definition.document, registry.types.enums, collector)
+            for node_plan in tree.node_plans():
+                report_invalid_scripts(node_plan, tree.definition.document, registry.types.enums, collector)
     return Plans(definitions, registry, trees, main_tree, sizes, collector.diagnostics)
 
 

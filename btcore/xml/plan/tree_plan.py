@@ -187,12 +187,12 @@ class TreePlan:
         """The ID of the tree."""
         return self.definition.id
 
-    def nodes(self) -> list[NodePlan]:
-        """Return the node plans in pre-order, without those of the trees that it calls."""
-        nodes: list[NodePlan] = []
+    def node_plans(self) -> list[NodePlan]:
+        """Return the plans of the nodes in pre-order, without those of the trees that it calls."""
+        node_plans: list[NodePlan] = []
         pending = [self.root] if self.root is not None else []
         while pending:
-            node = pending.pop()
-            nodes.append(node)
-            pending += reversed(node.children)
-        return nodes
+            node_plan = pending.pop()
+            node_plans.append(node_plan)
+            pending += reversed(node_plan.children)
+        return node_plans

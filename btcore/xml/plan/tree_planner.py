@@ -32,8 +32,9 @@ from btcore.fixes import (
     AddChildren,
     CreateTree,
     Fix,
-    Remove,
+    RemoveAttribute,
     RemoveChildren,
+    RemoveElement,
     RenameAttribute,
     SetAttributes,
     SetValue,
@@ -54,8 +55,8 @@ from btcore.values import BOOL, ValueType
 from btcore.values.types import literals_of
 from btcore.xml.define import Definitions, TreeDefinition, tree_hint
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
+from btcore.xml.read.diagnostic_collector import DiagnosticCollector
 from btcore.xml.read.dialect import EXPLICIT_TAGS, Dialect
-from btcore.xml.read.document import DiagnosticCollector
 from btcore.xml.read.element import Element
 
 if TYPE_CHECKING:
@@ -227,7 +228,7 @@ class TreePlanner:
         if children:
             children = element.node_children()
             if len(children) != len(element.children):
-                message, removal = "the obsolete <Root> is ignored", [Remove(is_safe=True)]
+                message, removal = "the obsolete <Root> is ignored", [RemoveElement(is_safe=True)]
                 for obsolete in element.iterchildren("Root"):
                     self._report(CAPITALISED_ROOT, message, obsolete, hint="remove it", fixes=removal)
         if tag == "BehaviorTree":
@@ -350,93 +351,96 @@ class TreePlanner:
 
     def plan(self) -> TreePlan:
         """Return the plan of the tree, without unknown nodes and calls of unknown trees, which are errors."""
-        tree = TreePlan(self._definition)
+        tree_plan = TreePlan(self._definition)
         subtree_tags = self._dialect.subtree_tags
         plans: list[NodePlan | None] = [None]  # the <BehaviorTree> has no plan
         for item in self._items[1:]:
             element = item.element
             tag = element.tag
-            node: NodePlan | None = None
+            node_plan: NodePlan | None = None
             if tag in subtree_tags:
-                node = self._plan_call(tag, element, tree)
+                node_plan = self._plan_call(tag, element, tree_plan)
             else:
                 id = (element.get("ID") or "") if tag in EXPLICIT_TAGS else tag
                 cache = self._context.binding_cache(id)
                 if cache is not None:  # else the first pass has reported the unknown node
-                    node = NodePlan(element, id, cache.manifest)
-                    self._plan_attributes(node, cache)
-            plans.append(node)
+                    node_plan = NodePlan(element, id, cache.manifest)
+                    self._plan_attributes(node_plan, cache)
+            plans.append(node_plan)
             parent = plans[item.parent]
-            if node is None:
-                tree.has_unknown_nodes = True
+            if node_plan is None:
+                tree_plan.has_unknown_nodes = True
             elif parent is not None:
-                parent.children.append(node)
+                parent.children.append(node_plan)
             elif item.depth == 1:
-                tree.root = node
-            tree.size += 1
-            tree.depth = max(tree.depth, item.depth)
-        return tree
+                tree_plan.root = node_plan
+            tree_plan.size += 1
+            tree_plan.depth = max(tree_plan.depth, item.depth)
+        return tree_plan
 
-    def _plan_attributes(self, node: NodePlan, cache: _BindingCache) -> None:
+    def _plan_attributes(self, node_plan: NodePlan, cache: _BindingCache) -> None:
         bindings: list[Binding] = []
         others: dict[str, str] = {}
-        for key, text in node.element.attributes.items():
+        for key, text in node_plan.element.attributes.items():
             by_text = cache.bindings_by_port.get(key)
             if by_text is not None:
                 port = cache.ports[key]
-                bindings.append(by_text.get(text) or self._create_binding(node, port, text, by_text))
+                bindings.append(by_text.get(text) or self._create_binding(node_plan, port, text, by_text))
             elif key == "name":
-                node.name = text
+                node_plan.name = text
                 if not text.isprintable():
-                    self._check_name(node, text)
+                    self._check_name(node_plan, text)
             else:
                 others[key] = text
         if others:
             if self._dialect.has_conditions:
-                node.conditions = {key: others.pop(key) for key in SCRIPT_ATTRIBUTES if key in others}
-            node.attributes = self._select_attributes(node, others)
+                node_plan.conditions = {key: others.pop(key) for key in SCRIPT_ATTRIBUTES if key in others}
+            node_plan.attributes = self._select_attributes(node_plan, others)
         if cache.defaults and len(bindings) < len(cache.ports):
             set_ports = {binding.port for binding in bindings}
             bindings += [binding for binding in cache.defaults if binding.port not in set_ports]
-        node.bindings = bindings
+        node_plan.bindings = bindings
 
-    def _select_attributes(self, node: NodePlan, others: Mapping[str, str]) -> dict[str, str]:
-        """Return those of *others*, which are no ports, that are attributes of *node*; report the rest."""
-        dialect, element = self._dialect, node.element
+    def _select_attributes(self, node_plan: NodePlan, others: Mapping[str, str]) -> dict[str, str]:
+        """Return those of *others*, which are no ports, that are attributes of a node; report the rest."""
+        dialect, element = self._dialect, node_plan.element
         attributes = {}
         for key, text in others.items():
             if key == "ID":
                 if dialect.requires_explicit_tag_for_id and element.tag not in EXPLICIT_TAGS:
                     rule = 'only explicit tags such as <Action ID="…"> have one'
-                    message = f"unexpected ID in <{node.id}>: {rule}"
-                    hint, fixes = 'to name the node, write name="…"', [RenameAttribute("name"), Remove()]
+                    message = f"unexpected ID in <{node_plan.id}>: {rule}"
+                    hint = 'to name the node, write name="…"'
+                    fixes = [RenameAttribute("name"), RemoveAttribute()]
                     self._report(UNEXPECTED_ID, message, element, hint, fixes, attribute=key)
             elif key in dialect.comment_attributes or (
                 dialect.allows_non_port_attributes and not is_port_name(key)
             ):
                 attributes[key] = text
             else:
-                message = f"<{node.id}> has no port '{key}'"
-                advice = self._context.name_hints.for_port(node.manifest, key)
+                message = f"<{node_plan.id}> has no port '{key}'"
+                advice = self._context.name_hints.for_port(node_plan.manifest, key)
                 self._report(UNKNOWN_PORT, message, element, *advice, attribute=key, part="name")
         return attributes
 
-    def _check_name(self, node: NodePlan, text: str) -> None:
+    def _check_name(self, node_plan: NodePlan, text: str) -> None:
         if self._dialect.checks_names and not _CONTROL_CHARACTERS.isdisjoint(text):
             message = f"control character in the name {text!r}"
-            self._report(CONTROL_CHARACTER_IN_NAME, message, node.element, attribute="name")
+            self._report(CONTROL_CHARACTER_IN_NAME, message, node_plan.element, attribute="name")
 
-    def _create_binding(self, node: NodePlan, port: Port, text: str, by_text: dict[str, Binding]) -> Binding:
+    def _create_binding(
+        self, node_plan: NodePlan, port: Port, text: str, by_text: dict[str, Binding]
+    ) -> Binding:
         """Return the binding of *port* to *text*, and cache it in *by_text* unless it is an error."""
         binding = (Input if port.reads else Binding)(port, text, self._dialect.format)
         error = _literal_error(binding) if self._dialect.checks_literals else ""
         if error:
-            self._report_literal(node, binding, error)
+            self._report_literal(node_plan, binding, error)
         else:
             by_text[text] = binding
         return binding
 
-    def _report_literal(self, node: NodePlan, binding: Binding, error: str) -> None:
+    def _report_literal(self, node_plan: NodePlan, binding: Binding, error: str) -> None:
         port, text = binding.port, binding.text
         hint, fixes = "", value_fixes(port.type)
         if binding.key is not None:
@@ -446,12 +450,14 @@ class TreePlanner:
         elif is_port_name(name := text.strip("{}")):  # a brace may be missing
             hint = f"to use the blackboard entry, write {{{name}}}"
             fixes += (SetValue(f"{{{name}}}"),)
-        message = f"the port '{port.name}' of <{node.id}> has the type {port.type.name}: {error}"
-        self._report(INCONVERTIBLE_TEXT, message, node.element, attribute=port.name, hint=hint, fixes=fixes)
+        message = f"the port '{port.name}' of <{node_plan.id}> has the type {port.type.name}: {error}"
+        self._report(
+            INCONVERTIBLE_TEXT, message, node_plan.element, attribute=port.name, hint=hint, fixes=fixes
+        )
 
     # --- SubTree elements
 
-    def _plan_call(self, tag: str, element: Element, tree: TreePlan) -> NodePlan | None:
+    def _plan_call(self, tag: str, element: Element, tree_plan: TreePlan) -> NodePlan | None:
         """Return the plan of a SubTree element; None if its node or the called tree is unknown."""
         manifest = self._context.manifest(tag)
         if manifest is None:
@@ -459,18 +465,18 @@ class TreePlanner:
             self._report(UNKNOWN_NODE, f"unknown node <{tag}>", element, *advice)
             return None
         format, definitions = self._dialect.format, self._definitions
-        node = NodePlan(element, tag, manifest)
+        node_plan = NodePlan(element, tag, manifest)
         id = element.get("ID") or ""
         model = definitions.subtree_models.get(id, {})
-        node.subtree_call = call = SubtreeCall(element, format, model)
-        tree.calls.append(call)
+        node_plan.subtree_call = call = SubtreeCall(element, format, model)
+        tree_plan.calls.append(call)
         if format == 3:
-            node.name = id  # format 3 ignores the name of a call
+            node_plan.name = id  # format 3 ignores the name of a call
         else:
-            self._select_call_attributes(node, call)
+            self._select_call_attributes(node_plan, call)
         self._check_connections(call, model)
         if id in definitions.by_id:
-            return node
+            return node_plan
         if element.get("ID") is not None and definitions.are_complete:
             trees = definitions.by_id
             hint, fixes = tree_hint(id, trees) if self._collector.take_comparisons(trees) else HintAndFixes()
@@ -479,18 +485,18 @@ class TreePlanner:
             self._report(UNKNOWN_TREE, f"unknown subtree '{id}'", element, hint, fixes, attribute="ID")
         return None
 
-    def _select_call_attributes(self, node: NodePlan, call: SubtreeCall) -> None:
+    def _select_call_attributes(self, node_plan: NodePlan, call: SubtreeCall) -> None:
         conditions: dict[str, str] = {}
         attributes: dict[str, str] = {}
-        for key, text in node.element.attributes.items():
+        for key, text in node_plan.element.attributes.items():
             if key == "name":
-                node.name = text
-                self._check_name(node, text)
+                node_plan.name = text
+                self._check_name(node_plan, text)
             elif key in SCRIPT_ATTRIBUTES:
                 conditions[key] = text
             elif key not in call.port_texts and key != "ID" and key != "_autoremap":
                 attributes[key] = text
-        node.conditions, node.attributes = conditions, attributes
+        node_plan.conditions, node_plan.attributes = conditions, attributes
 
     def _check_connections(self, call: SubtreeCall, model: Mapping[str, str | None]) -> None:
         element = call.element

@@ -26,14 +26,23 @@ class SourceSpan(NamedTuple):
     source: str
 
     def diagnostic(
-        self, code: DiagnosticCode, message: str, file: str, hint: str = "", fixes: Sequence[Fix] = ()
+        self,
+        code: DiagnosticCode,
+        message: str,
+        file: str,
+        hint: str = "",
+        fixes: Sequence[Fix] = (),
+        attribute: str = "",
+        characters: tuple[int, int] = (0, 0),
     ) -> Diagnostic:
-        """Return a diagnostic about this range; see `Diagnostic`."""
+        """Return a diagnostic about this range, which marks *attribute*, if given; see `Diagnostic`."""
         line, column, width, source = self
-        missing = [name for fix in fixes if isinstance(fix, SetAttributes) for name, _ in fix.values]
-        attributes = tuple(dict.fromkeys(missing))
+        # Without a marked attribute, the problem is about those that are missing.
+        missing = (name for fix in fixes if isinstance(fix, SetAttributes) for name, _ in fix.values)
+        attributes = (attribute,) if attribute else tuple(dict.fromkeys(missing))
         place = (file, line, column)
-        return Diagnostic(code, message, *place, hint, source, width, tuple(fixes), attributes=attributes)
+        marked = (source, width, tuple(fixes))
+        return Diagnostic(code, message, *place, hint, *marked, attributes=attributes, characters=characters)
 
 
 class LineIndex:

@@ -10,7 +10,7 @@ from typing import Final, NoReturn
 from btcore.diagnostic_codes import BARE_MARKUP, LENIENT_XML, NOT_XML, DiagnosticCode
 from btcore.diagnostics import Diagnostic
 from btcore.errors import XmlSyntaxError
-from btcore.fixes import CloseTag, EndTag, Escape, Fix, InsertText, ReplaceText, SetAttributes
+from btcore.fixes import CloseTag, Escape, Fix, InsertText, ReplaceText, SetAttributes, WriteEndTag
 from btcore.xml.read.element import EXAMPLE, MAX_LEVELS, Element
 from btcore.xml.read.positions import LineIndex
 from btcore.xml.read.tinyxml2_compat import (
@@ -78,7 +78,7 @@ class _Parser:
             element, start = self._open[-1]
             hint = f"write </{element.tag}>, or <{element.tag} … />"
             message = f"<{element.tag}> is never closed"
-            fix = EndTag(element.tag)
+            fix = WriteEndTag(element.tag)
             raise self._error(start, len(element.tag) + 1, message, hint, fix)
         if self._root is None:
             raise self._error(0, 1, "not XML: the document has no element", EXAMPLE)
@@ -217,7 +217,7 @@ class _Parser:
             line, column = self._lines.place(start)
             hint = f"<{element.tag}> was opened in line {line}, column {column}"
             message = f"expected </{element.tag}>, but found </{name}>"
-            raise self._error(at, after - at, message, hint, EndTag(element.tag))
+            raise self._error(at, after - at, message, hint, WriteEndTag(element.tag))
         if tag.group().rstrip(name) != "</" or self._text[tag.end() : after].strip() != ">":
             fix = _rewrite(self._text[at:after], f"</{name}>")
             self._warn(at, after - at, "the end tag is more than a name", f"write </{name}>", *fix)

@@ -109,7 +109,7 @@ def inline_subtree(plans: Plans, element: Element) -> Edit:
     enums = plans.registry.types.enums
     edits = [
         edit
-        for called_node in called.nodes()
+        for called_node in called.node_plans()
         for edit in _rename_keys(called_node, names, enums, tree_keys, editor, called)
     ]
     if node.conditions and called.root.conditions:
@@ -137,7 +137,7 @@ def _edited_part(text: str, start: int, end: int, edits: Iterable[Edit]) -> str:
 
 def _find(plans: Plans, element: Element) -> tuple[TreePlan, NodePlan]:
     for tree in plans.trees.values():
-        for node in tree.nodes():
+        for node in tree.node_plans():
             if node.element is element:
                 return tree, node
     raise EditError(f"<{element.tag}> is not a known node of a tree")

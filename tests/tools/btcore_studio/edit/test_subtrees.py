@@ -34,7 +34,7 @@ def plans_of(text: str, nodes: Registry = NODES) -> Plans:
 
 
 def nodes_of(plans: Plans) -> list[NodePlan]:
-    return [node for tree in plans.trees.values() for node in tree.nodes()]
+    return [node for tree in plans.trees.values() for node in tree.node_plans()]
 
 
 def behaviour(case: dict[str, Any], xml: str) -> list[Any]:
