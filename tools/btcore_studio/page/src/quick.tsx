@@ -98,8 +98,7 @@ function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
     } else if (isAtPlaces && (event.key === "ArrowLeft" || event.key === "ArrowRight")) {
       const next = places.indexOf(place!) + (event.key === "ArrowLeft" ? -1 : 1);
       where.value = places[(next + places.length) % places.length]!;
-    } else if (event.key === "Enter" && matches.length) accept(chosenItem);
-    else if (event.key === "Enter") { if (words.value.trim()) createType(); }
+    } else if (event.key === "Enter" && !(event.target as Element).matches(".quick > button")) accept(chosenItem);
     else if (event.key === "Escape") close();
     else return;
     event.preventDefault();
