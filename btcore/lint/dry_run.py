@@ -75,6 +75,8 @@ class DryRun(NodeCreator):
         uses: Every entry with the places that use it.
         has_untracked_access: Whether the tree may use entries that are known only when it runs: because a
             leaf takes the whole blackboard, or because a script or a key is read from an entry.
+        has_untracked_writes: The same for entries that the tree may write. A leaf that takes the whole
+            blackboard can declare the keys that it writes: `metadata()` returns them as "writes".
         has_mocks: Whether mock nodes replace nodes without code. Then the registry may lack enums that the
             C++ code registers.
         entrances: For each inner blackboard, the place of the SubTree element that creates it.
@@ -86,6 +88,7 @@ class DryRun(NodeCreator):
             self.collector = collector
         self.uses: dict[Entry, list[EntryUse]] = {}
         self.has_untracked_access = False
+        self.has_untracked_writes = False
         self.has_mocks = False
         self.entrances: dict[Blackboard, EntryUse] = {}
         self._recorded: list[EntryUse] = []
@@ -100,10 +103,11 @@ class DryRun(NodeCreator):
                 continue  # a key with two @, which has been reported
             self.uses.setdefault(entry, []).append(use)
         # A node that reads a key from an entry which the tree writes may write to any entry.
-        self.has_untracked_access = self.has_untracked_access or any(
+        if any(
             has_writer(uses) and any(use.access is AccessKind.READS_AS_KEY for use in uses)
             for uses in self.uses.values()
-        )
+        ):
+            self.has_untracked_access = self.has_untracked_writes = True
 
     def plan_of(self, board: Blackboard) -> TreePlan:
         """Return the plan of the innermost tree whose nodes use *board*."""
@@ -145,7 +149,8 @@ class DryRun(NodeCreator):
             self._record_port(node_plan, binding, draft)
         for attribute, text in node_plan.conditions.items():
             self._record_script(node_plan, attribute, text, draft)
-        self.has_untracked_access = self.has_untracked_access or uses_whole_blackboard(node_plan.manifest)
+        if uses_whole_blackboard(node_plan.manifest):
+            self._record_leaf(node_plan, draft)
         self.has_mocks = self.has_mocks or is_mock(node_plan.manifest.cls)
 
     def _record_port(self, node_plan: NodePlan, binding: Binding, draft: SubtreeDraft) -> None:
@@ -155,11 +160,23 @@ class DryRun(NodeCreator):
             if key is None:
                 self._record_script(node_plan, port.name, binding.text, draft)
             else:
-                self.has_untracked_access = True
+                self.has_untracked_access = self.has_untracked_writes = True
         for access in accesses if key else ():
             self._recorded.append(
                 EntryUse(access, key or "", board, document, node_plan, port.name, port=port)
             )
+
+    def _record_leaf(self, node_plan: NodePlan, draft: SubtreeDraft) -> None:
+        """Record a leaf that takes the whole blackboard."""
+        self.has_untracked_access = True
+        manifest, board = node_plan.manifest, draft.subtree.blackboard
+        declared = manifest.metadata.get("writes")
+        if declared is None:
+            self.has_untracked_writes = True
+            return
+        for key in filter(None, map(str.strip, declared.split(","))):
+            if key not in manifest.ports:
+                self._recorded.append(EntryUse(AccessKind.WRITES, key, board, draft.document, node_plan, ""))
 
     def _record_script(self, node_plan: NodePlan, attribute: str, text: str, draft: SubtreeDraft) -> None:
         document, board = draft.document, draft.subtree.blackboard

@@ -54,7 +54,7 @@ def check_keys(dry_run: DryRun, is_main: bool, given: Collection[str]) -> None:
         # Braces in a key come from a <SubTree> of format 3, for which W205 is reported.
         if (of_root and (not is_main or key in given)) or (dry_run.format == 3 and key.startswith("{")):
             continue
-        if _warn_empty_script_entry(uses, collector, of_root) or dry_run.has_untracked_access:
+        if _warn_empty_script_entry(uses, collector, of_root) or dry_run.has_untracked_writes:
             continue
         if has_writer(uses):
             _warn_never_created(uses, collector, key if of_root else "")

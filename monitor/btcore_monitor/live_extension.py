@@ -32,7 +32,7 @@ class RobotState(NamedTuple):
 
     Attributes:
         connection: "waiting", "connected", "lost" or "ended".
-        detail: A sentence about the connection.
+        detail: A sentence about the connection, at the end with the result of the tree.
         nodes: The nodes of the tree in pre-order.
         trees: The ID of the called tree by the uid of each SubTree node.
         statuses: The number of the status of each node by its uid.
@@ -41,6 +41,7 @@ class RobotState(NamedTuple):
         breakpoints: The uids of the nodes with a breakpoint of this connection.
         stopped_at: The uid of the node before which the tree waits, or 0.
         problem: Why the last breakpoint could not be set, or "".
+        raised_at: The uid of the node that raised the last error, or 0.
     """
 
     connection: str = "waiting"
@@ -53,6 +54,7 @@ class RobotState(NamedTuple):
     breakpoints: frozenset[int] = frozenset()
     stopped_at: int = 0
     problem: str = ""
+    raised_at: int = 0
 
 
 class RobotExtension(KeyOptions, Settings):
@@ -120,6 +122,8 @@ class RobotConnection:
         self._state = RobotState()
         self._statuses: dict[int, int] = {}
         self._results: dict[int, int] = {}
+        self._last_root_status = 0
+        self._error = ""
         self._has_new_status = False
 
     def poll(self, timeout: float) -> RobotState:
@@ -143,10 +147,15 @@ class RobotConnection:
 
         state = self._state
         if isinstance(event, events.ConnectionEvent):
-            self._state = state._replace(connection=event.state, detail=event.detail)
+            detail = f"{event.detail}: {self._end()}" if event.state == "ended" else event.detail
+            self._state = state._replace(connection=event.state, detail=detail)
         elif isinstance(event, events.TreeEvent):
             if [node.uid for node in state.nodes] != [node.uid for node in event.tree.nodes]:
                 self._begin(event.tree)
+            elif state.raised_at:
+                self._state = state._replace(raised_at=0)
+            self._error, self._last_root_status = "", 0
+            self._note_root(event.statuses)
             self._statuses = dict(event.statuses)
             self._take_results(event.results)
             self._take_results(event.statuses)
@@ -154,7 +163,12 @@ class RobotConnection:
         elif isinstance(event, events.TransitionEvent):
             self._statuses[event.uid] = event.status
             self._take_results({event.uid: event.status})
+            self._note_root({event.uid: event.status})
             self._has_new_status = True
+        elif isinstance(event, events.ExceptionEvent):
+            self._error = event.message
+            raised_at = next((node.uid for node in state.nodes if node.path == event.path), 0)
+            self._state = state._replace(raised_at=raised_at)
         elif isinstance(event, events.BlackboardEvent):
             self._state = state._replace(entries=_list_entries(event.boards))
         elif isinstance(event, events.HooksEvent) and not state.breakpoints:
@@ -167,6 +181,26 @@ class RobotConnection:
         for uid, status in statuses.items():
             if status not in (events.IDLE, events.RUNNING):
                 self._results[uid] = status
+
+    def _note_root(self, statuses: Mapping[int, int]) -> None:
+        """Note the last status of the root other than idle, which may be running."""
+        from btcore_monitor import events
+
+        status = statuses.get(self._state.nodes[0].uid, 0) if self._state.nodes else 0
+        if status:
+            self._last_root_status = status
+        if status in (events.SUCCESS, events.FAILURE):
+            self._error = ""
+
+    def _end(self) -> str:
+        """Return how the run has ended."""
+        from btcore_monitor import events
+
+        if self._error:
+            return self._error.partition("\n")[0]
+        if self._last_root_status in (events.IDLE, events.RUNNING):
+            return "the tree did not complete"
+        return f"the tree returned {events.STATUS_NAMES[self._last_root_status]}"
 
     def _begin(self, tree: "ObservedTree") -> None:
         self._leave_robot()

@@ -2,7 +2,7 @@
 
 import threading
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 import pytest
@@ -141,3 +141,28 @@ def test_robot_with_keys_is_watched_and_controlled_by_clients_only(tree: btcore.
 def test_invalid_address_is_an_error() -> None:
     with pytest.raises(AddressError, match="not an address"):
         RobotExtension().connect("http://x/y z")
+
+
+@pytest.mark.parametrize(
+    ("leaf", "ending", "raised_at"),
+    [
+        ("<AlwaysFailure/>", "the tree returned FAILURE", 0),
+        ('<Script code="a = 1"/>', "node 'Script::2' <Script> raised while ticking: ScriptError: ", 2),
+    ],
+)
+def test_end_of_a_run_has_its_result_or_its_error(leaf: str, ending: str, raised_at: int) -> None:
+    tree = btcore.loads(
+        f'<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>{leaf}</Sequence></BehaviorTree></root>'
+    )
+    publisher = serve(tree, groot2_port=0)
+    with closing(RobotConnection(publisher.address)) as connection:
+        until(connection, lambda state: state.nodes)
+        with suppress(btcore.BtcoreError):
+            tree.tick_once()
+        # It waits until the connection has received the end.
+        end = threading.Thread(target=publisher.close, daemon=True)
+        end.start()
+        state = until(connection, lambda state: state.connection == "ended")
+    end.join(timeout=90)
+    assert ending in state.detail
+    assert state.raised_at == raised_at

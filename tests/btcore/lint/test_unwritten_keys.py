@@ -2,6 +2,7 @@
 
 import pytest
 
+from btcore import Registry
 from tests.btcore.lint.conftest import Checker
 from tests.btcore.lint.documents import dedented, sequence, tree
 
@@ -100,3 +101,14 @@ def test_key_not_passed_in_format_3_is_reported(check: Checker) -> None:
         format=3,
     )
     assert found.endswith("in the SubTree of 'Inner' in line 5 write door=\"door\"\n")
+
+
+def test_leaf_with_the_whole_blackboard_hides_no_warning_if_it_declares_what_it_writes(
+    check: Checker, palette: Registry
+) -> None:
+    body = sequence("<Tidy/>", '<Say text="{level}"/>', '<Say text="{lvl}"/>')
+    assert check(body) == ""
+    palette.manifests["Tidy"].metadata["writes"] = "level, x"
+    assert [item.message for item in check.found(body)] == [
+        "the port 'text' of <Say> reads {lvl}, which is never written"
+    ]

@@ -77,7 +77,8 @@ class TreeEditor(DocumentEditor):
         start = element.start_tag_end
         while text[start].isspace():
             start += 1
-        end = self.before_space(element.end_tag_start)
+        # An end tag can be missing.
+        end = self.before_space(element.end_tag_start) if element.end_tag_start >= 0 else element.end
         edits = [Edit(element.start, start, ""), Edit(end, element.end, "")]
         own, inner = self.indent(element), self.indent_at(start)
         if own is not None and inner is not None:

@@ -2,9 +2,10 @@
 
 from typing import NamedTuple
 
-from btcore.blackboard.ports import KEY_ROLES, SCRIPT_ROLES, Direction, Port
+from btcore.blackboard.ports import KEY_ROLES, LOAD_TIME_ROLES, SCRIPT_ROLES, Direction, Port
 from btcore.escaping import escape_text
 from btcore.registry.manifest import Manifest, takes_children
+from btcore.registry.nodes_without_code import is_mock
 from btcore.suggestions import did_you_mean
 from btcore.xml.edit.editor import DocumentEditor, Edit, EditError, apply_edits, escape_value
 from btcore.xml.models.tree_nodes_model import TAG_OF
@@ -40,7 +41,8 @@ class NewElement(NamedTuple):
 def new_element(reading: TreeReading, id: str) -> NewElement:
     """Return the element of a new node, or of a new call of the tree *id*.
 
-    The ports that the node needs have their key by name, and scripts are empty.
+    The ports that the node needs have their key by name, and scripts are empty. Inputs of built-in nodes are
+    not written: a warning at the field of the port requests a value.
 
     Raises:
         EditError: There is no node or tree *id*.
@@ -50,7 +52,9 @@ def new_element(reading: TreeReading, id: str) -> NewElement:
     manifest = reading.nodes.get(id, format)
     if manifest is not None and id not in definitions.dialect.subtree_tags:
         required = {
-            port.name: _new_text(port) for port in manifest.ports.values() if is_mandatory(manifest, port)
+            port.name: _new_text(port)
+            for port in manifest.ports.values()
+            if is_mandatory(manifest, port) and not _is_reported(manifest, port)
         }
         if uses_explicit_tag(reading, manifest):
             return NewElement(TAG_OF[manifest.type], {"ID": id, **required})
@@ -63,6 +67,12 @@ def new_element(reading: TreeReading, id: str) -> NewElement:
         name: name if format == 3 else f"{{{name}}}" for name, default in model.items() if not default
     }
     return NewElement("SubTree", {"ID": id, **required})
+
+
+def _is_reported(manifest: Manifest, port: Port) -> bool:
+    """Return whether there is a warning if the value is missing, which is rather a constant than a key."""
+    is_other = port.role in KEY_ROLES or port.role in LOAD_TIME_ROLES
+    return port.direction is Direction.IN and not is_other and not is_mock(manifest.cls)
 
 
 def _new_text(port: Port) -> str:

@@ -99,6 +99,10 @@ class LiveState(Protocol):
     def problem(self) -> str:
         """Why the last breakpoint could not be set, or ""."""
 
+    @property
+    def raised_at(self) -> int:
+        """The uid of the node that raised the last error, or 0."""
+
 
 class LiveConnection(Protocol):
     """A connection to a running tree, used by one thread."""
@@ -326,6 +330,7 @@ def _live_data(
         "wanted": sorted(wanted),
         "breakpoints": [],
         "stopped": "",
+        "raised": "",
     }
     if state is not None:
         uids = [node.uid for node in state.nodes]
@@ -338,6 +343,7 @@ def _live_data(
             "entries": list(state.entries),
             "breakpoints": [keys[uid] for uid in sorted(state.breakpoints) if uid in keys],
             "stopped": keys.get(state.stopped_at, ""),
+            "raised": keys.get(state.raised_at, ""),
         }
     if failure:
         data |= {"connection": "lost", "detail": failure}

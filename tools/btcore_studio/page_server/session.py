@@ -14,6 +14,7 @@ from lsprotocol import types
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
+from btcore.documentation_site import documentation_url
 from btcore.errors import BtcoreError
 from btcore.json_text import load_json
 from btcore.loading.load import paused_garbage_collection
@@ -188,6 +189,7 @@ class StudioSession:
                 file = next(of_trees, next(iter(trees), None))
         return {
             "folder": str(self.files.folder),
+            "guide": documentation_url("guides/studio.html"),
             "uri": "" if file is None else file_uri(file),
             "tree": shown.tree,
             "readOnly": shown.is_read_only,

@@ -44,6 +44,7 @@ class State(NamedTuple):
     breakpoints: frozenset[int] = frozenset()
     stopped_at: int = 0
     problem: str = ""
+    raised_at: int = 0
 
 
 @dataclass

@@ -137,6 +137,21 @@ def test_changes_are_announced_and_the_focus_stays_on_the_page(
     page.locator(".canvas").focus()
     press(page, "Home", "End", "Alt+ArrowLeft")
     hears(page, "Moved 1 node: 2 of 3 in round.")
+    # The line in the text follows the node.
+    page.wait_for_function(
+        "document.querySelector('.editor').shadowRoot.querySelector('.cm-activeLine').textContent"
+        ".includes(document.querySelector('.node.cursor').ariaLabel.split(',')[0])"
+    )
+    # A refused name stays in its field, and an unknown one can become a node type.
+    press(page, "x")
+    page.keyboard.type("a b")
+    press(page, "Enter")
+    page.locator(".prompt #refusal", has_text="invalid tree ID 'a b'").wait_for()
+    assert page.locator(".prompt input").input_value() == "a b"
+    press(page, "Escape", "i")
+    page.keyboard.type("TakePhoto")
+    page.locator(".quick > button", has_text="New node type TakePhoto").wait_for()
+    press(page, "Escape")
     press(page, "Control+z")
     hears(page, "Undone.")
     press(page, "Control+y")

@@ -11,7 +11,7 @@ import { ModelForm } from "./model_form";
 import { cursor, edit, inTurn, openTree, paste, run } from "./operations";
 import { Quick } from "./quick";
 import { help, menu } from "./quick_state";
-import { drawing, live, selection, start, uri } from "./state";
+import { drawing, selection, start, uri } from "./state";
 import { step } from "./timeline";
 import { treeTexts } from "./texts";
 import { draw, focusPicture, found, query, View, view } from "./view";
@@ -231,7 +231,7 @@ function selectNeighbour(shown: View, { select, isExtending }: { select: Directi
 function showDurations(shown: View): () => void {
   const timer = setInterval(() => {
     if (document.hidden || start.value?.recording) return;
-    if (!live.value?.connection) for (const label of shown.frame.querySelectorAll(".duration")) label.remove();
+    if (!liveIndex.peek().size) for (const label of shown.frame.querySelectorAll(".duration")) label.remove();
     for (const [key] of liveIndex.peek()) {
       const index = shown.structure.at(key);
       const group = shown.group(index);

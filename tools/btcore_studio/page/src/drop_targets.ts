@@ -33,6 +33,8 @@ const REACH = 70;
 const GAP = 11;
 /** The share of a card's height (or width) that means its edge. */
 const EDGE = 0.3;
+/** The same for the upper edge of a card, where a node is dropped that becomes the parent. */
+const UPPER_EDGE = 0.45;
 
 /** The targets of one drawing for many positions of the pointer. */
 export class DropTargets {
@@ -74,6 +76,9 @@ export class DropTargets {
       const away = distance(x, y, { ...box, y: box.y + box.height, height: 30 });
       if (away < least) [least, best] = [away, this.inside(index)];
     });
+    // A new root has its place above the root.
+    const root = this.boxes[0];
+    if (this.load.canWrap && root && y < root.y && distance(x, y, root) < least) return { kind: "around", node: 0, mark: root };
     return best;
   }
 
@@ -104,7 +109,7 @@ export class DropTargets {
     const parent = structure.parent(index);
     const isTaking = this.takes(index);
     const beside = (isAfter: boolean) => this.beside(index, isAfter);
-    if (load.canWrap && (down < EDGE || !isTaking && across > EDGE && across < 1 - EDGE)) {
+    if (load.canWrap && (down < UPPER_EDGE || !isTaking && across > EDGE && across < 1 - EDGE)) {
       return { kind: "around", node: index, mark: box };
     }
     if (parent >= 0 && this.takes(parent)) {

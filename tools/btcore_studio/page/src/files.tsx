@@ -4,7 +4,7 @@ import { ask } from "./dialog";
 import { offsetAt, positionAt } from "./documents";
 import type { Home } from "./home";
 import type { TreeSummary } from "./protocol";
-import { actions, drawing, files, reasonOf, selection, showError, start, tree, uri } from "./state";
+import { actions, drawing, files, message, reasonOf, selection, showError, start, tree, uri } from "./state";
 import { rename } from "./text_pane";
 import { texts } from "./texts";
 import { focusPicture } from "./view";
@@ -25,19 +25,26 @@ export function openFile(address: string): void {
   });
 }
 
-function createFile(text = "tree.xml", reason = ""): void {
+/** Ask for the name of a new file, and create it. */
+export function createFile(text = "tree.xml", reason = ""): void {
   ask({
     title: texts.newFile, label: texts.fileName, text, reason, choices: [texts.create],
-    answer: (_, name) => void actions.request<{ uri: string }>("btcore/create", { name, text: NEW_FILE })
-      .then((created) => { openFile(created.uri); focusPicture(); }, (error) => createFile(name, reasonOf(error))),
+    answer: (_, typed) => {
+      const name = /\.[^/.]*$/.test(typed) ? typed : `${typed}.xml`;
+      void actions.request<{ uri: string }>("btcore/create", { name, text: NEW_FILE })
+        .then((created) => { openFile(created.uri); focusPicture(); }, (error) => createFile(typed, reasonOf(error)));
+    },
   });
 }
 
-function createTree(): void {
+function createTree(text = "", reason = ""): void {
   ask({
-    title: texts.newTree, label: texts.treeId, choices: [texts.create],
+    title: texts.newTree, label: texts.treeId, text, reason, choices: [texts.create],
     answer: (_, id) => void actions.edit({ kind: "add_tree", uri: uri.value, id }).then((result) => {
-      if (!result) return;
+      if (!result) {
+        createTree(id, message.value);
+        return;
+      }
       tree.value = id;
       focusPicture();
     }),
@@ -73,6 +80,12 @@ function showCurrent(nav: HTMLElement | null): void {
   }
 }
 
+effect(() => {
+  // The first file of a folder that was empty.
+  const [first] = files.value;
+  if (start.value?.uri === "" && !start.value.versions && !uri.value && first) openFile(first.uri);
+});
+
 /** The files of the folder, and the trees of the shown document. */
 export function Files({ home }: { home: Home }) {
   const trees = drawing.value?.trees ?? [];
@@ -105,7 +118,7 @@ export function Files({ home }: { home: Home }) {
       )}
       <div class="row">
         <h2>{texts.trees}</h2>
-        {canChange && uri.value && <button class="small" onClick={createTree} aria-label={texts.newTree} title={texts.newTree}>+</button>}
+        {canChange && uri.value && <button class="small" onClick={() => createTree()} aria-label={texts.newTree} title={texts.newTree}>+</button>}
       </div>
       <ul>
         {/* By number, so that the focus stays when a tree is renamed. */}

@@ -56,14 +56,14 @@ export function Form() {
 }
 
 function Head({ node }: { node: DrawnNode }) {
-  const status = statusOf(node.key, live.value);
+  const state = statusOf(node.key, live.value);
   const item = palette.value.items.find(({ id, isEditable }) => id === node.id && isEditable);
   const glyph = /<path class="glyph" d="([^"]*)"/.exec(node.card);
   return (
     <header>
       <Symbol item={{ kind: node.kind, symbol: glyph?.[1] }} />
       <div>
-        <h2>{node.name}{status !== null && <span class={`status s${status}`}>{statuses[status]}</span>}</h2>
+        <h2>{node.name}{state && <Status {...state} />}</h2>
         <p>
           {treeTexts.kinds[node.kind]} · {node.calls ? `${node.id} ${node.calls}` : node.id}
           {node.disabled && <span class="status">{treeTexts.disabled}</span>}
@@ -78,6 +78,11 @@ function Head({ node }: { node: DrawnNode }) {
       </div>
     </header>
   );
+}
+
+function Status({ status, result }: { status: number; result: number }) {
+  if (status || !result) return <span class={`status s${status}`}>{statuses[status]}</span>;
+  return <span class={`status s${result}`}>{treeTexts.lastResult(statuses[result]!)}</span>;
 }
 
 /** The attributes as they are drawn, while there is no form. */

@@ -4,8 +4,9 @@ import { computed, effect, signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { release } from "./announcer";
 import type { Live, RunningCall } from "./protocol";
-import { actions, drawing, live, nodesByKey, showError, start, tree } from "./state";
+import { actions, drawing, files, live, message, nodesByKey, showError, start, tree, uri } from "./state";
 import { treeTexts } from "./texts";
+import { fileName } from "./toolbar";
 
 export const statuses = ["IDLE", "RUNNING", "SUCCESS", "FAILURE", "SKIPPED"];
 const MAX_ENTRIES = 500;
@@ -15,9 +16,21 @@ const keys = signal<readonly string[]>([]);
 const calls = signal<readonly RunningCall[]>([]);
 /** The index of each node of the running tree in the digits of its state, by key. */
 export const liveIndex = computed(() => new Map(keys.value.map((key, index) => [key, index] as const)));
+const isOver = (state: Live | null) => state?.connection === "ended" || state?.connection === "lost";
+/** Whether the text has changed since the run ended. Its statuses are then those of another tree. */
+const isOutdated = signal(false);
+effect(() => {
+  if (!isOver(live.value)) isOutdated.value = false;
+});
+
+/** Note that a text has changed. */
+export function noteChange(): void {
+  if (isOver(live.peek())) isOutdated.value = true;
+}
+
 effect(() => {
   const state = live.value;
-  if (state?.connection && state.keys) [keys.value, calls.value] = [state.keys, state.calls ?? []];
+  if (state?.connection && state.keys && !isOutdated.value) [keys.value, calls.value] = [state.keys, state.calls ?? []];
   else if (state) [keys.value, calls.value] = [[], []];
 });
 
@@ -32,10 +45,10 @@ export const drawnCall = signal("");
 /** Show the nodes of a call, when its tree is shown. */
 export const chooseCall = (key: string): void => { chosenCall.value = key; };
 
-/** Return the status of a node, or null if it is not in the running tree. */
-export function statusOf(key: string, state: Live | null): number | null {
+/** Return the status of a node and its last result, or null if it is not in the running tree. */
+export function statusOf(key: string, state: Live | null): { status: number; result: number } | null {
   const index = liveIndex.value.get(key);
-  return index === undefined || !state?.connection ? null : Number(state.statuses[index]);
+  return index === undefined || !state?.connection ? null : { status: Number(state.statuses[index]), result: Number(state.results[index]) };
 }
 
 // --- durations: since when each node is running, as this page has seen it
@@ -91,7 +104,7 @@ export const notes = computed(() => {
   const { recording } = start.value ?? {};
   const found = (recording?.warnings ?? []).map(treeTexts.recordingLacks);
   if (state?.problem) found.push(state.problem);
-  if (state?.connection && state.connection !== "connected" && state.detail) found.push(state.detail);
+  if (state?.connection && state.connection !== "connected" && state.detail && !isOutdated.value) found.push(state.detail);
   const [shown, at] = [drawing.value, call.value];
   if (shown && keys.value.length && drawnCall.value === (at?.key ?? "")) {
     const begin = at ? keys.value.indexOf(at.key) + 1 : 0;
@@ -103,6 +116,24 @@ export const notes = computed(() => {
   }
   return found;
 });
+
+/** How to run the shown file, so that it can be watched. */
+export function RunHint() {
+  const isLive = start.value?.live && !start.value.recording;
+  const state = live.value;
+  if (!isLive || !uri.value || (state?.connection && state.connection !== "waiting")) return null;
+  const name = files.value.find((file) => file.uri === uri.value)?.name ?? fileName(uri.value);
+  const command = `btcore run ${/^[\w./-]+$/.test(name) ? name : `"${name}"`} --publish groot2`;
+  const copy = () => navigator.clipboard.writeText(command).then(() => { message.value = treeTexts.commandCopied; }, showError);
+  return (
+    <section class="run-hint">
+      <h2>{treeTexts.runTitle}</h2>
+      <p>{state?.connection ? treeTexts.runHint : treeTexts.runHintConnect}</p>
+      <p class="command"><code>{command}</code><button class="small" onClick={() => void copy()}>{treeTexts.operation.copy}</button></p>
+      <p>{treeTexts.runFolder(start.value!.folder)}</p>
+    </section>
+  );
+}
 
 /** The choice among the running calls of the shown tree. */
 export function CallChoice() {

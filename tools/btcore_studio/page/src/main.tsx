@@ -8,12 +8,12 @@ import { Canvas } from "./canvas";
 import { ComparisonPage, loadComparison } from "./comparison";
 import { Dialog } from "./dialog";
 import { Mark } from "./documents";
-import { Breadcrumbs, Files } from "./files";
+import { Breadcrumbs, createFile, Files } from "./files";
 import { keepFocus, movePane } from "./focus";
 import { Form } from "./form";
 import type { Done } from "./history";
 import { BrowserHome, findHome, isConnected } from "./home";
-import { Blackboard, call, drawnCall, LiveControls } from "./live";
+import { Blackboard, call, drawnCall, LiveControls, noteChange, RunHint } from "./live";
 import { Palette } from "./palette";
 import { complete } from "./picture";
 import { checked, followProblems, Problems } from "./problems";
@@ -299,6 +299,7 @@ function waitForPalette(ms: number): void {
 }
 
 home.onChange((address, origin) => {
+  noteChange();
   if (origin !== "remote") changed.add(address);
   clearTimeout(typingTimer);
   postponeReport();
@@ -373,7 +374,9 @@ function Notices() {
     <div class="notices">
       {!isConnected.value && <p>{texts.lost}</p>}
       {notice.value && <p>{notice.value}</p>}
-      {start.value?.uri === "" && !uri.value && <p>{texts.emptyFolder}</p>}
+      {start.value?.uri === "" && !uri.value && (
+        <p>{texts.emptyFolder}{!start.value.readOnly && <> <button class="small" onClick={() => createFile()}>{texts.newFile}</button></>}</p>
+      )}
       {conflicts.value.map((conflict) => (
         <p key={conflict.uri}>
           {texts.diskConflict(fileName(conflict.uri))}{" "}
@@ -411,6 +414,7 @@ function Page() {
         <aside class="right" aria-label={texts.node}>
           <div class="scrolled">
             <Form />
+            <RunHint />
             <Blackboard />
           </div>
           <Splitter name="form" label={texts.sizes.form} axis="y" direction={1} initial={340} min={80} />

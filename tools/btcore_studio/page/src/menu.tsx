@@ -5,6 +5,7 @@ import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { type Operation, operations } from "./operations";
 import { levelOf, usePreview, warningOf } from "./preview";
 import { help, menu } from "./quick_state";
+import { start } from "./state";
 import { treeTexts } from "./texts";
 import { focusPicture } from "./view";
 
@@ -110,6 +111,7 @@ export function Help() {
       </div>
       <p>{treeTexts.marks}</p>
       <p>{treeTexts.mouse}</p>
+      {start.value?.guide && <p><a href={start.value.guide} target="_blank" rel="noreferrer">{treeTexts.guide}</a></p>}
     </dialog>
   );
 }

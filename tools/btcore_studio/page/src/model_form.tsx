@@ -20,7 +20,7 @@ const PORT_TYPES = ["std::string", "int", "unsigned int", "double", "bool", "std
 const NEW_PORT: PalettePort = { name: "", direction: "in", type: "", default: "", about: "" };
 
 export function ModelForm() {
-  return modelForm.value && <OpenForm item={modelForm.value.item} />;
+  return modelForm.value && <OpenForm {...modelForm.value} />;
 }
 
 /** Write the Python code of a node and its test into new files in a folder. Return their names. */
@@ -32,9 +32,9 @@ async function writeLeaf(address: string, folder: string, id: string): Promise<[
   return names;
 }
 
-function OpenForm({ item }: { item: PaletteItem | null }) {
+function OpenForm({ item, id: proposed = "" }: { item: PaletteItem | null; id?: string }) {
   const dialog = useRef<HTMLDialogElement>(null);
-  const id = useSignal(item?.id ?? "");
+  const id = useSignal(item?.id ?? proposed);
   const type = useSignal(TYPES.find((name) => name.toLowerCase() === item?.kind) ?? "Action");
   const rows = useSignal<readonly Row[]>((item?.ports ?? []).map((port, row) => ({ ...port, row, before: port.name })));
   const nextRow = useRef(rows.value.length);

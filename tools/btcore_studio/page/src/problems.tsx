@@ -73,7 +73,7 @@ export function Problems() {
     <section class="problems" aria-label={texts.problems}>
       <div class="row">
         <button class={`summary ${errors ? "error" : warnings ? "warning" : ""}`} aria-expanded={isOpen} onClick={() => setOpen(!isOpen)}>
-          {summary || (checked.value.has(uri.value) ? `✔ ${texts.noProblems}` : texts.checking)}
+          {summary || (checked.value.has(uri.value) ? `✔ ${texts.noProblems}` : uri.value && texts.checking)}
         </button>
         {offers.map((action) => <button class="small" key={action.title} onClick={() => actions.apply(action.edit)}>{action.title}</button>)}
       </div>

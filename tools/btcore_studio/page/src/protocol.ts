@@ -224,6 +224,8 @@ export interface Live {
   wanted: string[];
   breakpoints: string[];
   stopped: string;
+  /** The key of the node that raised the last error, or "". */
+  raised?: string;
   keys?: string[];
   calls?: RunningCall[];
 }
@@ -305,6 +307,8 @@ export interface Spot { parent: string; number: number }
 /** btcore/start: {} → Start. */
 export interface Start {
   folder: string;
+  /** The address of the studio's guide, if it is known. */
+  guide?: string | null;
   /** The document to show, and its tree. */
   uri: string;
   tree: string | null;

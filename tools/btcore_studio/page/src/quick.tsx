@@ -9,8 +9,8 @@ import { Highlighted, Symbol } from "./palette";
 import { usePreview, Warning } from "./preview";
 import { plain } from "./markdown";
 import type { NodeForm, PaletteItem } from "./protocol";
-import { prompt, quick } from "./quick_state";
-import { actions, palette, selectedNode } from "./state";
+import { modelForm, prompt, quick } from "./quick_state";
+import { actions, message, palette, selectedNode } from "./state";
 import { canWrap } from "./tree";
 import { treeTexts } from "./texts";
 import { focusPicture, view } from "./view";
@@ -20,7 +20,7 @@ const MAX_SHOWN = 60;
 export function Quick() {
   const isAsking = prompt.value !== null;
   const mode = quick.value?.mode;
-  if (isAsking) return <Prompt />;
+  if (isAsking) return <Prompt key={prompt.value!.refused} />;
   return mode ? <Chooser key={mode} mode={mode} /> : null;
 }
 
@@ -78,6 +78,11 @@ function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
     close();
     applyType(mode, item, wanted);
   };
+  const createType = () => {
+    const id = words.value.trim();
+    close();
+    modelForm.value = { item: null, id };
+  };
   const [outlook, look] = usePreview();
   useEffect(() => look(chosenItem ? () => commandOf(mode, chosenItem, place) : null), [chosenItem, place]);
   const key = (event: KeyboardEvent) => {
@@ -89,12 +94,12 @@ function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
     else if (step) at.value = Math.max(0, Math.min(matches.length - 1, at.value + step));
     else if (event.key === "Tab") {
       // Tab goes to the choice of the place and back; it does not lose what was typed.
-      const stops = [...ref.current!.querySelectorAll<HTMLElement>("input, [aria-checked=true]")];
+      const stops = [...ref.current!.querySelectorAll<HTMLElement>("input, .quick > button, [aria-checked=true]")];
       stops[(stops.indexOf(document.activeElement as HTMLElement) + 1) % stops.length]?.focus();
     } else if (isAtPlaces && (event.key === "ArrowLeft" || event.key === "ArrowRight")) {
       const next = places.indexOf(place!) + (event.key === "ArrowLeft" ? -1 : 1);
       where.value = places[(next + places.length) % places.length]!;
-    } else if (event.key === "Enter") accept(chosenItem);
+    } else if (event.key === "Enter" && !(event.target as Element).matches(".quick > button")) accept(chosenItem);
     else if (event.key === "Escape") close();
     else return;
     event.preventDefault();
@@ -127,6 +132,7 @@ function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
         ))}
         {!matches.length && <li class="none">{treeTexts.noneFound}</li>}
       </ul>
+      {!matches.length && words.value.trim() && <button type="button" onClick={createType}>{treeTexts.newModelOf(words.value.trim())}</button>}
       <Warning outlook={outlook} />
       {chosenItem?.about && <p class="about">{firstSentence(plain(chosenItem.about))}</p>}
       {places.length > 1 && (
@@ -147,7 +153,8 @@ const firstSentence = (text: string) => /^[^]*?[.!?](?=\s|$)/.exec(text)?.[0] ??
 
 function Prompt() {
   const { ref } = usePlace();
-  const { label, value, command } = prompt.value!;
+  const asked = prompt.value!;
+  const { label, value, command, refused } = asked;
   const [outlook, look] = usePreview();
   // Keys that follow at once are for the field.
   useLayoutEffect(() => { ref.current?.querySelector("input")?.select(); }, []);
@@ -156,7 +163,11 @@ function Prompt() {
       const text = (event.target as HTMLInputElement).value.trim();
       close();
       const wanted = text === value ? null : command(text);
-      if (wanted) inTurn(() => edit(wanted));
+      if (wanted) {
+        inTurn(async () => {
+          if (!await edit(wanted)) prompt.value = { ...asked, refused: { text, reason: message.value } };
+        });
+      }
     } else if (event.key === "Escape") close();
     else return;
     event.preventDefault();
@@ -165,9 +176,10 @@ function Prompt() {
   return (
     <div class="popup prompt" ref={ref} role="dialog" aria-label={label}>
       <label>{label}<input
-        defaultValue={value} spellcheck={false} onKeyDown={key} onBlur={() => { prompt.value = null; }}
+        defaultValue={refused?.text ?? value} spellcheck={false} aria-describedby={refused && "refusal"} aria-invalid={Boolean(refused)} onKeyDown={key} onBlur={() => { prompt.value = null; }}
         onInput={(event) => { const text = event.currentTarget.value.trim(); look(text === value ? null : () => command(text)); }}
       /></label>
+      {refused && <p class="error" id="refusal" role="alert">{refused.reason}</p>}
       <Warning outlook={outlook} />
     </div>
   );

@@ -7,10 +7,14 @@ import type { Command, PaletteItem } from "./protocol";
 export const quick = signal<{ mode: "insert" | "wrap" | "type" } | null>(null);
 
 /** A field at the selected node: *command* returns what its text leads to, or null. */
-export const prompt = signal<{ label: string; value: string; command: (text: string) => Command | null } | null>(null);
+export const prompt = signal<{
+  label: string; value: string; command: (text: string) => Command | null;
+  /** A text that was refused, and why. */
+  refused?: { text: string; reason: string };
+} | null>(null);
 
 export const menu = signal<{ x: number; y: number } | null>(null);
 export const help = signal(false);
 
 /** The form of a node type, or of a new one. */
-export const modelForm = signal<{ item: PaletteItem | null } | null>(null);
+export const modelForm = signal<{ item: PaletteItem | null; id?: string } | null>(null);

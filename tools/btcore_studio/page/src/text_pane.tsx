@@ -468,6 +468,14 @@ export function TextPane({ home }: { home: BrowserHome }) {
       selection.value = [best];
     };
 
+    /** Follow the selected node, which may have moved. */
+    const followNode = () => {
+      const node = selectedNode.peek();
+      if (node?.place.uri !== shown || node.key !== keyOfCursor) return;
+      const atCursor = nodesByKey.peek().get(keyAt(shown, cursorOf(view)) ?? "");
+      if (!isSamePlace(atCursor?.place, node.place)) revealText(node.place, false);
+    };
+
     const showDocument = (address: string) => {
       if (shown) states.set(shown, view.state);
       shown = address;
@@ -540,7 +548,10 @@ export function TextPane({ home }: { home: BrowserHome }) {
         });
       }),
       effect(() => {
-        if (drawing.value) untracked(() => { if (isInText()) selectAtCursor(); });
+        if (drawing.value) untracked(() => {
+          if (isInText()) selectAtCursor();
+          else followNode();
+        });
       }),
       effect(() => {
         if (live.value && drawing.value) untracked(() => afterPicture(showStops));

@@ -13,7 +13,7 @@ export const texts = {
   save: "Save",
   saved: (name: string) => `Saved ${name}.`,
   nothingToSave: "Nothing to save.",
-  emptyFolder: "This folder has no trees. Create a file with the button + beside “Files”.",
+  emptyFolder: "This folder has no trees.",
   showTrees: "Draw its trees",
   saveRefused: (reason: string) => `Not saved: ${reason}`,
   editRefused: (reason: string) => `The studio's process does not accept the edit: ${reason}`,
@@ -269,6 +269,7 @@ export const treeTexts = {
 
   // the form of a node type
   newModel: "New node type",
+  newModelOf: (id: string) => `New node type ${id} …`,
   editModel: "Edit type",
   modelOf: (id: string) => `Node type ${id}`,
   modelHint: "The type is written into the <TreeNodesModel> of this file. It has no code until a library registers a node with this ID.",
@@ -308,6 +309,13 @@ export const treeTexts = {
 
   // the running tree
   absent: "not in the running tree",
+  raised: "raised an error",
+  runTitle: "Run this file",
+  runHint: "Run this command in a terminal. The page then shows the running tree.",
+  runHintConnect: "Run this command in a terminal, and press Connect. The page then shows the running tree.",
+  runFolder: (folder: string) => `The folder is ${folder}. Without a robot, the nodes of btcore_robot drive a simulated one.`,
+  commandCopied: "Copied the command.",
+  guide: "Guide to the studio",
   notConnected: "not connected",
   address: "Address of the running tree",
   watchTitle: "Watch the running tree at this address",

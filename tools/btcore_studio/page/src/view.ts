@@ -16,6 +16,8 @@ const FAR = 0.28;
 const MANY = 250;
 /** Up to this number, all cards exist. */
 const FEW = 60;
+/** The least zoom with texts that can be read. */
+const READABLE = 0.45;
 /** Pixels around the visible part in which cards exist, too. */
 const MARGIN = 300;
 const MOVE_MS = 130;
@@ -82,7 +84,7 @@ export class View {
     this.ends.push(
       () => { frame.removeEventListener("scroll", later); observer.disconnect(); },
       effect(() => this.show(source.drawing.value)),
-      effect(() => { void [source.selection.value, source.changes?.value, severities.value, live.value]; this.dressAll(); }),
+      effect(() => { void [source.selection.value, source.changes?.value, severities.value, live.value, liveIndex.value]; this.dressAll(); }),
       effect(() => this.search(query.value)),
     );
   }
@@ -104,6 +106,7 @@ export class View {
     const isOther = !before || before.tree !== next?.tree;
     const isMoving = !isOther && !matchMedia("(prefers-reduced-motion: reduce)").matches;
     const places = isMoving ? this.placesByKey() : null;
+    const wasWhole = Boolean(this.svg) && this.zoom <= this.fitZoom();
     this.drawing = next;
     if (!next) {
       this.svg?.remove();
@@ -119,6 +122,8 @@ export class View {
     if (next.svg !== before?.svg || !this.svg) this.build(next.svg);
     this.reuse(old);
     if (!this.zoom || isOther || !old.nodes.length) this.zoom = this.startZoom();
+    // A picture that was wholly visible stays so, as long as its texts can be read.
+    else if (wasWhole) this.zoom = Math.min(this.zoom, Math.max(READABLE, this.fitZoom()));
     this.resize();
     const kept = this.keep(old, isOther);
     const newBox = this.boxes[Math.max(0, structure.at(kept))];
@@ -312,6 +317,7 @@ export class View {
     if (severity) classes.push(severity === 1 ? "error" : "warning");
     const state = live.peek();
     const isLive = Boolean(state?.connection) && liveIndex.peek().size > 0;
+    const isRaised = isLive && state?.raised === node.key;
     const isStopped = isLive && state?.stopped === node.key;
     const spoken = severity ? [treeTexts.severity[severity]] : [];
     let status = "", result = "0";
@@ -334,9 +340,13 @@ export class View {
         spoken.unshift(treeTexts.lastResult(statuses[Number(result)]!));
       }
       if (isStopped) classes.push("stopped");
+      if (isRaised) {
+        classes.push("raised");
+        spoken.unshift(treeTexts.raised);
+      }
       spoken.unshift(status === "" ? treeTexts.absent : statuses[Number(status)]!);
     }
-    this.mark(index, group, isStopped ? "stop" : result !== "0" ? result : status);
+    this.mark(index, group, isStopped ? "stop" : isRaised ? "3" : result !== "0" ? result : status);
     const stop = state?.wanted.includes(node.key) ? (state.breakpoints.includes(node.key) ? "set" : "pending") : "";
     const dot = group.querySelector(":scope > .stop");
     if (stop && !dot) group.append(draw("circle", { class: "stop", r: 6.5 }));
@@ -469,7 +479,7 @@ export class View {
   private startZoom(): number {
     // A tree that is too large for readable texts is scrolled.
     const zoom = this.fitZoom();
-    return zoom < 0.5 ? 0.6 : Math.min(1.15, zoom);
+    return zoom < READABLE ? 0.6 : Math.min(1.15, zoom);
   }
 
   fit(): void {

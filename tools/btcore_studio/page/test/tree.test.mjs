@@ -70,6 +70,9 @@ test("a node with enough children takes no other", () => {
 test("on a node that can have children", () => {
   assert.equal(targetAt(NEW_LEAF, 200, 20), "inside root 3");
   assert.equal(targetAt(NEW_PARENT, 200, 5), "around root");
+  assert.equal(targetAt(NEW_PARENT, 200, 17), "around root");
+  assert.equal(targetAt(NEW_PARENT, 200, -20), "around root");
+  assert.equal(targetAt(NEW_LEAF, 200, -20), null);
   assert.equal(targetAt(NEW_PARENT, 200, 30), "inside root 3");
   assert.equal(targetAt(NEW_PARENT, 200, 215), "around b");
 });
