@@ -181,7 +181,7 @@ def test_world_outlives_a_client_that_dies(world: SimProcess) -> None:
 
 
 def test_stopped_world_goes_on_where_it_was(world: SimProcess, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lockstep, "RETRY", 0.05)  # requests are repeated meanwhile
+    monkeypatch.setattr(lockstep, "RETRY_AFTER_S", 0.05)  # requests are repeated meanwhile
     with RosSession("patient") as session:
         clock = LockstepClock(session, LIMIT_S)
         start = clock.now()
@@ -232,7 +232,7 @@ def test_steps_may_be_shorter_than_those_of_the_physics(world: SimProcess, clien
 
 
 def test_client_of_a_world_that_ends_raises(world: SimProcess, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lockstep, "RETRY", 0.2)
+    monkeypatch.setattr(lockstep, "RETRY_AFTER_S", 0.2)
     with RosSession("client") as session:
         clock = LockstepClock(session, LIMIT_S)
         assert world.interrupt() == 130
@@ -245,7 +245,7 @@ def test_client_of_a_world_that_ends_raises(world: SimProcess, monkeypatch: pyte
 def test_end_of_the_duration_refuses_further_steps(
     start: Callable[..., SimProcess], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(lockstep, "RETRY", 0.2)
+    monkeypatch.setattr(lockstep, "RETRY_AFTER_S", 0.2)
     simulation = start("--lockstep", "--duration", "0.5")
     with RosSession("client") as session:
         clock = LockstepClock(session, LIMIT_S)
