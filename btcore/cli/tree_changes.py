@@ -96,7 +96,7 @@ def _load_rules(files: Iterable[Path]) -> dict[str, SubstitutionRule]:
 def _parse_outcomes(texts: Sequence[str]) -> "Outcomes":
     """Return the outcomes in texts of the form NAME=OUTCOMES."""
     from btcore.registry.mock_leaves import Outcomes  # most runs do not need it
-    from btcore.registry.outcomes import parse_outcomes  # most runs do not need it
+    from btcore.registry.outcome_grammar import parse_outcomes  # most runs do not need it
 
     leaves: dict[str, str] = {}
     for text in texts:

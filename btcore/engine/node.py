@@ -8,6 +8,10 @@ conditions or callbacks has a `TickWrapper`; its subclasses count (`watched_tick
 `execute_tick`, `halt_node`, `set_status` and `reset_status` are functions, and methods that call them.
 Built-in nodes call the functions: mypyc looks up by name every method that an interpreted class may override,
 which takes longer.
+
+Reading what a class declares takes longer, too (compiled). What each tick needs is copied to the node: by
+`attach_to_tree` for every node, by `prepare` for the nodes of a class. The copy of a class variable `x` or of
+the field `x` of a spec is `_x`; the copy of a private class variable `_x` is `_x_copy`.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -74,8 +78,7 @@ class TreeNode:
     _wrapper: "TickWrapper | None" = None
     """Calls `tick` and `halt` of a node with conditions or callbacks, or that is watched; None for others."""
     _overrides_execute_tick: bool = False
-    _raises_if_running: bool = False
-    """The value of `_must_complete`, which takes longer to read (compiled)."""
+    _must_complete_copy: bool = False
     _decorated_child: "TreeNode | None" = None
     """The child of a decorator, which `execute_tick` resets when it has completed; None for other nodes."""
     _context: TreeContext
@@ -306,7 +309,7 @@ def attach_to_tree(node: TreeNode, config: NodeConfig, context: TreeContext, bla
     node._status_before_reset = IDLE
     node._wrapper = None
     node._decorated_child = None
-    node._raises_if_running = node._must_complete
+    node._must_complete_copy = node._must_complete
     node._overrides_execute_tick = type(node).execute_tick is not TreeNode.execute_tick
     node._context = context
     node._blackboard = blackboard
@@ -370,7 +373,7 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
             observers = node._context.observers
             if observers is not None:
                 observers.record_transition(node.config, before, status)
-        if status is RUNNING and node._raises_if_running:
+        if status is RUNNING and node._must_complete_copy:
             raise NodeError(_STILL_RUNNING)
     except NodeExecutionError as error:
         add_to_backtrace(node, error)

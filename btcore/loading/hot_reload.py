@@ -1,4 +1,4 @@
-"""Hot reload: replace a tree between two ticks when its XML file changes, and keep its blackboard."""
+"""Detect that the XML file of a running tree was saved, and make a new tree that keeps its blackboard."""
 
 import time
 from collections.abc import Sequence
@@ -28,7 +28,7 @@ class FileWatcher:
         self._stamps = _stamps(self._files)
 
     def take_save(self) -> bool:
-        """Return True once after each save, at the first check that finds no further change.
+        """Return True once after each save, at the first check that finds all files without a further change.
 
         This second check avoids reading a file that an editor is still writing. Calling this often is cheap:
         the files are checked at most every `POLL_INTERVAL_S`.
@@ -37,18 +37,15 @@ class FileWatcher:
         if now < self._next_check:
             return False
         self._next_check = now + POLL_INTERVAL_S
-        was_settling, self._is_settling = self._is_settling, self._take_change()
-        return was_settling and not self._is_settling
-
-    def _take_change(self) -> bool:
-        """Return True once after a change of a file; False while a file is missing."""
-        now = _stamps(self._files)
-        if now is None or now == self._stamps:
+        stamps = _stamps(self._files)
+        if stamps is None:
             return False
-        # The list of included files may have changed too.
-        self._files = self._all_files()
-        self._stamps = _stamps(self._files)
-        return True
+        was_settling, self._is_settling = self._is_settling, stamps != self._stamps
+        if self._is_settling:
+            # The list of included files may have changed too.
+            self._files = self._all_files()
+            self._stamps = _stamps(self._files)
+        return was_settling and not self._is_settling
 
     def _all_files(self) -> set[Path]:
         try:
@@ -59,6 +56,7 @@ class FileWatcher:
 
 
 def _stamps(files: set[Path]) -> dict[Path, tuple[int, int]] | None:
+    """Return the modification time (ns) and the size of each file, or None if one of them is missing."""
     try:
         stats = {path: path.stat() for path in files}
     except OSError:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, ClassVar
 from btcore.blackboard.ports import Output, Port
 from btcore.engine.leaf import StatefulAction
 from btcore.engine.node_spec import NodeSpec
-from btcore.registry.outcomes import LETTERS, Start, parse_outcomes
+from btcore.registry.outcome_grammar import LETTERS, Start, parse_outcomes
 from btcore.status import SUCCESS, NodeType, Status
 from btcore.suggestions import did_you_mean, join_names
 
@@ -189,15 +189,7 @@ class MockAction(StatefulAction):
 
     def on_start(self) -> Status:
         """Take the next start, and return the result of its first outcome."""
-        text = self.own_outcomes()
-        is_condition = self.spec.node_type is NodeType.CONDITION
-        if text is None:
-            self.remaining = self.tree_outcomes.next_start(is_condition)
-        else:
-            starts = parse_outcomes(text)
-            if is_condition:
-                starts = tuple((outcome,) for start in starts for outcome in start)
-            self.remaining = starts[self.starts % len(starts)]
+        self.remaining = self._next_start()
         self.starts += 1
         return self._next_result()
 
@@ -209,6 +201,13 @@ class MockAction(StatefulAction):
         """Return the outcomes of this leaf alone, or None if it follows the shared outcomes of its tree."""
         leaves = self.tree_outcomes.leaves
         return leaves.get(self.name) or leaves.get(self.config.id)
+
+    def _next_start(self) -> Start:
+        text = self.own_outcomes()
+        if text is None:
+            return self.tree_outcomes.next_start()
+        starts = parse_outcomes(text)
+        return starts[self.starts % len(starts)]
 
     def _next_result(self) -> Status:
         outcome = self.remaining[0]
@@ -240,3 +239,11 @@ class MockCondition(MockAction):
     def tick(self) -> Status:
         """Return the result of the next outcome. Each tick is a start."""
         return self.on_start()
+
+    def _next_start(self) -> Start:
+        """Return a single outcome: of its own outcomes, a condition takes the next letter in each tick."""
+        text = self.own_outcomes()
+        if text is None:
+            return self.tree_outcomes.next_start(is_condition=True)
+        outcomes = [outcome for start in parse_outcomes(text) for outcome in start]
+        return (outcomes[self.starts % len(outcomes)],)

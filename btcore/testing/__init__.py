@@ -20,7 +20,7 @@ from btcore.testing.assertions import (
 )
 from btcore.testing.coverage import Coverage
 from btcore.testing.harness import Harness
-from btcore.testing.mock_leaves import with_mock_leaves
+from btcore.testing.leaf_replacement import with_mock_leaves
 from btcore.testing.substitution_rules import (
     SubstitutionError,
     TestNode,

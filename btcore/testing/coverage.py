@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from btcore.engine.observers import Observer
 from btcore.errors import NodeExecutionError
 from btcore.lint.possible_results import behaviour_of
-from btcore.registry.outcomes import LETTERS
+from btcore.registry.outcome_grammar import LETTERS
 from btcore.status import FAILURE, SKIPPED, SUCCESS, Status
 from btcore.testing.trace import ResultTracker
 from btcore.tree.drawing import node_depths

@@ -28,7 +28,7 @@ from btcore.registry.manifest import Manifest
 from btcore.registry.mock_leaves import Outcomes
 from btcore.registry.registry import Registry
 from btcore.suggestions import did_you_mean
-from btcore.testing.mock_leaves import with_mock_leaves
+from btcore.testing.leaf_replacement import with_mock_leaves
 from btcore.testing.tree_generator import (
     BUILTIN_MANIFESTS,
     SCRIPT_KEYS,

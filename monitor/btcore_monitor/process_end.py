@@ -25,8 +25,8 @@ def wait_for_stop(duration: float | None = None) -> None:
 
 
 @contextlib.contextmanager
-def time_limit(duration: float | None) -> Iterator[None]:
-    """End the process if the `with` block lasts much longer than *duration* s.
+def abandon_if_late(duration: float | None) -> Iterator[None]:
+    """Abandon the process if the `with` block lasts longer than *duration* and `END_TIMEOUT_S` together.
 
     The block itself should end in time. But drawing the tree of a hostile robot may take minutes.
     """

@@ -24,7 +24,7 @@ from btcore_navigation.relocalisation import Relocaliser
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.rigid_transform import Transform, wrap_angle
 from btcore_robot.robot import LaserScan, Odometry, Pose2D, Robot, TransformStamped
-from btcore_robot.time_limits import ODOMETRY, is_stale
+from btcore_robot.time_limits import MAX_ODOMETRY_AGE_S, is_stale
 from btcore_robot.transform_filter import TransformFilter
 from btcore_robot.transforms import BASE_FRAME, MAP_FRAME, ODOM_FRAME, TransformTree
 
@@ -117,7 +117,7 @@ class Localiser:
         tree: TransformTree,
         random: np.random.Generator,
         parameters: AmclParameters | None = None,
-        odometry_limit: float = ODOMETRY,
+        odometry_limit: float = MAX_ODOMETRY_AGE_S,
     ) -> None:
         self.parameters = AmclParameters() if parameters is None else parameters
         settings = self.parameters

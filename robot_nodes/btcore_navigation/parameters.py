@@ -69,7 +69,7 @@ class AmclParameters:
     z_hit: NotNegative = 0.5
     z_rand: NotNegative = 0.5
     tf_broadcast: bool = True
-    transform_tolerance: NotNegative = time_limits.MAP_TRANSFORM
+    transform_tolerance: NotNegative = time_limits.MAP_TRANSFORM_VALIDITY_S
     update_min_a: NotNegative = 0.2
     update_min_d: NotNegative = 0.25
     set_initial_pose: bool = True
@@ -187,8 +187,8 @@ class ControllerParameters:
     approach_velocity_scaling_dist: NotNegative = 0.6
     min_approach_linear_velocity: Annotated[float, Meta(ge=0.01)] = 0.05
     time_to_collision: Annotated[float, Meta(ge=0.1), "max_allowed_time_to_collision_up_to_carrot"] = 1.2
-    scan_timeout: Annotated[float, Meta(ge=0.1)] = time_limits.SCAN
-    odometry_timeout: Annotated[float, Meta(ge=0.05)] = time_limits.ODOMETRY
+    scan_timeout: Annotated[float, Meta(ge=0.1)] = time_limits.MAX_SCAN_AGE_S
+    odometry_timeout: Annotated[float, Meta(ge=0.05)] = time_limits.MAX_ODOMETRY_AGE_S
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,7 +9,7 @@ from btcore_navigation.distance_field import SignedDistanceField
 from btcore_navigation.ray_casting import RayCaster, ScanAgreement
 from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import LaserScan, Pose2D
-from btcore_robot.time_limits import COMPARED_SCANS, is_stale
+from btcore_robot.time_limits import MAX_SCAN_GAP_S, is_stale
 
 AVERAGED_SCANS = 3
 """The number of scans over which the fit is averaged."""
@@ -117,7 +117,7 @@ class PoseValidator:
             pose: The estimated pose in the map at the scan's stamp.
         """
         before, self._before = self._before, (scan, odometry.yaw)
-        if before is not None and not is_stale(before[0], scan.stamp, COMPARED_SCANS):
+        if before is not None and not is_stale(before[0], scan.stamp, MAX_SCAN_GAP_S):
             turn = wrap_angle(odometry.yaw - before[1])
             farther, nearer = changed_beam_shares(before[0], scan, turn)
             both_ways = min(farther, nearer) > MIN_SHARE_EACH_WAY

@@ -5,7 +5,13 @@ from dataclasses import dataclass
 
 from btcore.clock import NS_PER_S
 from btcore_robot.robot import LaserScan, Robot
-from btcore_robot.time_limits import LASER_FRAME, MAX_OUTAGE_S, ODOMETRY, SCAN, is_stale
+from btcore_robot.time_limits import (
+    MAX_LASER_FRAME_AGE_S,
+    MAX_ODOMETRY_AGE_S,
+    MAX_OUTAGE_S,
+    MAX_SCAN_AGE_S,
+    is_stale,
+)
 from btcore_robot.transforms import BASE_FRAME, ExtrapolationError, TransformError, TransformTree
 
 log = logging.getLogger(__name__)
@@ -57,7 +63,11 @@ class SensorWatch:
     """
 
     def __init__(
-        self, robot: Robot, tree: TransformTree, scan_limit: float = SCAN, odometry_limit: float = ODOMETRY
+        self,
+        robot: Robot,
+        tree: TransformTree,
+        scan_limit: float = MAX_SCAN_AGE_S,
+        odometry_limit: float = MAX_ODOMETRY_AGE_S,
     ) -> None:
         self._robot = robot
         self._tree = tree
@@ -103,7 +113,7 @@ class SensorWatch:
         self._checked, self._frame_outage = scan, None
         name = f"transform of the laser's frame '{scan.frame}'"
         try:
-            self._tree.lookup(BASE_FRAME, scan.frame, scan.stamp - round(LASER_FRAME * NS_PER_S))
+            self._tree.lookup(BASE_FRAME, scan.frame, scan.stamp - round(MAX_LASER_FRAME_AGE_S * NS_PER_S))
         except ExtrapolationError as error:
             # Poses that begin later than this are recent.
             if error.future:

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from btcore.clock import NS_PER_S
 from btcore_robot.robot import BaseInfo, Robot, Twist2D
-from btcore_robot.time_limits import ODOMETRY, is_stale
+from btcore_robot.time_limits import MAX_ODOMETRY_AGE_S, is_stale
 
 _COMMAND_LIFETIME_S = 0.3  # s; after this time the last command is no longer a basis for the next
 
@@ -54,7 +54,7 @@ class VelocitySmoother:
         """
         if self._stamp is None or now - self._stamp > _COMMAND_LIFETIME_S * NS_PER_S:
             odometry = self._robot.odometry()
-            twist = Twist2D(0.0, 0.0) if is_stale(odometry, now, ODOMETRY) else odometry.twist
+            twist = Twist2D(0.0, 0.0) if is_stale(odometry, now, MAX_ODOMETRY_AGE_S) else odometry.twist
             self.v = _clamp(twist.v, -self.limits.v, self.limits.v)
             self.w = _clamp(twist.w, -self.limits.w, self.limits.w)
             self._stamp = None

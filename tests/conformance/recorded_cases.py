@@ -37,7 +37,7 @@ from btcore.nodes.blackboard_actions import SetBlackboard
 from btcore.registry.registry import Registry
 from btcore.script.program import compile_script
 from btcore.status import FAILURE, SUCCESS, NodeType, Status, Transition
-from btcore.testing.mock_leaves import Act, Ask
+from btcore.testing.leaf_replacement import Act, Ask
 from btcore.tree.tree import Tree
 from btcore.values import ANY_VALUE, INT
 from btcore.xml.read.dialect import EXPLICIT_TAGS

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from btcore import In, Registry, SimClock, Status, TreeError
-from btcore.registry.outcomes import LETTERS
+from btcore.registry.outcome_grammar import LETTERS
 from tests.conformance.recorded_cases import CallLog, read_cases, recorded_value
 
 np = pytest.importorskip("numpy")

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 import btcore
 from btcore import Blackboard, NodeExecutionError, Registry, SimClock
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
-from btcore.registry.outcomes import LETTERS, Start
+from btcore.registry.outcome_grammar import LETTERS, Start
 from btcore.testing import Outcomes, outcomes, xml_documents
 from btcore.testing.tree_generator import SCRIPT_KEYS, cached_integers, cached_sampled_from
 from tests.conformance.recorded_cases import CallLog, conformance_registry

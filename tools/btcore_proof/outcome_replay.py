@@ -8,7 +8,7 @@ from btcore import entry_points
 from btcore.clock import NS_PER_S, SimClock
 from btcore.engine.node import TreeNode
 from btcore.errors import BtcoreError
-from btcore.registry.outcomes import LETTERS, Outcome, parse_outcomes
+from btcore.registry.outcome_grammar import LETTERS, Outcome, parse_outcomes
 from btcore.status import RUNNING
 from btcore.suggestions import did_you_mean
 from btcore.tree.tree import Tree

@@ -14,7 +14,7 @@ from btcore.clock import NS_PER_S
 from btcore.logs.files import LogError, create, ensure_writable, write_whole
 from btcore.output_files import write_file
 from btcore.tree.tree import Tree
-from btcore_recorder.files import RecordingFiles, form_for
+from btcore_recorder.files import RecordingFiles, encoder_for
 from btcore_recorder.inputs import Head, TreeState
 from btcore_recorder.lines import WrittenLine, head_lines, segment_lines
 from btcore_recorder.recorder import NO_OPTIONS, RawStep, Recorder, RecorderOptions
@@ -99,7 +99,7 @@ class FileRecorder:
     ) -> None:
         self.path = Path(path)
         self._rotation = rotation
-        self._form = form_for(self.path)
+        self._encoder = encoder_for(self.path)
         self.is_incomplete = False
         self._tree = tree
         self._queue: SimpleQueue[RawStep | _TypeFound | _SegmentBegun] = SimpleQueue()
@@ -113,8 +113,8 @@ class FileRecorder:
         self._head = head = self._recorder.head
         self._segment_time = self._file_time = head.time
         self._paths = [node.path for node in tree.nodes]
-        self._form.add(head_lines(head, self._paths), head.wall_time)
-        data = self._form.take()
+        self._encoder.add(head_lines(head, self._paths), head.wall_time)
+        data = self._encoder.take()
         try:
             self._file = create(self.path, data)
         except BaseException:
@@ -132,7 +132,7 @@ class FileRecorder:
         if not self._closing.is_set():
             self._closing.set()
             self._thread.join()
-            self._write(self._form.take_end())
+            self._write(self._encoder.take_end())
             self._file.close()
 
     def __enter__(self) -> Self:
@@ -197,14 +197,14 @@ class FileRecorder:
             if isinstance(item, RawStep):
                 values += len(item.records)
                 types: list[WrittenLine] = [["type", *found] for found in self._types.items()]
-                self._form.add(types + self._recorder.lines(item), self._head.wall_time_at(item.time))
+                self._encoder.add(types + self._recorder.lines(item), self._head.wall_time_at(item.time))
                 self._types.clear()
             elif isinstance(item, _TypeFound):
                 self._types[item.name] = item.description
                 self._head = self._head._replace(types={**self._head.types, item.name: item.description})
             elif not (item.begins_file and self._begin_file(item)):
-                self._form.add(segment_lines(item.gap, item.state), self._head.wall_time_at(item.time))
-        if self._write(self._form.take()):
+                self._encoder.add(segment_lines(item.gap, item.state), self._head.wall_time_at(item.time))
+        if self._write(self._encoder.take()):
             self._taken_values += self._unwritten_values + values
             self._unwritten_values = 0
         else:
@@ -214,21 +214,21 @@ class FileRecorder:
         """Continue in a new file; return False if the present file has to be continued."""
         assert self._rotation is not None
         self._is_rotating = False
-        if not self._write(self._form.take()):
+        if not self._write(self._encoder.take()):
             return False
         self._head = self._head._replace(state=segment.state)
         try:
             path = self._rotation.next_file()
-            form = form_for(path)
-            form.add(head_lines(self._head, self._paths), self._head.wall_time_at(segment.time))
-            data = form.take()
+            encoder = encoder_for(path)
+            encoder.add(head_lines(self._head, self._paths), self._head.wall_time_at(segment.time))
+            data = encoder.take()
             file = create(path, data)
         except LogError as error:
             _log.warning("%s", error)
             return False
-        self._write(self._form.take_end())
+        self._write(self._encoder.take_end())
         self._file.close()
-        self.path, self._form, self._file = path, form, file
+        self.path, self._encoder, self._file = path, encoder, file
         self._size, self._unwritten = len(data), b""
         self._types.clear()
         return True
@@ -274,15 +274,15 @@ class KeptSteps(NamedTuple):
         Raises:
             LogError: The file cannot be written.
         """
-        form, head, first = form_for(path), self.head, self.segments[0]
-        form.add(head_lines(head._replace(state=first.state), self.paths), head.wall_time)
+        encoder, head, first = encoder_for(path), self.head, self.segments[0]
+        encoder.add(head_lines(head._replace(state=first.state), self.paths), head.wall_time)
         for segment in self.segments:
             if segment is not first:
-                form.add(segment_lines("", segment.state), head.wall_time_at(segment.time))
+                encoder.add(segment_lines("", segment.state), head.wall_time_at(segment.time))
             for step in segment.steps:
-                form.add(self.lines(step), head.wall_time_at(step.time))
+                encoder.add(self.lines(step), head.wall_time_at(step.time))
         try:
-            write_file(path, form.take_end())
+            write_file(path, encoder.take_end())
         except OSError as error:
             raise LogError(f"{path}: cannot write the recording: {error.strerror or error}") from None
 
@@ -317,7 +317,7 @@ class RingRecorder:
         options: RecorderOptions = NO_OPTIONS,
     ) -> None:
         self.path = Path(path)
-        form_for(self.path)  # checks the name
+        encoder_for(self.path)  # checks the name
         is_new = not self.path.exists()
         ensure_writable(self.path)
         if is_new:

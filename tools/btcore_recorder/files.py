@@ -16,7 +16,7 @@ from btcore.output_files import numbered_file, write_file
 from btcore.suggestions import suggestion
 from btcore_recorder.inputs import Head, RunRecording
 from btcore_recorder.lines import WrittenLine, read_lines, recording_lines
-from btcore_recorder.text_form import MAGIC, TextForm, TextLines
+from btcore_recorder.text_form import MAGIC, TextEncoder, TextLines
 
 TEXT: Final = ".btrec.txt"
 MCAP: Final = ".mcap"
@@ -27,7 +27,7 @@ _log = logging.getLogger("btcore")
 RECONSTRUCTED: Final = "reconstructed"
 """The name of an item in the versions of a head: the log from which the recording was reconstructed."""
 _MAX_NAME: Final = 200
-_OF_A_LOG: Final = "btcore replay LOG --save-recording FILE makes one of a log of statuses"
+_OF_A_LOG: Final = "btcore replay LOG --save-recording FILE writes a recording from a log of statuses"
 FOLDER_BYTES: Final = 500_000_000
 """Maximum size of the recordings in a folder; beyond it, the oldest are removed."""
 
@@ -35,8 +35,8 @@ _NAME_IN_FOLDER: Final = r"\d{4}-\d\d-\d\dT\d\d-\d\d-\d\d_.+"
 _MCAP_MAGIC: Final = b"\x89MCAP0\r\n"
 
 
-class Form(Protocol):
-    """Converts lines to the bytes of a file."""
+class RecordingEncoder(Protocol):
+    """Encodes lines as the bytes of a file."""
 
     def add(self, lines: Iterable[WrittenLine], time: int = 0) -> None:
         """Add the lines of the head, a segment or a step, at *time* (ns since 1970)."""
@@ -50,20 +50,20 @@ class Form(Protocol):
         ...
 
 
-def form_for(path: Path) -> Form:
-    """Return the form of a new file by its extension.
+def encoder_for(path: Path) -> RecordingEncoder:
+    """Return the encoder of a new file by its extension.
 
     Raises:
         LogError: The extension is not that of a recording, or a package is not installed.
     """
     if path.name.endswith(TEXT):
-        return TextForm()
+        return TextEncoder()
     if path.name.endswith(MCAP):
         try:
-            from btcore_recorder.mcap_form import McapForm
+            from btcore_recorder.mcap_form import McapEncoder
         except ModuleNotFoundError as error:
             raise LogError(f"{path}: {describe_missing(error.name)}") from error
-        return McapForm()
+        return McapEncoder()
     hint = suggestion(f"{path.name.split('.')[0] or 'run'}{TEXT}")
     raise LogError(f"{path}: the name of a recording must end in {TEXT} or {MCAP}; {hint}")
 
@@ -113,13 +113,13 @@ def save_recording(path: Path, recording: RunRecording, paths: Iterable[str]) ->
     Raises:
         LogError: The extension is not that of a recording, or the file cannot be written.
     """
-    form, head = form_for(path), recording.head
+    encoder, head = encoder_for(path), recording.head
     time = head.time
     for lines in recording_lines(recording, paths):
         time = next((line[2] for line in lines if line[0] == "tick"), time)
-        form.add(lines, head.wall_time_at(time))
+        encoder.add(lines, head.wall_time_at(time))
     try:
-        write_file(path, form.take_end())
+        write_file(path, encoder.take_end())
     except OSError as error:
         raise LogError(f"{path}: cannot write the recording: {error.strerror or error}") from None
 

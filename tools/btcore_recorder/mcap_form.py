@@ -36,7 +36,7 @@ MAX_CHUNK: Final = 1 << 28
 """The maximum size (bytes) of a record, and of a chunk after decompression."""
 
 
-class McapForm:
+class McapEncoder:
     """Converts lines to an MCAP file."""
 
     def __init__(self) -> None:

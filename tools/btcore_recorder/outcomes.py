@@ -9,7 +9,7 @@ from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import NS_PER_S
 from btcore.engine.journal import ChildTicked, ExternalHaltBegan, TimeRead
 from btcore.engine.node import TreeNode
-from btcore.registry.outcomes import LETTERS, Outcome
+from btcore.registry.outcome_grammar import LETTERS, Outcome
 from btcore.status import IDLE, RUNNING
 from btcore.tree.tree import Tree
 from btcore_recorder.inputs import ExternalHaltEnded, Input, Result, Step, Written

@@ -17,7 +17,7 @@ MAGIC: Final = b"btrec "
 _json: Final = json.JSONEncoder(ensure_ascii=False, separators=(", ", ":"), allow_nan=False).encode
 
 
-class TextForm:
+class TextEncoder:
     """Converts lines to text."""
 
     def __init__(self) -> None:

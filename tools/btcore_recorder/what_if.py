@@ -18,7 +18,7 @@ from btcore.engine.node import TreeNode, reset_status
 from btcore.engine.observers import Observer
 from btcore.errors import BtcoreError, NodeExecutionError, TickInterrupt
 from btcore.registry.mock_leaves import MockLeafError
-from btcore.registry.outcomes import LETTERS, Outcome, parse_outcomes
+from btcore.registry.outcome_grammar import LETTERS, Outcome, parse_outcomes
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status, Transition
 from btcore.suggestions import did_you_mean
@@ -430,7 +430,7 @@ class ChangedReplay:
         document: The file name and the text of another tree, in place of the main document.
         matches: For nodes that have another path in this tree: the new path by the recorded path.
         outcomes: What nodes do when nothing more is recorded for them, by path, such as `RRS|F`; see
-            `btcore.registry.outcomes.parse_outcomes`.
+            `btcore.registry.outcome_grammar.parse_outcomes`.
         missing: The result of other nodes when nothing is recorded for them; None = the run ends there.
 
     Attributes:

@@ -17,7 +17,7 @@ from btcore_monitor.console import print_message
 from btcore_monitor.environment_checks import check_folder, check_installed
 from btcore_monitor.errors import RecordingError
 from btcore_monitor.key_options import KeyOptions
-from btcore_monitor.process_end import abandon, time_limit, wait_for_stop
+from btcore_monitor.process_end import abandon, abandon_if_late, wait_for_stop
 from btcore_monitor.viewer_options import (
     DRAWING_OPTION_NAMES,
     DrawingOptions,
@@ -100,7 +100,7 @@ def monitor(
                 )
                 for robot, key in zip(robots, robot_keys, strict=True)
             ]
-            with time_limit(duration):
+            with abandon_if_late(duration):
                 files = _watch(feeds, sinks, options, until_end, duration, quiet)
             options.take_screenshot(files)
             if files:

@@ -17,7 +17,7 @@ from btcore_monitor.console import print_line
 from btcore_monitor.environment_checks import check_installed, check_writable
 from btcore_monitor.errors import RecordingError
 from btcore_monitor.key_options import KeyOptions
-from btcore_monitor.process_end import abandon, time_limit
+from btcore_monitor.process_end import abandon, abandon_if_late
 from btcore_monitor.viewer_options import DrawingOptions
 from btcore_monitor.watch_options import duration_option, robot_options
 from btcore_monitor.wire.groot2 import DEFAULT_ADDRESS
@@ -88,7 +88,7 @@ def record(
     [robot_keys] = keys.read()
     try:
         with (
-            time_limit(duration),
+            abandon_if_late(duration),
             Feed(address, blackboard_rate=blackboard_rate, record=not no_record, keys=robot_keys) as feed,
         ):
             files = _Files(outputs, drawing)

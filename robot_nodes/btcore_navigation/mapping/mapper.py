@@ -26,7 +26,7 @@ from btcore_navigation.mapping.pose_graph import PoseGraph
 from btcore_robot.occupancy_map import OccupancyMap, Rectangle
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import LaserScan, Pose2D, Robot, TransformStamped
-from btcore_robot.time_limits import MAP_TRANSFORM, ODOMETRY, is_stale
+from btcore_robot.time_limits import MAP_TRANSFORM_VALIDITY_S, MAX_ODOMETRY_AGE_S, is_stale
 from btcore_robot.transform_filter import TransformFilter
 from btcore_robot.transforms import TransformTree
 
@@ -103,7 +103,7 @@ class Mapper:
         keepout: tuple[Rectangle, ...] = (),
         loops: bool = True,
         frames: tuple[str, str, str] = ("map", "odom", "base_footprint"),
-        odometry_limit: float = ODOMETRY,
+        odometry_limit: float = MAX_ODOMETRY_AGE_S,
     ) -> None:
         self._robot = robot
         self._tree = tree
@@ -329,4 +329,4 @@ class Mapper:
         map, odom, _ = self._frames
         transform = self.map_to_odom
         stamped = TransformStamped(odom, map, transform.position, transform.quaternion, self.stamp)
-        self._tree.set(stamped, holds=round(MAP_TRANSFORM * NS_PER_S))
+        self._tree.set(stamped, holds=round(MAP_TRANSFORM_VALIDITY_S * NS_PER_S))

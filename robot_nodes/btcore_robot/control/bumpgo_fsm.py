@@ -13,7 +13,7 @@ import numpy as np
 from btcore.clock import NS_PER_S
 from btcore_robot.components.component import Component, ComponentContext, ComponentOptions
 from btcore_robot.robot import LaserScan, Twist2D
-from btcore_robot.time_limits import BOOK_SCAN, is_stale
+from btcore_robot.time_limits import MAX_BOOK_SCAN_AGE_S, is_stale
 
 __all__ = ["BumpGo", "BumpGoState", "ClosedLoop", "Diagonals", "OpenLoop"]
 
@@ -165,7 +165,7 @@ class BumpGo(Component):
 
     def is_stale(self, scan: LaserScan) -> bool:
         """Return whether the newest scan is too old to drive by."""
-        return is_stale(scan, self.now(), BOOK_SCAN)
+        return is_stale(scan, self.now(), MAX_BOOK_SCAN_AGE_S)
 
     def is_blocked(self, scan: LaserScan) -> bool:
         """Return whether there is an obstacle at the middle beam."""

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from btcore_robot.components.component import Component, ComponentContext, ComponentOptions
 from btcore_robot.components.messages import BLUE, GREEN, RED, Arrow, Arrows, Colour
 from btcore_robot.robot import LaserScan, Twist2D
-from btcore_robot.time_limits import BOOK_SCAN, is_stale
+from btcore_robot.time_limits import MAX_BOOK_SCAN_AGE_S, is_stale
 
 __all__ = [
     "Avoidance",
@@ -146,7 +146,7 @@ class Avoidance(Component):
     def control_cycle(self) -> None:
         """Publish the velocity and the arrows."""
         scan = self.scan
-        if scan is None or not len(scan.ranges) or is_stale(scan, self.now(), BOOK_SCAN):
+        if scan is None or not len(scan.ranges) or is_stale(scan, self.now(), MAX_BOOK_SCAN_AGE_S):
             self.forces = None
             return
         self.forces = self.field(scan)

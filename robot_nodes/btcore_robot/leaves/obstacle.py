@@ -6,7 +6,7 @@ import numpy as np
 
 from btcore import RUNNING, SUCCESS, In, NodeSpec, StatefulAction, Status, condition
 from btcore_robot.robot import LaserScan, Robot
-from btcore_robot.time_limits import SCAN, is_stale
+from btcore_robot.time_limits import MAX_SCAN_AGE_S, is_stale
 
 
 @condition
@@ -39,7 +39,7 @@ class WaitForScan(StatefulAction):
     laser data, and the later children are not ticked.
     """
 
-    timeout: Annotated[In[float], "The maximum age (s) of a scan."] = SCAN
+    timeout: Annotated[In[float], "The maximum age (s) of a scan."] = MAX_SCAN_AGE_S
     # With a recent scan the node succeeds on its first tick, so it may be the first child of a reactive node.
     # It is endless, because no scan may arrive.
     spec = NodeSpec(

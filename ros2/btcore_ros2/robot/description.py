@@ -10,7 +10,7 @@ from btcore.suggestions import did_you_mean
 from btcore.typed_data import FieldError, Positive, convert
 from btcore_robot.data_files import yaml_data
 from btcore_robot.robot import BaseInfo, HeadInfo, TorsoInfo
-from btcore_robot.time_limits import TOPIC
+from btcore_robot.time_limits import MAX_TOPIC_SILENCE_S
 from btcore_ros2.errors import RosError
 
 __all__ = ["RosRobotDescription", "bundled_robots", "load_robot"]
@@ -38,7 +38,7 @@ class TopicSource:
 class WatchedSource(TopicSource):
     """A topic that is watched by default."""
 
-    timeout: Positive | None = TOPIC
+    timeout: Positive | None = MAX_TOPIC_SILENCE_S
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,7 +11,7 @@ from btcore.clock import NS_PER_S
 from btcore_robot import time_limits
 from btcore_robot.robot import CameraImage, CameraInfo, Odometry, Phase, RobotClock, Twist2D
 from btcore_robot.schedule import RealTimeSchedule, SimulatedSchedule
-from btcore_robot.time_limits import ODOMETRY, is_stale
+from btcore_robot.time_limits import MAX_ODOMETRY_AGE_S, is_stale
 from btcore_ros2.errors import RosError
 from btcore_ros2.robot.description import FrameSources, RosRobotDescription, TopicSource
 from btcore_ros2.robot.sim_time import SimTime
@@ -26,11 +26,11 @@ _log = logging.getLogger(__name__)
 
 SUPERVISION_RATE = 20.0
 """The rate (Hz) at which topics are checked, and expired commands are replaced by zero."""
-MISMATCH_TIME = 2.0
+MISMATCH_TIME_S = 2.0
 """The time (s) after which a topic with another type than expected is an error at the start."""
-CLOCK_SEARCH = 0.5
+MAX_CLOCK_SEARCH_S = 0.5
 """The time (s) in which a publisher of `/clock` is searched at the start."""
-STABLE_TIME = 1.0
+STABLE_TIME_S = 1.0
 """The time (s) without a failure after which a robot that had failed is available again."""
 SHAPES_WAIT_S = 1.0
 """The longest time (s) for which the monitor waits for the robot's description."""
@@ -131,7 +131,7 @@ class RosRobot(TopicRobot):
 
     def odometry(self) -> Odometry:
         """Return the newest odometry; messages that wait after a long computation are taken first."""
-        if is_stale(self._odometry, self.clock.now(), ODOMETRY):
+        if is_stale(self._odometry, self.clock.now(), MAX_ODOMETRY_AGE_S):
             self._session.refresh()
         return super().odometry()
 
@@ -167,7 +167,7 @@ class RosRobot(TopicRobot):
         a warning; leaves that need no picture are not affected.
         """
         if not self._watches_camera:
-            self._camera_limit = self._time.now() + round(time_limits.FIRST_PICTURE * NS_PER_S)
+            self._camera_limit = self._time.now() + round(time_limits.MAX_FIRST_PICTURE_WAIT_S * NS_PER_S)
         self._watch_camera()
         return super().camera()
 
@@ -217,7 +217,7 @@ class RosRobot(TopicRobot):
             while not is_cancelled():
                 if is_broken:
                     self._start_again()
-                is_broken = self._session.wait_for(lambda: is_cancelled() or self._is_broken(), STABLE_TIME)
+                is_broken = self._session.wait_for(lambda: is_cancelled() or self._is_broken(), STABLE_TIME_S)
                 if not is_broken and self._is_available():
                     _log.warning("the robot '%s' is available again", self.description.name)
                     return
@@ -252,7 +252,7 @@ class RosRobot(TopicRobot):
                 lambda: any(self._node.count_publishers(topic) for topic in topics),
                 self._start_time_left() / 2,
             )
-            search = CLOCK_SEARCH if visible else 0.0
+            search = MAX_CLOCK_SEARCH_S if visible else 0.0
             clock = self._node.resolve_topic_name("/clock")
             wanted = session.wait_for(lambda: self._node.count_publishers(clock), search)
         self._stamps = StampConverter(shared=bool(wanted))
@@ -384,7 +384,7 @@ class RosRobot(TopicRobot):
     def _wait_for_topics(self) -> None:
         """Wait until the robot is complete; raise a RosError that names what is missing."""
         while not self._session.wait_for(
-            lambda: not self._missing(), min(MISMATCH_TIME, self._start_time_left())
+            lambda: not self._missing(), min(MISMATCH_TIME_S, self._start_time_left())
         ):
             if self._has_mismatch() or not self._start_time_left():
                 raise RosError(self._missing_report())

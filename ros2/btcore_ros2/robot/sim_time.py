@@ -27,7 +27,7 @@ class SimTime(RealTimeSchedule):
         session: The ROS node.
         topic: The topic of the clock.
         on_standstill: A function that is called with True when the time has not advanced for
-            `time_limits.CLOCK`, and with False when it advances again.
+            `time_limits.MAX_CLOCK_STANDSTILL_S`, and with False when it advances again.
 
     Attributes:
         offset: The time minus that of the topic (ns); 0 until `follow_jump` is called.
@@ -93,17 +93,17 @@ class SimTime(RealTimeSchedule):
         """Check that the time advances.
 
         Raises:
-            RosError: The time jumped back, or no message has arrived for `time_limits.CLOCK_SILENCE`.
+            RosError: The time jumped back, or no message has arrived for `time_limits.MAX_CLOCK_SILENCE_S`.
         """
         if self._jump:
             topic, seconds = self._subscription.topic_name, self._jump / NS_PER_S
             raise RosError(f"{topic} jumped back by {seconds:.1f} s: {self._cause(topic)}")
         now = time.monotonic_ns()
-        if now - self._advanced > time_limits.CLOCK * NS_PER_S and not self._stands:
+        if now - self._advanced > time_limits.MAX_CLOCK_STANDSTILL_S * NS_PER_S and not self._stands:
             self._stands = True
             self._on_standstill(True)
         silence = (now - self._heard) / NS_PER_S
-        if silence > time_limits.CLOCK_SILENCE:
+        if silence > time_limits.MAX_CLOCK_SILENCE_S:
             raise RosError(
                 f"{self._subscription.topic_name}: no message for {silence:.1f} s: the simulation has "
                 "stopped or is paused, or the network is down"

@@ -29,7 +29,7 @@ from btcore_robot.robot import (
     Twist2D,
 )
 from btcore_robot.scene_messages import camera_message, laser_message, picture_message, scan_message
-from btcore_robot.time_limits import PICTURE_DEPTH
+from btcore_robot.time_limits import MAX_DEPTH_OFFSET_S
 from btcore_robot.urdf import Urdf, UrdfJoint, read_urdf
 from btcore_ros2.errors import RosError
 from btcore_ros2.robot.conversions import (
@@ -427,7 +427,7 @@ class TopicRobot(Robot):
                 f"{info.height}: 'camera.image' and 'camera.info' must belong together"
             )
         depth = None
-        if self._raw_depth is not None and abs(self._raw_depth[1] - stamp) <= PICTURE_DEPTH * NS_PER_S:
+        if self._raw_depth is not None and abs(self._raw_depth[1] - stamp) <= MAX_DEPTH_OFFSET_S * NS_PER_S:
             depth = depth_of(self._raw_depth[0], info.far)
             if depth.shape != rgb.shape[:2]:
                 raise RosError(

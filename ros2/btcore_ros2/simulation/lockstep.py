@@ -37,7 +37,7 @@ from std_srvs.srv import Trigger
 
 from btcore.clock import NS_PER_S
 from btcore_robot.schedule import SimulatedSchedule
-from btcore_robot.time_limits import LOCKSTEP_SENSOR
+from btcore_robot.time_limits import MAX_SENSOR_WAIT_S
 from btcore_ros2.errors import RosError
 from btcore_ros2.session import RosSession
 
@@ -46,22 +46,22 @@ if TYPE_CHECKING:
 
 _log = logging.getLogger(__name__)
 
-MAX_STEP = NS_PER_S // 10
+MAX_STEP_NS = NS_PER_S // 10
 """The longest step (ns) that a client requests: subscriptions keep few messages."""
 
-RESPONSE_LIMIT_S = 60.0
+MAX_RESPONSE_WAIT_S = 60.0
 """The longest time (s, real time) that a client waits for a response."""
 
-RETRY = 2.0
+RETRY_AFTER_S = 2.0
 """The time (s, real time) after which a client repeats a request."""
 
-ARRIVAL = 10.0
+MAX_ARRIVAL_WAIT_S = 10.0
 """The longest time (s, real time) to wait for a message that the other side has published.
 
 DDS sends a reliable message that was lost again after 3 s.
 """
 
-LOSS = 0.3
+SYNC_AFTER_S = 0.3
 """The time (s, real time) after which a client lets the world publish the newest readings again."""
 
 _SYNC_INTERVAL_NS = 50_000_000
@@ -168,7 +168,7 @@ class LockstepServer:
 
     async def _commands_arrived(self, numbers: Mapping[str, int]) -> None:
         """Wait until as many commands have arrived on each topic as *numbers* contains."""
-        limit = time.monotonic() + ARRIVAL
+        limit = time.monotonic() + MAX_ARRIVAL_WAIT_S
         received = self._topics.received()
         while late := [topic for topic, number in numbers.items() if received.get(topic, number) < number]:
             if time.monotonic() > limit:
@@ -238,7 +238,7 @@ class LockstepClock(SimulatedSchedule):
         """Let the world run from *now* to *until* (ns); return whether *wake* is set."""
         self._connect()
         while now < until and not wake.is_set():
-            since, now = now, min(until, now + MAX_STEP)
+            since, now = now, min(until, now + MAX_STEP_NS)
             # Set before the messages of the step arrive: no stamp is in the future.
             self._now = now
             numbers = {topic: self._commands.get(topic, 0) for topic in self._command_topics}
@@ -263,18 +263,18 @@ class LockstepClock(SimulatedSchedule):
 
     def _call(self, client: Any, request: Any, wake: threading.Event | None = None) -> Any:
         """Return the response to *request*, or None if *wake* was set meanwhile."""
-        limit = time.monotonic() + RESPONSE_LIMIT_S
+        limit = time.monotonic() + MAX_RESPONSE_WAIT_S
         while True:
             future = client.call_async(request)
             done = partial(_is_done, future, wake)
-            if self._session.wait_for(done, RETRY, client):
+            if self._session.wait_for(done, RETRY_AFTER_S, client):
                 return future.result() if future.done() else None
             client.remove_pending_request(future)
             if not client.service_is_ready():
                 raise RosError(f"{client.srv_name}: the simulation has ended, or the network is down")
             if time.monotonic() > limit:
                 raise RosError(
-                    f"{client.srv_name}: no response for {RESPONSE_LIMIT_S:g} s: the simulation hangs"
+                    f"{client.srv_name}: no response for {MAX_RESPONSE_WAIT_S:g} s: the simulation hangs"
                 )
 
     def _take_state(self, text: str) -> int:
@@ -298,8 +298,8 @@ class LockstepClock(SimulatedSchedule):
                 if self._arrived.get(subscription, number) < number
             ]
 
-        limit = time.monotonic() + ARRIVAL
-        while not self._session.wait_for(lambda: not late(), LOSS):
+        limit = time.monotonic() + MAX_ARRIVAL_WAIT_S
+        while not self._session.wait_for(lambda: not late(), SYNC_AFTER_S):
             if time.monotonic() > limit:
                 _log.warning("messages were lost, so the run may not be repeatable: %s", ", ".join(late()))
                 return
@@ -317,7 +317,7 @@ class LockstepClock(SimulatedSchedule):
     def _connect(self) -> None:
         """Sync until each subscription has received a message, or its sensor turns out to be silent."""
         self._session.refresh()
-        limit = time.monotonic() + LOCKSTEP_SENSOR
+        limit = time.monotonic() + MAX_SENSOR_WAIT_S
         while waiting := self._unconnected():
             if time.monotonic() > limit:
                 # Such as a camera that has failed.

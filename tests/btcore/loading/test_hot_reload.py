@@ -7,6 +7,7 @@ import pytest
 
 import btcore
 from btcore import Status, Tree, TreeError
+from btcore.loading import hot_reload
 from btcore.loading.hot_reload import FileWatcher, rebuild_tree
 from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.read import parse_file
@@ -31,22 +32,32 @@ def file(tmp_path: Path) -> Path:
     return path
 
 
-def test_saved_file_is_reported_once(file: Path) -> None:
+@pytest.fixture(autouse=True)
+def check_each_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(hot_reload, "POLL_INTERVAL_S", 0.0)
+
+
+def test_saved_file_is_reported_once_when_it_has_settled(file: Path) -> None:
     watch = FileWatcher(file)
-    assert not watch._take_change()
+    assert not watch.take_save()
     save(file, SECOND)
-    assert watch._take_change()
-    assert not watch._take_change()
+    assert not watch.take_save()
+    save(file, SECOND + "\n")
+    assert [watch.take_save() for _ in range(3)] == [False, True, False]
 
 
-def test_missing_file_is_not_reported_as_a_change(file: Path) -> None:
+def test_missing_file_is_not_reported(file: Path) -> None:
     """Editors save by renaming."""
     watch = FileWatcher(file)
-    text = file.read_text()
+    for text in (FIRST, SECOND):
+        file.unlink()
+        assert not watch.take_save()
+        save(file, text + "\n")
+        assert not watch.take_save()
     file.unlink()
-    assert not watch._take_change()
-    save(file, text + "\n")
-    assert watch._take_change()
+    assert not watch.take_save()
+    save(file, text)
+    assert [watch.take_save() for _ in range(3)] == [False, True, False]
 
 
 def test_saved_include_is_reported_too(file: Path) -> None:
@@ -55,7 +66,7 @@ def test_saved_include_is_reported_too(file: Path) -> None:
     save(file, FIRST.replace('<BehaviorTree ID="Main"', '<include path="part.xml"/><BehaviorTree ID="Main"'))
     watch = FileWatcher(file)
     save(part, SECOND.replace("Main", "Part").replace("1", "2"))
-    assert watch._take_change()
+    assert [watch.take_save() for _ in range(2)] == [False, True]
 
 
 def rebuilt(tree: Tree, file: Path) -> Tree:

@@ -14,7 +14,7 @@ import pytest
 import btcore
 from btcore import In, NodeExecutionError, Put, Registry, SimClock, Status, Tree, action, condition
 from btcore.registry.mock_leaves import GivenOutputs
-from btcore.registry.outcomes import Outcome, parse_outcomes
+from btcore.registry.outcome_grammar import Outcome, parse_outcomes
 from btcore.testing import MockAction, MockCondition, MockLeafError, Outcomes, with_mock_leaves
 
 

@@ -25,7 +25,7 @@ from btcore import (
     Tree,
     condition,
 )
-from btcore.registry.outcomes import parse_outcomes
+from btcore.registry.outcome_grammar import parse_outcomes
 from btcore.testing import Outcomes, blackboards, outcomes, trees, xml_documents
 from tests.conformance.recorded_cases import CallLog, conformance_registry
 

@@ -108,7 +108,7 @@ def test_a_missing_camera_matters_only_when_it_is_used(
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    monkeypatch.setattr(time_limits, "FIRST_PICTURE", 0.5)
+    monkeypatch.setattr(time_limits, "MAX_FIRST_PICTURE_WAIT_S", 0.5)
     camera = "camera: {image: {topic: /eye}, info: /eye_info, near: 0.1, far: 8.0, rate: 10}\n"
     robot = RosRobot(session, describe(tmp_path, DESCRIPTION + camera))
     assert isinstance(robot, Robot)

@@ -57,7 +57,7 @@ def process(shared_process: PointRobotProcess) -> Iterator[PointRobotProcess]:
 @pytest.fixture(autouse=True)
 def long_clock_search(monkeypatch: pytest.MonkeyPatch) -> None:
     """Search for the topic of the clock until it is found, on a slow machine."""
-    monkeypatch.setattr(ros_robot, "CLOCK_SEARCH", LIMIT_S)
+    monkeypatch.setattr(ros_robot, "MAX_CLOCK_SEARCH_S", LIMIT_S)
 
 
 def test_simulated_time(session: RosSession, process: PointRobotProcess, tmp_path: Path) -> None:
@@ -91,7 +91,7 @@ def test_simulated_time_that_stops(
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    monkeypatch.setattr(time_limits, "CLOCK_SILENCE", 1.0)
+    monkeypatch.setattr(time_limits, "MAX_CLOCK_SILENCE_S", 1.0)
     robot = RosRobot(session, describe(tmp_path))
     process.send(silent=["/clock"])
     # The robot is stopped before the run ends, and without a call of `close`.
@@ -107,7 +107,7 @@ def test_simulation_that_is_paused_goes_on(
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    monkeypatch.setattr(time_limits, "CLOCK_SILENCE", 2.0)
+    monkeypatch.setattr(time_limits, "MAX_CLOCK_SILENCE_S", 2.0)
     robot = RosRobot(session, describe(tmp_path))
     robot.drive(0.1, 0.2)
     process.send(paused=True)
@@ -144,7 +144,7 @@ def test_clock_that_is_found_late_is_reported(
     monkeypatch: pytest.MonkeyPatch,
     caplog: pytest.LogCaptureFixture,
 ) -> None:
-    monkeypatch.setattr(ros_robot, "CLOCK_SEARCH", 0.0)
+    monkeypatch.setattr(ros_robot, "MAX_CLOCK_SEARCH_S", 0.0)
     monkeypatch.setattr(session.node, "count_publishers", lambda topic: topic != "/clock")
     robot = RosRobot(session, describe(tmp_path))
     monkeypatch.undo()
@@ -161,7 +161,7 @@ def test_tree_server_survives_resets_and_pauses_of_the_simulation(
 ) -> None:
     """Only the goal in progress is aborted; a goal that arrives without a simulation waits for it."""
     pytest.importorskip("btcpp_ros2_interfaces")
-    monkeypatch.setattr(time_limits, "CLOCK_SILENCE", 1.0)
+    monkeypatch.setattr(time_limits, "MAX_CLOCK_SILENCE_S", 1.0)
     waiting = "waiting until the robot 'point' is available"
     file = tmp_path / "trees.xml"
     file.write_text(TREES)

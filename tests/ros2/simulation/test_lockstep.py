@@ -23,6 +23,7 @@ from rclpy.qos import qos_profile_sensor_data
 from sensor_msgs.msg import LaserScan
 from std_srvs.srv import Trigger
 
+from btcore.clock import NS_PER_S
 from btcore_robot.robot import Phase
 from btcore_robot.testing import check_robot, is_standing, wait
 from btcore_ros2.errors import RosError
@@ -64,38 +65,63 @@ def stamp(message: Any) -> int:
     return int(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
 
 
+def next_tenth(clock: LockstepClock) -> int:
+    """Let the world run to the next multiple of 0.1 s, at which it measures, and return this time."""
+    time = clock.now() // TENTH * TENTH + TENTH
+    clock.wait_until(time, threading.Event())
+    return time
+
+
 @pytest.fixture(scope="module")
-def world(start: Callable[..., SimProcess]) -> SimProcess:
-    """The arena in lockstep."""
-    return start("--world", "arena", "--lockstep", "--wait-limit", "300", "--camera", "64x48@10")
+def worlds() -> list[SimProcess]:
+    """The worlds that tests have shared; only the last one may still run."""
+    return []
+
+
+@pytest.fixture
+def world(start: Callable[..., SimProcess], worlds: list[SimProcess]) -> SimProcess:
+    """The arena in lockstep, at any time. The next test continues with it, unless a test has ended it."""
+    if not worlds or worlds[-1].process.poll() is not None:
+        worlds.append(start("--world", "arena", "--lockstep", "--wait-limit", "300", "--camera", "64x48@10"))
+    return worlds[-1]
+
+
+@pytest.fixture
+def no_world(worlds: list[SimProcess]) -> None:
+    """Ends the shared world: the test starts a world of its own."""
+    if worlds:
+        worlds[-1].interrupt()
 
 
 def test_time_stands_without_a_request_and_a_sync_publishes_again(world: SimProcess, client: Client) -> None:
+    time = json.loads(client.call(Trigger, "/sim/sync").message)["time"]
     scans = client.messages(LaserScan, "/scan_raw", qos_profile_sensor_data)
 
     def synced() -> bool:
         state = json.loads(client.call(Trigger, "/sim/sync").message)
-        assert state["time"] == 0
+        assert state["time"] == time
         return bool(scans)
 
     client.wait(synced)
-    assert json.loads(client.call(Trigger, "/sim/summary").message)["time_s"] == 0.0
+    assert json.loads(client.call(Trigger, "/sim/summary").message)["time_s"] == time / NS_PER_S
 
 
 def test_step_runs_to_the_time_and_counts_messages(world: SimProcess, client: Client) -> None:
     scans = client.messages(LaserScan, "/scan_raw", qos_profile_sensor_data)
     client.wait(lambda: client.call(Trigger, "/sim/sync").success and scans)
-    before = json.loads(client.call(Trigger, "/sim/sync").message)["published"]["/scan_raw"]
-    state = json.loads(step(client, ("until", integer(250_000_000))).reason)
-    assert state["time"] == 250_000_000
-    # The scan of 0.2 s has not arrived yet, because of its latency.
-    assert state["published"]["/scan_raw"] == before + 1
-    state = json.loads(step(client, ("until", ParameterValue(type=3, double_value=0.3))).reason)
-    assert state["time"] == 300_000_000
+    # Scans are measured every 0.1 s, and published 0.067 s later.
+    start = json.loads(client.call(Trigger, "/sim/sync").message)["time"] // TENTH * TENTH + TENTH
+    before = json.loads(step(client, ("until", integer(start))).reason)["published"]["/scan_raw"]
+    state = json.loads(step(client, ("until", integer(start + TENTH // 2))).reason)
+    assert state["time"] == start + TENTH // 2
+    assert state["published"]["/scan_raw"] == before
+    end = ParameterValue(type=3, double_value=(start + 2 * TENTH) / NS_PER_S)
+    state = json.loads(step(client, ("until", end)).reason)
+    assert state["time"] == start + 2 * TENTH
     assert state["published"]["/scan_raw"] == before + 2
     assert set(state["received"]) >= {"/cmd_vel", "/key_vel", "/joy_vel", "/head_controller/joint_trajectory"}
     # A request that was sent twice.
-    assert json.loads(step(client, ("until", integer(250_000_000))).reason)["time"] == 300_000_000
+    assert json.loads(step(client, ("until", integer(start))).reason)["time"] == start + 2 * TENTH
 
 
 @pytest.mark.parametrize(
@@ -104,7 +130,7 @@ def test_step_runs_to_the_time_and_counts_messages(world: SimProcess, client: Cl
         ([], "'until' is missing"),
         ([("til", integer(1))], "unknown parameter 'til': use until, from"),
         ([("until", ParameterValue(type=4, string_value="1"))], "'until' has to be an integer"),
-        ([("until", integer(10**12)), ("from", integer(10**11))], "before the client's 100.000 s"),
+        ([("until", integer(10**14)), ("from", integer(10**13))], "before the client's 10000.000 s"),
     ],
 )
 def test_invalid_request_is_refused(
@@ -119,11 +145,11 @@ def test_no_message_is_lost(world: SimProcess) -> None:
     with RosSession("driver") as session:
         client = Client(session)
         clock = LockstepClock(session, LIMIT_S)
+        start = next_tenth(clock)
         scans = client.messages(LaserScan, "/scan_raw", qos_profile_sensor_data)
         motion = client.messages(Odometry, "/mobile_base_controller/odom")
         publisher = client.node.create_publisher(Twist, "/cmd_vel", 10)
         client.wait(publisher.get_subscription_count)
-        start = clock.now()
         command = Twist()
         command.linear.x = 0.2
         for tick in range(1, 21):
@@ -181,10 +207,10 @@ def test_world_outlives_a_client_that_dies(world: SimProcess) -> None:
 
 
 def test_stopped_world_goes_on_where_it_was(world: SimProcess, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lockstep, "RETRY", 0.05)  # requests are repeated meanwhile
+    monkeypatch.setattr(lockstep, "RETRY_AFTER_S", 0.05)  # requests are repeated meanwhile
     with RosSession("patient") as session:
         clock = LockstepClock(session, LIMIT_S)
-        start = clock.now()
+        start = next_tenth(clock)
         times: list[int] = []
         session.node.create_subscription(Odometry, ODOMETRY, lambda message: times.append(stamp(message)), 10)
         clock.wait_until(start + TENTH, threading.Event())
@@ -232,7 +258,7 @@ def test_steps_may_be_shorter_than_those_of_the_physics(world: SimProcess, clien
 
 
 def test_client_of_a_world_that_ends_raises(world: SimProcess, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lockstep, "RETRY", 0.2)
+    monkeypatch.setattr(lockstep, "RETRY_AFTER_S", 0.2)
     with RosSession("client") as session:
         clock = LockstepClock(session, LIMIT_S)
         assert world.interrupt() == 130
@@ -242,10 +268,11 @@ def test_client_of_a_world_that_ends_raises(world: SimProcess, monkeypatch: pyte
             LockstepClock(session, 0.3)
 
 
+@pytest.mark.usefixtures("no_world")
 def test_end_of_the_duration_refuses_further_steps(
     start: Callable[..., SimProcess], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(lockstep, "RETRY", 0.2)
+    monkeypatch.setattr(lockstep, "RETRY_AFTER_S", 0.2)
     simulation = start("--lockstep", "--duration", "0.5")
     with RosSession("client") as session:
         clock = LockstepClock(session, LIMIT_S)
@@ -255,6 +282,7 @@ def test_end_of_the_duration_refuses_further_steps(
     assert simulation.result()["time_s"] == 0.5
 
 
+@pytest.mark.usefixtures("no_world")
 def test_world_without_a_client_ends_after_the_limit(start: Callable[..., SimProcess]) -> None:
     simulation = start("--lockstep", "--wait-limit", "0.5")
     assert simulation.process.wait(LIMIT_S) == 1

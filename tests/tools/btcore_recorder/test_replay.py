@@ -33,11 +33,11 @@ from btcore.testing import xml_documents
 from btcore.testing.tree_generator import BUILTIN_MANIFESTS, SCRIPT_KEYS
 from btcore.tree.hooks import Hook, HookMode, HookPosition
 from btcore_recorder import Replay
-from btcore_recorder.files import form_for, read_recording, save_recording
+from btcore_recorder.files import encoder_for, read_recording, save_recording
 from btcore_recorder.inputs import RunRecording, scopes_of
 from btcore_recorder.lines import head_lines, read_lines, recording_lines
 from btcore_recorder.recorder import Recorder, RecorderOptions
-from btcore_recorder.text_form import TextForm, TextLines
+from btcore_recorder.text_form import TextEncoder, TextLines
 from tests.conformance.recorded_cases import CallLog, conformance_registry, read_cases
 from tests.tools.btcore_recorder.random_leaves import NODE_IDS, Spot, random_registry
 
@@ -87,11 +87,11 @@ class Run(Observer):
         self._recorder.close()
         head = self._recorder.head
         head = head._replace(types={**head.types, **self._types})
-        form = TextForm()
-        form.add(head_lines(head, ()))
+        encoder = TextEncoder()
+        encoder.add(head_lines(head, ()))
         for step in self._raw:
-            form.add(self._recorder.lines(step))
-        return read_lines(TextLines(form.take()), "the run")
+            encoder.add(self._recorder.lines(step))
+        return read_lines(TextLines(encoder.take()), "the run")
 
 
 def entries_of(tree: Tree, ignored: str = "") -> Entries:
@@ -329,10 +329,10 @@ def test_the_forms_of_files_lose_nothing(
     recording = run.end()
     folder = tmp_path_factory.mktemp("forms")
     for name in ("run.btrec.txt", "run.mcap"):
-        form = form_for(folder / name)
+        encoder = encoder_for(folder / name)
         for lines in recording_lines(recording, [node.path for node in run.tree.nodes]):
-            form.add(lines)
-        (folder / name).write_bytes(form.take() + form.take_end())
+            encoder.add(lines)
+        (folder / name).write_bytes(encoder.take() + encoder.take_end())
         assert read_recording(folder / name) == recording
 
 

@@ -13,7 +13,7 @@ from btcore.escaping import escape_controls
 from btcore.exit_codes import ExitCode
 from btcore.json_text import load_json
 from btcore.options import Options, changed_option_names, option
-from btcore.registry.outcomes import LETTERS, parse_outcomes
+from btcore.registry.outcome_grammar import LETTERS, parse_outcomes
 from btcore.suggestions import join_names
 from btcore_recorder.excerpts import cut, shrink
 from btcore_recorder.files import EXTENSIONS, TEXT, local_file, read_recording, save_recording

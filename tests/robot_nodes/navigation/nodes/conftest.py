@@ -8,7 +8,7 @@ import pytest
 import btcore
 from btcore import Registry, Status, Tree
 from btcore.clock import NS_PER_S
-from btcore.registry.outcomes import LETTERS
+from btcore.registry.outcome_grammar import LETTERS
 from btcore_navigation import nodes as nav2_nodes
 from btcore_navigation.costmap import GlobalCostmap
 from btcore_navigation.planner import Planner, PlannerServer

@@ -1,4 +1,4 @@
-"""Mock leaves in tests: they replace the leaves of a registry, and follow the same outcomes.
+"""Replace the leaves of a registry by mock leaves, which follow outcomes, in tests.
 
 nodes = with_mock_leaves(nodes)                  # replaces all leaves except btcore's own
 tree = btcore.load("patrol.xml", nodes=nodes, clock=SimClock())

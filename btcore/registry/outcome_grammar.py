@@ -1,4 +1,4 @@
-"""Outcomes: the texts that plan what mock leaves do; `parse_outcomes` describes the grammar."""
+"""The grammar of outcomes, the texts that plan what mock leaves do: see `parse_outcomes`."""
 
 import re
 from functools import lru_cache
