@@ -3,7 +3,8 @@
 import importlib.util
 import subprocess
 import sys
-from collections.abc import Generator, Iterator
+import time
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -50,6 +51,16 @@ def pytest_runtest_setup(item: pytest.Item) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     # rclpy warns if a service does not know its client yet: the response is lost, and leaves ask again.
     config.addinivalue_line("filterwarnings", "ignore:failed to send response:RuntimeWarning")
+
+
+def wait_until(condition: Callable[[], object]) -> bool:
+    """Wait until *condition* returns a true value; return False if it does not within `LIMIT_S`."""
+    end = time.monotonic() + LIMIT_S
+    while not condition():
+        if time.monotonic() > end:
+            return False
+        time.sleep(0.005)
+    return True
 
 
 @pytest.fixture(autouse=True, scope="session")

@@ -7,8 +7,7 @@ import signal
 import site
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -27,7 +26,7 @@ from std_srvs.srv import Trigger
 from btcore_ros2.session import RosSession
 from tests.colcon_installation import PACKAGE, install_as_by_colcon
 from tests.ros2.action_client import ClientProcess
-from tests.ros2.conftest import LIMIT_S
+from tests.ros2.conftest import LIMIT_S, wait_until
 from tests.ros2.nav2.conftest import start
 
 EXECUTE_TREE = "btcpp_ros2_interfaces/action/ExecuteTree"
@@ -152,15 +151,9 @@ def test_ros2_run_runs_a_leaf_without_code(prefix: Path, session: RosSession, tm
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[ClientProcess]:
-    client = ClientProcess(poll)
+    client = ClientProcess(wait_until)
     yield client
     client.close()
-
-
-def poll(condition: Callable[[], object]) -> None:
-    end = time.monotonic() + LIMIT_S
-    while not condition() and time.monotonic() < end:
-        time.sleep(0.002)
 
 
 @pytest.fixture(scope="module")

@@ -21,15 +21,7 @@ from btcore.cli.main import main
 from btcore.entry_points import EntryPoint
 from btcore_ros2.errors import RosError
 from btcore_ros2.telemetry import MAX_WAITING, RosTelemetry
-from tests.ros2.conftest import LIMIT_S
-
-
-def wait(condition: Callable[[], Any], shown: object = "") -> None:
-    """Wait until *condition* is met; the error of a wait that is too long shows *shown*."""
-    end = time.monotonic() + LIMIT_S
-    while not condition():
-        assert time.monotonic() < end, f"waited for too long: {shown}"
-        time.sleep(0.01)
+from tests.ros2.conftest import LIMIT_S, wait_until
 
 
 class Watcher:
@@ -54,7 +46,7 @@ class Watcher:
 
     def wait(self, condition: Callable[[], Any]) -> None:
         """Wait until *condition* is met."""
-        wait(condition, self.received)
+        assert wait_until(condition), self.received
 
     def close(self) -> None:
         """End the process."""
@@ -95,7 +87,7 @@ def tree_of(body: str) -> Tree:
 
 def connected(telemetry: RosTelemetry) -> RosTelemetry:
     """Return *telemetry*, when the watcher receives all its topics."""
-    wait(lambda: all(publisher.get_subscription_count() for publisher in telemetry._publishers))
+    assert wait_until(lambda: all(publisher.get_subscription_count() for publisher in telemetry._publishers))
     return telemetry
 
 
@@ -189,7 +181,7 @@ def test_publisher_that_fails_ends_with_a_warning(
     tree = tree_of("<AlwaysSuccess/>")
     telemetry = RosTelemetry(tree, ["diagnostics"])
     monkeypatch.setattr(telemetry._publishers[0], "publish", None)
-    wait(lambda: "publishing to ROS 2 has failed, and ends" in caplog.text)
+    assert wait_until(lambda: "publishing to ROS 2 has failed, and ends" in caplog.text)
     assert tree.tick_once() is Status.SUCCESS
     telemetry.close()
 

@@ -7,9 +7,8 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, ClassVar
@@ -36,7 +35,7 @@ from btcore_ros2.leaves import RosSubscriber
 from btcore_ros2.session import RosSession
 from btcore_ros2.tree_server import COLLECT_GOALS, TreeServer
 from tests.ros2.action_client import ClientProcess
-from tests.ros2.conftest import LIMIT_S
+from tests.ros2.conftest import LIMIT_S, wait_until
 from tests.ros2.discovery import wait_until_known
 
 EXECUTE_TREE = "btcpp_ros2_interfaces/action/ExecuteTree"
@@ -74,15 +73,6 @@ def measure(speed: btcore.In[float], place: btcore.In[str]):
 """
 
 
-def poll(condition: Callable[[], Any]) -> bool:
-    end = time.monotonic() + LIMIT_S
-    while not condition():
-        if time.monotonic() > end:
-            return False
-        time.sleep(0.005)
-    return True
-
-
 def write_trees(folder: Path) -> None:
     folder.mkdir()
     (folder / "main.xml").write_text(TREES)
@@ -103,7 +93,7 @@ class ServerProcess:
         self.lines: list[str] = []
         self.reader = threading.Thread(target=self._read)
         self.reader.start()
-        assert poll(lambda: "serving" in self.text or self.process.poll() is not None)
+        assert wait_until(lambda: "serving" in self.text or self.process.poll() is not None)
         assert self.process.poll() is None, self.text
 
     def _read(self) -> None:
@@ -145,7 +135,7 @@ def server(folder: Path) -> Iterator[ServerProcess]:
 
 @pytest.fixture(scope="module")
 def client() -> Iterator[ClientProcess]:
-    client = ClientProcess(poll)
+    client = ClientProcess(wait_until)
     yield client
     client.close()
 
@@ -155,7 +145,7 @@ def running(server: TreeServer) -> Iterator[ClientProcess]:
     """A client of a server, which runs in a thread."""
     thread = threading.Thread(target=server.run)
     thread.start()
-    client = ClientProcess(poll)
+    client = ClientProcess(wait_until)
     yield client
     server.stop()
     thread.join(LIMIT_S)
@@ -193,10 +183,10 @@ def test_the_end_of_a_tree_that_fails_is_recorded(
     assert ended(client, run(client, "Quick"))[1] is Status.SUCCESS
     assert ended(client, run(client, "Fails"))[1] is Status.FAILURE
     assert ended(client, run(client, "Broken"))[1] is Status.IDLE
-    assert poll(lambda: recorded("Fails") > before and recorded("Broken"))
+    assert wait_until(lambda: recorded("Fails") > before and recorded("Broken"))
     assert not recorded("Quick")
     for file in [*recorded("Fails"), *recorded("Broken")]:
-        assert poll(lambda file=file: f"the end of the run is recorded in {file}" in server.text)
+        assert wait_until(lambda file=file: f"the end of the run is recorded in {file}" in server.text)
         replay = Replay(file)
         assert replay.verify() is None
         assert replay.tree.ticks == 1
@@ -282,7 +272,7 @@ def test_repeated_goal_runs_once(server: ServerProcess, client: ClientProcess, s
 def test_goal_of_a_client_that_was_killed_goes_on(
     server: ServerProcess, client: ClientProcess, session: RosSession
 ) -> None:
-    killed = ClientProcess(poll)
+    killed = ClientProcess(wait_until)
     run(killed, "Endless")
     with killed.process:
         killed.process.kill()
@@ -342,10 +332,10 @@ def test_monitor_follows_the_trees(server: ServerProcess, client: ClientProcess)
             return name in seen
 
         number = run(client, "Slow")
-        assert poll(lambda: sees("long rest"))
+        assert wait_until(lambda: sees("long rest"))
         client.cancel(number)
         assert ended(client, run(client, "Broken"))[0] == GoalStatus.STATUS_ABORTED
-        assert poll(lambda: sees("the gripper"))
+        assert wait_until(lambda: sees("the gripper"))
 
 
 @pytest.mark.parametrize(

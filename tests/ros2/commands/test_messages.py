@@ -5,11 +5,12 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from importlib.metadata import version
 from pathlib import Path
 
 import pytest
+
+from tests.ros2.conftest import wait_until
 
 HAS_ROS = importlib.util.find_spec("rosidl_adapter") is not None
 needs_ros = pytest.mark.skipif(not HAS_ROS, reason="could not import 'rosidl_adapter'")
@@ -79,11 +80,9 @@ def test_an_interrupted_build_leaves_nothing(tmp_path: Path) -> None:
     (workspace / "msg").mkdir(parents=True)
     (workspace / "msg/Made.msg").write_text("int8 x\n")
     process = start(str(workspace), TMPDIR=str(temporary))
-    end = time.monotonic() + 60
-    while not list(temporary.glob("btcore-messages-*/share/*/msg/*.idl")):  # the generators are running
-        assert process.poll() is None
-        assert time.monotonic() < end
-        time.sleep(0.01)
+    made = "btcore-messages-*/share/*/msg/*.idl"
+    assert wait_until(lambda: list(temporary.glob(made)) or process.poll() is not None)
+    assert process.poll() is None  # the generators are running
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60)
     assert process.returncode not in (0, None)

@@ -3,7 +3,6 @@
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
@@ -12,7 +11,7 @@ pytest.importorskip("rclpy")
 
 from planned_server import End, Plan, ServerProcess
 
-from tests.ros2.conftest import LIMIT_S
+from tests.ros2.conftest import LIMIT_S, wait_until
 
 LEAVES = """
 from btcore import In
@@ -55,14 +54,9 @@ def test_run_with_a_remapped_name(server: ServerProcess, tmp_path: Path) -> None
 
 def test_interrupt_cancels_the_goal(server: ServerProcess, tmp_path: Path) -> None:
     process = start(tmp_path, Plan(end=End.NEVER, tag=2))
-    end = time.monotonic() + LIMIT_S
-    while "executing" not in server.of(2):
-        assert process.poll() is None
-        assert time.monotonic() < end
-        time.sleep(0.01)
+    assert wait_until(lambda: "executing" in server.of(2) or process.poll() is not None)
+    assert process.poll() is None
     process.send_signal(signal.SIGINT)
     output, _ = process.communicate(timeout=LIMIT_S)
     assert "Traceback" not in output
-    while "canceled" not in server.of(2):
-        assert time.monotonic() < end
-        time.sleep(0.01)
+    assert wait_until(lambda: "canceled" in server.of(2))

@@ -36,7 +36,7 @@ from btcore_robot.occupancy_map import OccupancyMap, save_map
 from btcore_ros2.interfaces import load_interface
 from btcore_ros2.session import RosSession
 from tests.ros2.action_client import ClientProcess
-from tests.ros2.conftest import LIMIT_S
+from tests.ros2.conftest import LIMIT_S, wait_until
 from tests.ros2.nav2.conftest import LONG_TIMEOUTS
 from tests.ros2.nav2.rviz_displays import DISPLAYS, Qos
 
@@ -601,13 +601,10 @@ def test_goal_pose_and_interrupt(navigation: NavigationProcess) -> None:
     number = navigation.send("wait", "Wait", {"time": {"sec": 600}})
     navigation.client.wait_until_executing(number)
     navigation.end()
-    end = time.monotonic() + LIMIT_S
 
     def results() -> list[dict[str, Any]]:
         events = list(navigation.client.events)
         return [event for event in events if event["event"] == "result" and event["goal"] == number]
 
-    while not results():
-        assert time.monotonic() < end, navigation.client.events[-5:]
-        time.sleep(0.01)
+    assert wait_until(results), navigation.client.events[-5:]
     assert results()[0]["value"]["error_msg"] == "the server was ended"

@@ -2,9 +2,8 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -25,17 +24,12 @@ from btcore_ros2.robot.sim_time import SimTime
 from btcore_ros2.session import RosSession
 from btcore_ros2.tree_server import TreeServer
 from tests.ros2.action_client import ClientProcess
-from tests.ros2.conftest import LIMIT_S
+from tests.ros2.conftest import LIMIT_S, wait_until
 from tests.ros2.robot.conftest import PointRobotProcess, describe, drive_until_error, stopped
 
 TREES = """<root BTCPP_format="4">
     <BehaviorTree ID="Endless"><Repeat num_cycles="-1"><Sleep msec="10"/></Repeat></BehaviorTree>
     <BehaviorTree ID="Rest"><Sleep msec="100"/></BehaviorTree></root>"""
-
-
-def sleep_until(condition: Callable[[], Any]) -> None:
-    while not condition():
-        time.sleep(0.01)
 
 
 @pytest.fixture(scope="module")
@@ -169,7 +163,7 @@ def test_tree_server_survives_resets_and_pauses_of_the_simulation(
     with TreeServer(session, [file], resources=[robot], action_name="reset", clock=robot.clock) as server:
         thread = threading.Thread(target=server.run)
         thread.start()
-        client = ClientProcess(sleep_until)
+        client = ClientProcess(wait_until)
 
         def send(tree: str) -> int:
             return client.send("reset", "btcpp_ros2_interfaces/action/ExecuteTree", {"target_tree": tree})
@@ -186,7 +180,7 @@ def test_tree_server_survives_resets_and_pauses_of_the_simulation(
             assert abs(robot.odometry().stamp - robot.clock.now()) < LIMIT_S * NS_PER_S
             process.send(silent=["/clock"], shift=0)
             # By the silent clock, or before by stamps that jump back to the earlier shift.
-            sleep_until(lambda: caplog.text.count(waiting) == 2 or not thread.is_alive())
+            assert wait_until(lambda: caplog.text.count(waiting) == 2 or not thread.is_alive())
             goal = send("Rest")
             process.send(silent=[])
             assert client.result(goal)[0] == GoalStatus.STATUS_SUCCEEDED

@@ -4,12 +4,11 @@ import json
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from tests.ros2.conftest import LIMIT_S
+from tests.ros2.conftest import LIMIT_S, wait_until
 
 
 class SimProcess:
@@ -23,11 +22,8 @@ class SimProcess:
 
     def wait_until_ready(self) -> None:
         """Wait until the robot is on ROS 2."""
-        end = time.monotonic() + LIMIT_S
-        while "is on ROS 2" not in self.errors:
-            assert self.process.poll() is None, self.errors
-            assert time.monotonic() < end
-            time.sleep(0.02)
+        assert wait_until(lambda: "is on ROS 2" in self.errors or self.process.poll() is not None)
+        assert self.process.poll() is None, self.errors
 
     @property
     def errors(self) -> str:
