@@ -24,8 +24,7 @@ from btcore.script.expressions import Assignment
 from btcore.xml.plan.key_uses import WRITING, AccessKind, find_name_uses, port_uses, uses_whole_blackboard
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
-from btcore.xml.read.diagnostic_collector import DiagnosticCollector
-from btcore.xml.read.document import Document, Mark
+from btcore.xml.read.document import DiagnosticCollector, Document, Mark
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,7 +12,7 @@ from btcore.registry.nodes_without_code import is_mock
 from btcore.status import FAILURE, SUCCESS, NodeType
 from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
-from btcore.xml.read.diagnostic_collector import DiagnosticCollector
+from btcore.xml.read.document import DiagnosticCollector
 
 _FOREVER: Final = -1
 _CHECKED_WHILE_RUNNING: Final = "_while"  # the only pre-condition that may halt a node that is RUNNING

@@ -29,7 +29,7 @@ from btcore.status import SUCCESS
 from btcore.values import INT64, STRING
 from btcore.xml.plan.key_uses import WRITING, AccessKind
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
-from btcore.xml.read.diagnostic_collector import DiagnosticCollector
+from btcore.xml.read.document import DiagnosticCollector
 
 ChildPlace = tuple[NodePlan, int]
 """The parent of a node, and the node's index among the children."""

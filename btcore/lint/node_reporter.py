@@ -6,8 +6,7 @@ from typing import NamedTuple, Unpack
 from btcore.diagnostic_codes import DiagnosticCode
 from btcore.fixes import Fix
 from btcore.xml.plan.tree_plan import NodePlan
-from btcore.xml.read.diagnostic_collector import DiagnosticCollector
-from btcore.xml.read.document import Document, Mark
+from btcore.xml.read.document import DiagnosticCollector, Document, Mark
 
 
 class NodeReporter(NamedTuple):

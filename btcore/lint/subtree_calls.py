@@ -11,7 +11,7 @@ from btcore.suggestions import join_names, nearest_name
 from btcore.xml.plan.key_uses import NON_KEY_ATTRIBUTES, TreeKeys
 from btcore.xml.plan.plan import Plans, reachable_trees
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
-from btcore.xml.read.diagnostic_collector import DiagnosticCollector
+from btcore.xml.read.document import DiagnosticCollector
 
 
 def check_unused_trees(plans: Plans, main: TreePlan, collector: DiagnosticCollector) -> None:

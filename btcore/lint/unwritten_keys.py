@@ -11,7 +11,7 @@ from btcore.fixes import Connect, CreateEntry, SetValue
 from btcore.lint.dry_run import DryRun, EntryUse, has_writer
 from btcore.suggestions import nearest_name
 from btcore.xml.plan.key_uses import READING, AccessKind
-from btcore.xml.read.diagnostic_collector import DiagnosticCollector
+from btcore.xml.read.document import DiagnosticCollector
 
 
 class WrittenKeys:

@@ -27,8 +27,7 @@ from btcore.registry.registry import Registry
 from btcore.xml.define import define
 from btcore.xml.plan.key_uses import TreeKeys
 from btcore.xml.plan.plan import Plans, plan, root_trees
-from btcore.xml.read.diagnostic_collector import CollectedDiagnostics, DiagnosticCollector, sort_diagnostics
-from btcore.xml.read.document import Document
+from btcore.xml.read.document import CollectedDiagnostics, DiagnosticCollector, Document, sort_diagnostics
 from btcore.xml.read.positions import LineIndex
 from btcore.xml.read.read import Sources, read
 from btcore.xml.read.scan import ScannedElement

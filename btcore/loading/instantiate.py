@@ -34,7 +34,7 @@ from btcore.tree.tree import Subtree, Tree, TreeDocument
 from btcore.values import parse_constant, type_of
 from btcore.xml.plan.plan import Plans, report_invalid_scripts
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
-from btcore.xml.read.diagnostic_collector import DiagnosticCollector
+from btcore.xml.read.document import DiagnosticCollector
 
 _SCRIPT_EXAMPLES: Final = {PortRole.SCRIPT: "", PortRole.CONDITION: "true"}
 """The texts with which fixes add a missing port with a script."""

@@ -15,8 +15,7 @@ from btcore.loading.instantiate import instantiate
 from btcore.registry.registry import Registry
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.diagnostic_collector import CollectedDiagnostics
-from btcore.xml.read.document import Document
+from btcore.xml.read.document import CollectedDiagnostics, Document
 from btcore.xml.read.read import PackageResolver, parse_file, parse_text
 
 

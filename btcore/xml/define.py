@@ -21,9 +21,8 @@ from btcore.diagnostics import HintAndFixes
 from btcore.fixes import NameTree, Rename, SetFormat
 from btcore.names import model_port_name_error
 from btcore.suggestions import join_names, nearest_name, suggestion
-from btcore.xml.read.diagnostic_collector import CollectedDiagnostics, DiagnosticCollector
 from btcore.xml.read.dialect import DIALECTS, PORT_TAGS, Dialect
-from btcore.xml.read.document import Document
+from btcore.xml.read.document import CollectedDiagnostics, DiagnosticCollector, Document
 from btcore.xml.read.element import EXAMPLE, Element
 from btcore.xml.read.read import Sources
 

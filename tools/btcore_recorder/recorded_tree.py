@@ -35,7 +35,7 @@ from btcore.tree.tree import Tree
 from btcore.values import UserType, ValueType, VectorType
 from btcore.xml.define import define
 from btcore.xml.plan.plan import Plans, plan
-from btcore.xml.read.diagnostic_collector import CollectedDiagnostics
+from btcore.xml.read.document import CollectedDiagnostics
 from btcore.xml.read.read import Sources, parse_text
 from btcore_recorder.inputs import (
     ExternalHaltEnded,

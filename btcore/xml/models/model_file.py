@@ -21,9 +21,8 @@ from btcore.registry.registry import Registry
 from btcore.status import NodeType
 from btcore.values import ANY, ValueType
 from btcore.xml.define import parse_format
-from btcore.xml.read.diagnostic_collector import DiagnosticCollector
 from btcore.xml.read.dialect import EXPLICIT_TAGS, PORT_TAGS
-from btcore.xml.read.document import Document
+from btcore.xml.read.document import DiagnosticCollector, Document
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import parse_file, read
 

@@ -16,9 +16,8 @@ from btcore.script.program import compile_script
 from btcore.xml.define import Definitions, TreeDefinition, define
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.plan.tree_planner import PlanningContext, TreePlanner
-from btcore.xml.read.diagnostic_collector import MAX_COMPARISONS, CollectedDiagnostics, DiagnosticCollector
 from btcore.xml.read.dialect import Dialect
-from btcore.xml.read.document import Document
+from btcore.xml.read.document import MAX_COMPARISONS, CollectedDiagnostics, DiagnosticCollector, Document
 from btcore.xml.read.read import PackageResolver, read
 
 MAX_DEPTH: Final = 10_000

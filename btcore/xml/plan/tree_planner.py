@@ -55,8 +55,8 @@ from btcore.values import BOOL, ValueType
 from btcore.values.types import literals_of
 from btcore.xml.define import Definitions, TreeDefinition, tree_hint
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
-from btcore.xml.read.diagnostic_collector import DiagnosticCollector
 from btcore.xml.read.dialect import EXPLICIT_TAGS, Dialect
+from btcore.xml.read.document import DiagnosticCollector
 from btcore.xml.read.element import Element
 
 if TYPE_CHECKING:

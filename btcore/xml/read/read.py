@@ -27,8 +27,7 @@ from btcore.errors import TreeError, XmlSyntaxError
 from btcore.fixes import SetValue
 from btcore.input_files import read_error, read_file, real_path
 from btcore.suggestions import similar_file, suggestion
-from btcore.xml.read.diagnostic_collector import CollectedDiagnostics, DiagnosticCollector
-from btcore.xml.read.document import Document
+from btcore.xml.read.document import CollectedDiagnostics, DiagnosticCollector, Document
 from btcore.xml.read.element import EXAMPLE, Element, encoded, parse_with_expat
 
 PackageResolver = Callable[[str], "str | Path | None"]

@@ -18,9 +18,8 @@ from btcore.registry.registry import Registry
 from btcore.xml.define import parse_format
 from btcore.xml.edit.editor import Edit, apply_edits
 from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.diagnostic_collector import sort_diagnostics
 from btcore.xml.read.dialect import DIALECTS
-from btcore.xml.read.document import Document
+from btcore.xml.read.document import Document, sort_diagnostics
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import parse_text
 from btcore_studio.convert.changes import ConversionChanges

@@ -67,12 +67,10 @@ class TreeEditor(DocumentEditor):
         """Put the children of an element in its place.
 
         Raises:
-            EditError: The element has no children, or no end tag.
+            EditError: The element has no children.
         """
         if not element.children:
             raise EditError(f"<{element.tag}> has no children")
-        if element.end_tag_start < 0:
-            raise EditError(f"<{element.tag}> has no end tag: write it first")
         text = self.text
         start = element.start_tag_end
         while text[start].isspace():

@@ -24,9 +24,8 @@ from btcore.xml.models.model_file import (
     model_elements,
 )
 from btcore.xml.plan.plan import Plans, plan
-from btcore.xml.read.diagnostic_collector import CollectedDiagnostics
 from btcore.xml.read.dialect import EXPLICIT_TAGS
-from btcore.xml.read.document import Document
+from btcore.xml.read.document import CollectedDiagnostics, Document
 from btcore.xml.read.element import Element, encoded
 from btcore.xml.read.positions import LineIndex, SourceMap
 from btcore.xml.read.read import Sources, parse_text, read

@@ -223,7 +223,7 @@ def find_versions(
     versions: list[Version] = []
     for name in names:
         # Git names this file if there is none, on every system.
-        if name in ("/dev/null", os.devnull):
+        if Path(name) == Path("/", "dev", "null") or name == os.devnull:
             versions.append(Version("", None))
             continue
         if Path(name).is_dir():

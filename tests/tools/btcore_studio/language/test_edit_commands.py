@@ -659,12 +659,6 @@ def test_a_document_with_errors_stays_editable(page: Callable[..., Page]) -> Non
         shown.do(protocol.Duplicate([shown.place("<Sleep")]))
 
 
-def test_an_element_without_an_end_tag_is_not_unwrapped(page: Callable[..., Page]) -> None:
-    shown = page("<Sequence><Fallback><Sleep msec='1'/></Sequence>")
-    with pytest.raises(EditError, match="<Fallback> has no end tag: write it first"):
-        shown.do(protocol.Unwrap(shown.place("<Fallback")))
-
-
 def test_a_broken_text_is_editable_before_the_fault(page: Callable[..., Page]) -> None:
     shown = page(
         MAIN.format("<Sequence>\n  <Sleep/>\n  <A/>\n  <Fallback>\n  <Sleep msec=></Fallback></Sequence>")

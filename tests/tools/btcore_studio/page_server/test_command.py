@@ -55,6 +55,7 @@ def test_file_is_edited_until_a_signal(folder: Path, built: Path) -> None:
             "uri": uri,
             "tree": "Rounds",
             "readOnly": False,
+            "guide": start["guide"],
             "live": start["live"],
             "recording": None,
             "versions": None,
