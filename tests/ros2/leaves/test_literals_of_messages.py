@@ -124,7 +124,7 @@ def test_valid_literals_are_not_reported(tmp_path: Path) -> None:
     body = """\
         <Sequence>
           <RosActionCall name="/x" type="test_msgs/Fibonacci" goal='json:{"order": "{n}"}' result="{r}"/>
-          <RosActionCall name="/y" type="test_msgs/Fibonacci" goal="{goal}"/>
+          <RosActionCall name="/y" type="test_msgs/Fibonacci" goal="{r}"/>
           <RosServiceCall name="/z" type="std_srvs/Trigger"/>
           <RosTopicPublish name="/w" type="geometry_msgs/Twist" message='json:{"linear": {"x": 0.5}}'/>
           <RosTopicRead name="/b" type="sensor_msgs/BatteryState" message="{level}" field="percentage"
