@@ -193,7 +193,12 @@ class _Shrinking:
             return False
         if (failure.node, failure.error) != (self._failure.node, self._failure.error):
             return False
-        self._failure, self._steps = failure, list(self._rerun.done)
+        done = list(self._rerun.done)
+        # The recording of this run must fail in the same way: it may lack events of nodes without ticks.
+        if self._rerun.run(done) != failure:
+            return False
+        self._left -= self._rerun.cost
+        self._failure, self._steps = failure, done
         return True
 
 

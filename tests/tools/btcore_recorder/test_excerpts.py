@@ -61,6 +61,11 @@ def size(recording: RunRecording) -> int:
 @settings(max_examples=int(RUNS) // 4 if RUNS else settings().max_examples)
 @given(DOCUMENTS, ACTIONS, st.integers(0, 2**32))
 @example(HELD, ["tick", "halt"], 4)  # the halt raises, also without the tick before it
+@example(
+    HELD.replace("<Hold", "<OwnSequence><Hold").replace("/></Be", "/></OwnSequence></Be"),
+    ["tick", "halt"],
+    1064,
+)
 def test_shrunk_run_fails_at_the_same_node(xml: str, actions: list[str], seed: int) -> None:
     run = Run(random_tree(xml, seed, SimClock()))
     observer = FailureObserver(run.tree)
