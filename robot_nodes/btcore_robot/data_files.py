@@ -10,10 +10,8 @@ from typing import Any
 import yaml
 
 from btcore.input_files import read_file
-from btcore.json_text import load_json
+from btcore.json_text import MAX_DEPTH, load_json
 from btcore.typed_data import DataError, Keys
-
-MAX_YAML_DEPTH = 100
 
 
 def read_text(path: Path, expected: str, error_type: type[Exception]) -> str:
@@ -82,14 +80,15 @@ def yaml_data(path: Path, content: str, error_type: type[Exception]) -> Iterator
 class YamlLoader(yaml.SafeLoader):
     """A loader whose keys are texts and unique, and that reads 1e-2 as a number, as YAML 1.2 does.
 
-    The time that PyYAML needs for deeply nested data grows with the square of the depth, which is limited.
+    The time that PyYAML needs for deeply nested data grows with the square of the depth. The limit is that of
+    JSON, because `json_data` finds the lines of JSON files by this loader.
     """
 
     _depth = 0
 
     def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        """Return the next node, which is not deeper than `MAX_YAML_DEPTH`."""
-        if self._depth == MAX_YAML_DEPTH:
+        """Return the next node; at most `MAX_DEPTH` lists and maps are around a value."""
+        if self._depth == MAX_DEPTH and self.check_event(yaml.SequenceStartEvent, yaml.MappingStartEvent):
             mark = parent.start_mark if parent is not None else None
             raise yaml.composer.ComposerError(None, None, "nested too deeply", mark)
         self._depth += 1

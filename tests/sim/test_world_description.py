@@ -205,6 +205,13 @@ def test_a_deeply_nested_file_is_refused(tmp_path: Path) -> None:
         load_world_description(str(path))
 
 
+def test_error_in_a_file_of_the_greatest_depth_has_its_line(tmp_path: Path) -> None:
+    world = tmp_path / "world.json"
+    world.write_text('{"x":\n' + "[" * 99 + "1" + "]" * 99 + "}")
+    with pytest.raises(SimError, match=r"world\.json:1: 'x' is unknown"):
+        load_world_description(str(world))
+
+
 def test_a_missing_file_raises() -> None:
     with pytest.raises(SimError, match=r"nowhere/mine\.json: no such file"):
         load_world_description("nowhere/mine.json")
