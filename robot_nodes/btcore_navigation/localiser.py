@@ -63,7 +63,7 @@ _MIN_WEIGHT = 0.01  # of a hypothesis that is displayed
 class _State(Enum):
     TRACKING = auto()
     DOUBTING = auto()
-    """A scan has contradicted the pose: the robot stands while the map is searched for a better pose."""
+    """The pose may be wrong: the robot stands while the map is searched for a better pose."""
     SEARCHING = auto()
     """The pose is unknown: the robot turns while the map is searched."""
 

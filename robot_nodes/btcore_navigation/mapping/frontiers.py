@@ -39,7 +39,7 @@ EXCLUSION_RADIUS = 0.5
 """The radius (m) around an excluded position within which nothing counts as a frontier."""
 WALL_CELLS = 2
 """The distance (cells) from occupied cells within which unknown cells count as the inside of a wall."""
-NEARBY = 0.3
+NEARBY_DISTANCE = 0.3
 """The distance (m) in x and in y within which `is_unknown_nearby` looks for unknown space."""
 _LENGTH_BONUS = 0.3  # m of travel that a metre of frontier is worth
 _MAX_BONUS = 2.0  # m
@@ -151,10 +151,10 @@ def is_unknown_nearby(map: OccupancyMap, position: tuple[float, float]) -> bool:
 
     Args:
         map: The map, with free, unknown and occupied cells.
-        position: The position (x, y in m) in the frame map. Near means within `NEARBY`.
+        position: The position (x, y in m) in the frame map. Near means within `NEARBY_DISTANCE`.
     """
     row, col = map.cell(*position)
-    reach = round(NEARBY / map.resolution)
+    reach = round(NEARBY_DISTANCE / map.resolution)
     # Whether a cell is in the mask depends on its neighbours, and on walls near them.
     size = reach + 1 + WALL_CELLS
     low_row, low_col = max(0, row - size), max(0, col - size)

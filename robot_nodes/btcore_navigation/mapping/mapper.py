@@ -71,8 +71,8 @@ class Mapper:
 
     Without recent odometry the pose is unknown. When the odometry arrives again, the robot may have been
     moved, or the odometry may have started anew. Either the robot has stood since, or it has moved as the
-    odometry reports; the match with the previous key scans decides. If neither pose matches, the mapper is
-    `is_searching` until a later scan matches.
+    odometry reports; the match with the previous key scans decides. If neither pose matches, `is_searching`
+    is True until a later scan matches.
 
     With each scan the transform from `map` to `odom` is published in *tree*. A mapper has the same
     attributes as a `Localiser`, so that navigation can use either.
