@@ -179,12 +179,9 @@ class DryRun(NodeCreator):
 
     def _record_script(self, node_plan: NodePlan, attribute: str, text: str, draft: SubtreeDraft) -> None:
         document, board = draft.document, draft.subtree.blackboard
-        self._recorded += [
-            EntryUse(
-                use.access, use.name, board, document, node_plan, attribute, use.column, None, use.statement
-            )
-            for use in find_name_uses(text, self.enums)
-        ]
+        for use in find_name_uses(text, self.enums):
+            place = (board, document, node_plan, attribute, use.column)
+            self._recorded.append(EntryUse(use.access, use.name, *place, statement=use.statement))
 
     def create_scope(self, node_plan: NodePlan, call: SubtreeCall, draft: SubtreeDraft) -> Blackboard:
         """Return the blackboard of the called tree, and record the entries that the call uses."""
