@@ -18,6 +18,7 @@ from btcore.errors import BlackboardError
 from btcore.fixes import Fix
 from btcore.lint.possible_results import is_built_in
 from btcore.loading.instantiate import NodeCreator, SubtreeDraft
+from btcore.names import names_in
 from btcore.registry.manifest import Manifest
 from btcore.registry.nodes_without_code import is_mock
 from btcore.script.expressions import Assignment
@@ -173,7 +174,7 @@ class DryRun(NodeCreator):
         if declared is None:
             self.has_untracked_writes = True
             return
-        for key in filter(None, map(str.strip, declared.split(","))):
+        for key in names_in(declared):
             if key not in manifest.ports:
                 self._recorded.append(EntryUse(AccessKind.WRITES, key, board, draft.document, node_plan, ""))
 
