@@ -58,3 +58,8 @@ def model_port_name_error(name: str) -> str:
 def is_port_name(name: str) -> bool:
     """Return whether *name* is a valid port name in format 4."""
     return not port_name_error(name)
+
+
+def names_in(text: str) -> list[str]:
+    """Return the names in a text, which commas separate."""
+    return [name for part in text.split(",") if (name := part.strip())]

@@ -18,6 +18,7 @@ from btcore.errors import BlackboardError
 from btcore.fixes import Fix
 from btcore.lint.possible_results import is_built_in
 from btcore.loading.instantiate import NodeCreator, SubtreeDraft
+from btcore.names import names_in
 from btcore.registry.manifest import Manifest
 from btcore.registry.nodes_without_code import is_mock
 from btcore.script.expressions import Assignment
@@ -173,18 +174,15 @@ class DryRun(NodeCreator):
         if declared is None:
             self.has_untracked_writes = True
             return
-        for key in filter(None, map(str.strip, declared.split(","))):
+        for key in names_in(declared):
             if key not in manifest.ports:
                 self._recorded.append(EntryUse(AccessKind.WRITES, key, board, draft.document, node_plan, ""))
 
     def _record_script(self, node_plan: NodePlan, attribute: str, text: str, draft: SubtreeDraft) -> None:
         document, board = draft.document, draft.subtree.blackboard
-        self._recorded += [
-            EntryUse(
-                use.access, use.name, board, document, node_plan, attribute, use.column, None, use.statement
-            )
-            for use in find_name_uses(text, self.enums)
-        ]
+        for use in find_name_uses(text, self.enums):
+            place = (board, document, node_plan, attribute, use.column)
+            self._recorded.append(EntryUse(use.access, use.name, *place, statement=use.statement))
 
     def create_scope(self, node_plan: NodePlan, call: SubtreeCall, draft: SubtreeDraft) -> Blackboard:
         """Return the blackboard of the called tree, and record the entries that the call uses."""

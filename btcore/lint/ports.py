@@ -71,7 +71,8 @@ def check_ignored_attributes(node: NodePlan, reporter: NodeReporter) -> None:
 @lru_cache(maxsize=64)  # every node of a file that btcore or Groot wrote may have the same attributes
 def _similar_attribute(key: str, is_subtree: bool) -> str | None:
     """Return the name of the condition, script or option of a SubTree that *key* probably means."""
-    return nearest_name(key, sorted([*SCRIPT_ATTRIBUTES, *(["_autoremap"] if is_subtree else [])]))
+    names = [*SCRIPT_ATTRIBUTES, "_autoremap"] if is_subtree else SCRIPT_ATTRIBUTES
+    return nearest_name(key, sorted(names))
 
 
 def check_missing_ports(node: NodePlan, reporter: NodeReporter) -> None:

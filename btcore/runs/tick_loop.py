@@ -115,9 +115,8 @@ class TickLoop:
         while end is None:
             if self.is_paused and not self._is_done:
                 self.trees[0].context.wait_real_time(POLL_INTERVAL_S)
-                self.schedule.due = max(
-                    self.schedule.due, self._clock.now()
-                )  # no tick of the pause is missed
+                # No tick of the pause is missed.
+                self.schedule.due = max(self.schedule.due, self._clock.now())
             elif trees := self._take_due_trees():
                 try:
                     self._tick(trees, end_statuses, on_tick)
@@ -131,7 +130,7 @@ class TickLoop:
             else:
                 was_replaced = reloader is not None and reloader.reload()
                 if not was_replaced:
-                    end = self._wait(reloader is not None)
+                    end = self._wait(polls=reloader is not None)
             end = end or self._find_end()
         if self._error is not None:
             raise self._error

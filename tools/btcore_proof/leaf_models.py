@@ -16,6 +16,7 @@ from btcore.engine.leaf import Condition, SyncAction
 from btcore.engine.node import TreeNode
 from btcore.engine.node_spec import declared_fields
 from btcore.errors import BtcoreError, ConversionError
+from btcore.names import names_in
 from btcore.registry.manifest import Manifest
 from btcore.registry.mock_leaves import MockCondition
 from btcore.registry.resources import is_tree_resource
@@ -177,7 +178,7 @@ def _narrow(model: LeafModel, declared: Mapping[str, Any], place: str) -> LeafMo
 def _names(value: object, place: str, key: str) -> list[str]:
     """Return a list of names, which may be given as a text with commas."""
     if isinstance(value, str):
-        return [name.strip() for name in value.split(",") if name.strip()]
+        return names_in(value)
     if isinstance(value, list) and all(isinstance(name, str) for name in value):
         return value
     raise ModelError(f"{place}: {key} is a list of names, not {value!r}")

@@ -451,9 +451,7 @@ class TreePlanner:
             hint = f"to use the blackboard entry, write {{{name}}}"
             fixes += (SetValue(f"{{{name}}}"),)
         message = f"the port '{port.name}' of <{node_plan.id}> has the type {port.type.name}: {error}"
-        self._report(
-            INCONVERTIBLE_TEXT, message, node_plan.element, attribute=port.name, hint=hint, fixes=fixes
-        )
+        self._report(INCONVERTIBLE_TEXT, message, node_plan.element, hint, fixes, attribute=port.name)
 
     # --- SubTree elements
 

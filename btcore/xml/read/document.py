@@ -1,4 +1,4 @@
-"""A document, and what the stages of loading collect: the diagnostics about its elements."""
+"""A document, and the diagnostics that the stages of loading collect about documents."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence, Sized
@@ -16,7 +16,6 @@ from btcore.xml.read.element import Element, ElementPart
 if TYPE_CHECKING:
     # Imported where it is used: a correct document with one-line tags does not need it.
     from btcore.xml.read.positions import SourceMap
-
 
 MAX_COMPARISONS: Final = 50_000
 """Maximum number of comparisons of misspelt names with known names in a stage; each takes about 30 µs."""

@@ -40,9 +40,19 @@ class SourceSpan(NamedTuple):
         # Without a marked attribute, the problem is about those that are missing.
         missing = (name for fix in fixes if isinstance(fix, SetAttributes) for name, _ in fix.values)
         attributes = (attribute,) if attribute else tuple(dict.fromkeys(missing))
-        place = (file, line, column)
-        marked = (source, width, tuple(fixes))
-        return Diagnostic(code, message, *place, hint, *marked, attributes=attributes, characters=characters)
+        return Diagnostic(
+            code,
+            message,
+            file,
+            line,
+            column,
+            hint,
+            source,
+            width,
+            tuple(fixes),
+            attributes=attributes,
+            characters=characters,
+        )
 
 
 class LineIndex:
