@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from btcore_ros2.robot.ros_robot import RosRobot
     from btcore_ros2.session import RosSession
 
+AGREEMENT_S = 60
+"""Equal times differ by less than this (s), also on a slow machine. The tests shift clocks by more."""
 HERE = Path(__file__).parent
 
 

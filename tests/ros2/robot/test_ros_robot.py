@@ -20,7 +20,7 @@ from btcore_ros2.robot.ros_robot import RosRobot
 from btcore_ros2.session import RosSession
 from btcore_scene import SceneSource
 from tests.ros2.conftest import LIMIT_S
-from tests.ros2.robot.conftest import DESCRIPTION, PARTS, PointRobotProcess, describe
+from tests.ros2.robot.conftest import AGREEMENT_S, DESCRIPTION, PARTS, PointRobotProcess, describe
 
 
 def wait_for(robot: RosRobot, condition: Callable[[], object]) -> None:
@@ -55,7 +55,7 @@ def test_head_torso_camera_sonar_and_battery(
     battery = robot.battery()
     assert battery is not None
     assert battery.level == 75.0
-    assert 0 <= robot.clock.now() - battery.stamp < LIMIT_S * NS_PER_S
+    assert 0 <= robot.clock.now() - battery.stamp < AGREEMENT_S * NS_PER_S
 
 
 def test_command_expires_without_a_new_command(

@@ -25,7 +25,7 @@ from btcore_ros2.session import RosSession
 from btcore_ros2.tree_server import TreeServer
 from tests.ros2.action_client import ClientProcess
 from tests.ros2.conftest import LIMIT_S, wait_until
-from tests.ros2.robot.conftest import PointRobotProcess, describe, drive_until_error, stopped
+from tests.ros2.robot.conftest import AGREEMENT_S, PointRobotProcess, describe, drive_until_error, stopped
 
 TREES = """<root BTCPP_format="4">
     <BehaviorTree ID="Endless"><Repeat num_cycles="-1"><Sleep msec="10"/></Repeat></BehaviorTree>
@@ -115,7 +115,7 @@ def test_simulation_that_is_paused_goes_on(
     finally:
         end.join()
     assert "the robot stands until it advances again" in caplog.text
-    assert before < robot.clock.now() < before + LIMIT_S * NS_PER_S
+    assert before < robot.clock.now() < before + AGREEMENT_S * NS_PER_S
     assert stopped(process, session)
 
 
@@ -176,8 +176,8 @@ def test_tree_server_survives_resets_and_pauses_of_the_simulation(
             assert status == GoalStatus.STATUS_ABORTED
             assert "/clock jumped back by " in result["return_message"]
             assert client.result(send("Rest"))[0] == GoalStatus.STATUS_SUCCEEDED
-            assert before <= robot.clock.now() < before + LIMIT_S * NS_PER_S
-            assert abs(robot.odometry().stamp - robot.clock.now()) < LIMIT_S * NS_PER_S
+            assert before <= robot.clock.now() < before + AGREEMENT_S * NS_PER_S
+            assert abs(robot.odometry().stamp - robot.clock.now()) < AGREEMENT_S * NS_PER_S
             process.send(silent=["/clock"], shift=0)
             # By the silent clock, or before by stamps that jump back to the earlier shift.
             assert wait_until(lambda: caplog.text.count(waiting) == 2 or not thread.is_alive())
