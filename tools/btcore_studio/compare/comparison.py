@@ -38,7 +38,7 @@ class Difference(Data, frozen=True):
         tree: The ID of the tree, for which `compare` can be called; "" for the rest of the document.
         id: The ID of the node. Elements outside of trees have their tag, trees "BehaviorTree".
         name: The name of the node.
-        count: The number of nodes that were added or removed with it.
+        count: The number of added or removed nodes: the node itself and those below it.
         attributes: The changed attributes.
         spots: If the node was moved, its place in both versions.
         old: The indices of the nodes in the drawing of the old version. The first is the node itself, unless
@@ -63,7 +63,7 @@ class Comparison(Data, frozen=True):
     Attributes:
         trees: The IDs of the trees that can be shown.
         tree: The ID of the shown tree, or "" if there is none.
-        old: The drawing of the old version; None if it has not the tree.
+        old: The drawing of the old version; None if it lacks the tree.
         new: The drawing of the new version.
         broken: For each version, why its text is not XML, or "".
         pairs: The indices of each node that both drawings show.
