@@ -10,7 +10,7 @@ from typing import Final, Literal
 
 from btcore.xml.define import TreeDefinition
 from btcore.xml.read.element import Element
-from btcore_studio.compare.matching import TREE, Matching, attributes_of, node_id
+from btcore_studio.compare.matching import TREE, Matching, attributes_of, node_id, nodes_of
 from btcore_studio.language.drawing import draw_document, shown_tree
 from btcore_studio.language.project import Project, SourceDocument
 from btcore_studio.language.studio_protocol import Data, DocumentIdentifier, Drawing, DrawingParams, Place
@@ -123,14 +123,10 @@ class _Version:
                 continue
             self.trees[id] = tree
             self.top.children.append(tree.element)
-            pending = [tree.element]
-            while pending:
-                element = pending.pop()
+            for element in nodes_of(tree.element):
                 self.tree_of[element] = tree
                 self.order[element] = len(self.order)
-                children = element.node_children()
-                self.parents.update(dict.fromkeys(children, element))
-                pending += reversed(children)
+                self.parents.update(dict.fromkeys(element.node_children(), element))
 
     def draw(self, project: Project, tree: TreeDefinition | None) -> None:
         self.drawing, self._drawn = None, defaultdict(list)
