@@ -147,7 +147,7 @@ def draw_diagram(
     Args:
         format: The format of the tree, 3 or 4.
         card_of: Returns the card of a node.
-        is_page: Whether the page has `drawing_style()`, and the cards need no numbers.
+        is_page: Whether it is for a page, which has `drawing_style()` and writes the numbers of the cards.
     """
     nodes: list[DiagramNode] = []
     cards: list[Card] = []
@@ -261,7 +261,7 @@ def _edge(line: Line, x: float, y: float) -> str:
     """Return the path of an edge with round corners, relative to (x, y).
 
     Args:
-        line: Horizontal and vertical lines.
+        line: The ends of horizontal and vertical lines, which follow one another.
     """
     path, last = f"m{line[0][0] - x:.1f} {line[0][1] - y:.1f}", len(line) - 2
     turn_x = turn_y = 0.0

@@ -32,7 +32,7 @@ class RobotState(NamedTuple):
 
     Attributes:
         connection: "waiting", "connected", "lost" or "ended".
-        detail: A sentence about the connection, at the end with the result of the tree.
+        detail: A sentence about the connection; after the end of the run, also the result of the tree.
         nodes: The nodes of the tree in pre-order.
         trees: The ID of the called tree by the uid of each SubTree node.
         statuses: The number of the status of each node by its uid.

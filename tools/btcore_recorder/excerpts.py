@@ -195,9 +195,10 @@ class _Shrinking:
             return False
         done = list(self._rerun.done)
         # The recording of this run must fail in the same way: it may lack events of nodes without ticks.
-        if self._rerun.run(done) != failure:
-            return False
+        again = self._rerun.run(done)
         self._left -= self._rerun.cost
+        if again != failure:
+            return False
         self._failure, self._steps = failure, done
         return True
 

@@ -52,7 +52,7 @@ Line = list[Any]
 Results = tuple[tuple[str, int, str], ...]
 """The lines of results. Many ticks have the same as the tick before: forms of files keep their text."""
 WrittenLine = Line | Results
-"""What a form of files writes."""
+"""What a form of files writes: a line, or the lines of results."""
 
 _INPUTS: Final[dict[str, Any]] = {
     "result": Result,

@@ -10,7 +10,7 @@ from typing import Final, Literal
 
 from btcore.xml.define import TreeDefinition
 from btcore.xml.read.element import Element
-from btcore_studio.compare.matching import TREE, Matching, attributes_of, node_id
+from btcore_studio.compare.matching import TREE, Matching, attributes_of, node_id, nodes_of
 from btcore_studio.language.drawing import draw_document, shown_tree
 from btcore_studio.language.project import Project, SourceDocument
 from btcore_studio.language.studio_protocol import Data, DocumentIdentifier, Drawing, DrawingParams, Place
@@ -38,7 +38,7 @@ class Difference(Data, frozen=True):
         tree: The ID of the tree, for which `compare` can be called; "" for the rest of the document.
         id: The ID of the node. Elements outside of trees have their tag, trees "BehaviorTree".
         name: The name of the node.
-        count: The number of nodes that were added or removed with it.
+        count: The number of added or removed nodes: the node itself and those below it.
         attributes: The changed attributes.
         spots: If the node was moved, its place in both versions.
         old: The indices of the nodes in the drawing of the old version. The first is the node itself, unless
@@ -63,7 +63,7 @@ class Comparison(Data, frozen=True):
     Attributes:
         trees: The IDs of the trees that can be shown.
         tree: The ID of the shown tree, or "" if there is none.
-        old: The drawing of the old version; None if it has not the tree.
+        old: The drawing of the old version; None if it lacks the tree.
         new: The drawing of the new version.
         broken: For each version, why its text is not XML, or "".
         pairs: The indices of each node that both drawings show.
@@ -123,14 +123,10 @@ class _Version:
                 continue
             self.trees[id] = tree
             self.top.children.append(tree.element)
-            pending = [tree.element]
-            while pending:
-                element = pending.pop()
+            for element in nodes_of(tree.element):
                 self.tree_of[element] = tree
                 self.order[element] = len(self.order)
-                children = element.node_children()
-                self.parents.update(dict.fromkeys(children, element))
-                pending += reversed(children)
+                self.parents.update(dict.fromkeys(element.node_children(), element))
 
     def draw(self, project: Project, tree: TreeDefinition | None) -> None:
         self.drawing, self._drawn = None, defaultdict(list)

@@ -36,6 +36,15 @@ def attributes_of(element: Element) -> dict[str, str]:
     return {name: text for name, text in attributes.items() if name != "ID"}
 
 
+def nodes_of(top: Element) -> Iterator[Element]:
+    """Yield an element and those below it, in document order."""
+    pending = [top]
+    while pending:
+        element = pending.pop()
+        yield element
+        pending += reversed(element.node_children())
+
+
 class Matching:
     """The nodes that two versions have in common.
 
@@ -53,7 +62,7 @@ class Matching:
     def __init__(self, old: Element, new: Element) -> None:
         self.new_of: dict[Element, Element] = {}
         self.old_of: dict[Element, Element] = {}
-        self._old_order, self._new_order = list(_nodes(old)), list(_nodes(new))
+        self._old_order, self._new_order = list(nodes_of(old)), list(nodes_of(new))
         self._old_parents, self._new_parents = _parents(self._old_order), _parents(self._new_order)
         self._contents = _contents([*self._old_order, *self._new_order])
         self._pair(old, new)
@@ -74,7 +83,7 @@ class Matching:
         if self._contents[old] != self._contents[new]:
             self._pair(old, new)
             return
-        for first, second in zip(_nodes(old), _nodes(new), strict=True):
+        for first, second in zip(nodes_of(old), nodes_of(new), strict=True):
             if first not in self.new_of and second not in self.old_of:
                 self._pair(first, second)
 
@@ -183,15 +192,6 @@ class Matching:
         for siblings in kept.values():
             moved.update(_out_of_order(siblings, [ranks[self.old_of[element]] for element in siblings]))
         return moved
-
-
-def _nodes(top: Element) -> Iterator[Element]:
-    """Yield an element and those below it, in document order."""
-    pending = [top]
-    while pending:
-        element = pending.pop()
-        yield element
-        pending += reversed(element.node_children())
 
 
 def _parents(order: Iterable[Element]) -> dict[Element, Element]:

@@ -27,7 +27,7 @@ from btcore_drawing.folding import fold
 from btcore_drawing.node_card import Card, card_of
 from btcore_drawing.svg import DrawnCard, diagram_to_svg, draw_diagram
 from btcore_studio.edit.tree_editor import is_disabled
-from btcore_studio.language.node_keys import diagram_keys, diagram_nodes
+from btcore_studio.language.node_keys import diagram_nodes, keyed_nodes, node_keys
 from btcore_studio.language.project import Project, SourceDocument
 from btcore_studio.language.studio_protocol import (
     Drawing,
@@ -66,7 +66,7 @@ def draw_document(project: Project, source: SourceDocument, params: DrawingParam
     if root is None:
         return Drawing(id, format, "", [], {}, tree_summaries(reading), reading.broken)
     nodes = diagram_nodes(root)
-    keys = diagram_keys(nodes, params.call)
+    keys = node_keys(keyed_nodes(nodes), params.call)
     children = {node.uid: [child.uid for child in node.children] for node, _ in nodes}
     hidden: dict[int, int] = {}
     if params.folded or len(nodes) > MAX_CARDS:

@@ -199,6 +199,11 @@ class _Draft:
         return TreeEditor(self.reading.document.source_map.scan if is_read else scan(self.text))
 
     @cached_property
+    def lines(self) -> LineIndex:
+        """The lines of the present text."""
+        return LineIndex(self.text)
+
+    @cached_property
     def source(self) -> SourceDocument:
         """The document after the operation."""
         before = self.reading.source
@@ -232,7 +237,7 @@ class _Draft:
 
     def marks(self, diagnostic: Diagnostic) -> bool:
         """Return whether a diagnostic about the present text marks the tag of an element to select."""
-        at = self._offset_of(diagnostic, LineIndex(self.text))
+        at = self._offset_of(diagnostic, self.lines)
         return at is not None and any(
             start <= at < self.element_at(start).start_tag_end for start in self.selected
         )
@@ -261,9 +266,10 @@ class _Draft:
                 places.add((item.code, item.where))
             elif not any(edit.start <= at < edit.end for edit in self.edits):
                 places.add((item.code, offset_after(self.edits, at)))
-        index = LineIndex(self.text)
         return [
-            item for item in found if (item.code, self._offset_of(item, index) or item.where) not in places
+            item
+            for item in found
+            if (item.code, self._offset_of(item, self.lines) or item.where) not in places
         ]
 
     def _offset_of(self, item: Diagnostic, index: LineIndex) -> int | None:
@@ -277,7 +283,7 @@ class _Draft:
         self.selected = [offset_after(edits, offset) for offset in self.selected]
         self.edits = compose_edits(self.edits, edits)
         self.text = apply_edits(self.text, edits)
-        for made in ("editor", "source"):
+        for made in ("editor", "lines", "source"):
             self.__dict__.pop(made, None)
 
     def apply_and_select(self, edits: Sequence[Edit], made: Edit) -> None:
@@ -728,8 +734,8 @@ class _Operation:
         """Refuse a new default that is not a value of its port's type."""
         nodes = draft.reading.nodes
         directions = {name: direction for direction, name in DIRECTIONS.items()}
+        written = before.children if before is not None else []
         for number, port in enumerate(command.ports):
-            written = before.children if before is not None else []
             is_written = any(
                 item.get("name") == port.name and is_port(item, port, draft.text) for item in written
             )
@@ -877,9 +883,9 @@ class _Operation:
         attribute = command.name if isinstance(command, SetAttribute) else ""
         problems: dict[str, Problem] = {}
         for draft in self._drafts.values():
-            after = read_trees(self._project, draft.source)
             if draft.reading.broken or not draft.edits:
                 continue
+            after = read_trees(self._project, draft.source)
             is_large = after.size > MAX_PREVIEWED
             found = _found_in(after, is_large)
             new = draft.new(found, partial(_found_in, draft.reading, is_large))

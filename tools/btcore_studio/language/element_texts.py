@@ -70,9 +70,9 @@ def new_element(reading: TreeReading, id: str) -> NewElement:
 
 
 def _is_reported(manifest: Manifest, port: Port) -> bool:
-    """Return whether there is a warning if the value is missing, which is rather a constant than a key."""
-    is_other = port.role in KEY_ROLES or port.role in LOAD_TIME_ROLES
-    return port.direction is Direction.IN and not is_other and not is_mock(manifest.cls)
+    """Return whether a missing value of the port causes a warning. Its value is usually not a key."""
+    is_value = port.role not in KEY_ROLES and port.role not in LOAD_TIME_ROLES
+    return port.direction is Direction.IN and is_value and not is_mock(manifest.cls)
 
 
 def _new_text(port: Port) -> str:

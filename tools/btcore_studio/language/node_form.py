@@ -126,7 +126,7 @@ class _Form:
                 direction=DIRECTIONS[port.direction],
                 type=type_name(port.type),
                 default=port.default,
-                # A model does not tell whether the node works without an output: most nodes do.
+                # A model does not declare whether the node works without an output: most nodes do.
                 is_required=is_mandatory(self._manifest, port) and (port.reads or not is_modelled),
                 about=port.description,
                 choices=() if is_script else self._choices(port),

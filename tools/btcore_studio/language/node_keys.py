@@ -64,18 +64,8 @@ def diagram_nodes(root: DiagramNode) -> list[tuple[DiagramNode, int]]:
     return nodes
 
 
-def diagram_keys(nodes: Iterable[tuple[DiagramNode, int]], call: str = "") -> dict[int, str]:
-    """Return the key of each node in the result of `diagram_nodes`, by its number.
-
-    Args:
-        nodes: The nodes.
-        call: As in `node_keys`.
-    """
-    return node_keys(keyed_nodes(nodes), call)
-
-
 def keyed_nodes(nodes: Iterable[tuple[DiagramNode, int]]) -> list[KeyedNode]:
-    """Return what the keys of drawn nodes depend on."""
+    """Return the result of `diagram_nodes` for `node_keys`."""
     return [
         KeyedNode(node.uid, parent, node.id, node.name, node.type is NodeType.SUBTREE)
         for node, parent in nodes

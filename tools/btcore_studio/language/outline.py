@@ -167,9 +167,9 @@ def _kind(nodes: Registry, format: int, element: ScannedElement) -> SymbolKind:
 
 def _names(symbols: ProjectSymbols, uri: str) -> Iterator[tuple[str, SymbolKind, str, ScannedAttribute]]:
     """Yield (name, kind, name of the container, place of the name) of each symbol of a file."""
-    file, document = symbols.files[uri], symbols.documents[uri]
+    file = symbols.files[uri]
     nodes, format = symbols.registry, file.format
-    name_of_file = document.path.name if document.path is not None else uri
+    name_of_file = symbols.file_name(uri)
     for tree in file.trees:
         attribute = tree.element.attribute("ID")
         if attribute is not None and tree.id:

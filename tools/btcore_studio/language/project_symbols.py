@@ -166,11 +166,14 @@ class ProjectSymbols:
         """Return the models of a node in all files."""
         return self._models.get((id, False), [])
 
+    def file_name(self, file: str) -> str:
+        """Return the name of a file, or the URI of a document that is not a file."""
+        path = self.documents[file].path
+        return path.name if path is not None else file
+
     def place(self, file: str, offset: int) -> str:
         """Return the name of a file and the line of an offset, for messages."""
-        document = self.documents[file]
-        name = document.path.name if document.path is not None else document.uri
-        return f"{name}:{document.positions.line(offset) + 1}"
+        return f"{self.file_name(file)}:{self.documents[file].positions.line(offset) + 1}"
 
     def nodes(self, id: str) -> Iterator[tuple[str, ScannedElement]]:
         """Yield (file, element) for each node with this ID in the trees of all files."""

@@ -237,8 +237,9 @@ def _check_new_key(symbols: ProjectSymbols, use: KeyUse, new_name: str) -> None:
         tokens = lexer.tokenize(new_name)
         is_name = tokens[0].type == lexer.NAME and tokens[0].width == len(new_name)
         if not is_name or new_name in enums:
+            place = symbols.place(use.file, use.start)
             raise RenameError(
-                f"'{new_name}' is not a name in scripts, and {_place_of(symbols, use)} uses the key: "
+                f"'{new_name}' is not a name in scripts, and {place} uses the key: "
                 "use ASCII letters, digits and '_'"
             )
     elif use.form is KeyForm.ATTRIBUTE or use.form is KeyForm.MODEL:
@@ -248,14 +249,10 @@ def _check_new_key(symbols: ProjectSymbols, use: KeyUse, new_name: str) -> None:
         if not error and file.format == 3 and new_name in ("__autoremap", "__shared_blackboard"):
             error = "this attribute is reserved"
         if error:
-            place = _place_of(symbols, use)
+            place = symbols.place(use.file, use.start)
             raise RenameError(f"'{new_name}' is not valid as an attribute, which {place} needs: {error}")
     elif new_name == "=" or not set("{}").isdisjoint(new_name):
         raise RenameError(f"'{new_name}' is not a key: '=' and braces have another meaning")
-
-
-def _place_of(symbols: ProjectSymbols, use: KeyUse) -> str:
-    return symbols.place(use.file, use.start)
 
 
 # --- trees
@@ -280,14 +277,9 @@ def _rename_tree(
     for file in {file for file, *_ in places}:
         for other_file in symbols.files_of_tree(new_name, file):
             if other_file in symbols.visible_files(file):
-                raise RenameError(f"{_name_of(symbols, other_file)} names a tree '{new_name}' already")
+                raise RenameError(f"{symbols.file_name(other_file)} names a tree '{new_name}' already")
     text = _escaped(new_name)
     return [(file, Edit(attribute.value_start, attribute.value_end, text)) for file, attribute, _ in places]
-
-
-def _name_of(symbols: ProjectSymbols, file: str) -> str:
-    path = symbols.documents[file].path
-    return path.name if path is not None else file
 
 
 # --- nodes

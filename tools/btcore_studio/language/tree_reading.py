@@ -141,11 +141,6 @@ class TreeReading:
         """The errors and warnings about the document and its includes, as far as the nodes are known."""
         return validate_plans(self.plans, given=self._given)
 
-    def position(self, document: Document, offset: int) -> Position:
-        """Return the position of an offset in the text of one of the documents."""
-        # The text of a document has no byte order mark.
-        return self.files[document].position(offset)
-
     def element_at(self, position: Position) -> ScannedElement | None:
         """Return the element of the document that begins at a position, or None."""
         offset = self.source.positions.offset_at(position.line, position.character)
@@ -179,8 +174,8 @@ class TreeReading:
 
     def place(self, document: Document, element: Element) -> Place:
         """Return the place of an element in one of the documents."""
-        start = document.source_map.scanned(element).start
-        return Place(self.files[document].uri, self.position(document, start))
+        source = self.files[document]
+        return Place(source.uri, source.position(document.source_map.scanned(element).start))
 
 
 def no_node_error(position: Position) -> EditError:

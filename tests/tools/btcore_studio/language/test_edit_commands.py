@@ -99,11 +99,15 @@ class Page:
 
 def edits_of(source: SourceDocument, result: EditResult) -> list[Edit]:
     """Return the edits of the one document that an operation changes."""
-    changes = result.edit.changes.get(source.uri, [])
     assert result.edit.changes.keys() <= {source.uri}
+    return edits_in(source, result)
+
+
+def edits_in(source: SourceDocument, result: EditResult) -> list[Edit]:
+    """Return the edits of a document."""
     return [
         Edit(offset_in(source, item.range.start), offset_in(source, item.range.end), item.new_text)
-        for item in changes
+        for item in result.edit.changes.get(source.uri, [])
     ]
 
 
@@ -506,14 +510,7 @@ def test_a_node_type_and_its_ports_are_renamed_in_all_files(
     target = PalettePort("target", "in", "", "", "")
     renaming = protocol.SetModel(URI, "Drive", "Action", [target], "Go", {"goal": "target"})
     result = compute_edit(shown.project, renaming)
-    texts = [shown.source, other]
-    after = []
-    for text in texts:
-        changes = result.edit.changes[text.uri]
-        offset = text.positions.offset
-        after.append(apply_edits(text.text, [
-            Edit(offset(edit.range.start), offset(edit.range.end), edit.new_text) for edit in changes
-        ]))  # fmt: skip
+    after = [apply_edits(source.text, edits_in(source, result)) for source in (shown.source, other)]
     named = shown.text.replace('goal="{=}"', 'target="{goal}"').replace("Go", "Drive")
     assert after[0] == named.replace('name="goal"', 'name="target"')
     assert after[1] == other.text.replace("Go", "Drive").replace("goal", "target")
