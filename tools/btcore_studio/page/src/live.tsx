@@ -12,10 +12,6 @@ export const statuses = ["IDLE", "RUNNING", "SUCCESS", "FAILURE", "SKIPPED"];
 const MAX_ENTRIES = 500;
 const DEFAULT_ADDRESS = "tcp://127.0.0.1:1667";
 
-const keys = signal<readonly string[]>([]);
-const calls = signal<readonly RunningCall[]>([]);
-/** The index of each node of the running tree in the digits of its state, by key. */
-export const liveIndex = computed(() => new Map(keys.value.map((key, index) => [key, index] as const)));
 const isOver = (state: Live | null) => state?.connection === "ended" || state?.connection === "lost";
 /** Whether the text has changed since the run ended. Its statuses are then those of another tree. */
 const isOutdated = signal(false);
@@ -28,11 +24,13 @@ export function noteChange(): void {
   if (isOver(live.peek())) isOutdated.value = true;
 }
 
-effect(() => {
-  const state = live.value;
-  if (state?.connection && state.keys && !isOutdated.value) [keys.value, calls.value] = [state.keys, state.calls ?? []];
-  else if (state) [keys.value, calls.value] = [[], []];
-});
+/** The running tree, or the last state of a run whose text is still the same. */
+const shownRun = computed(() => live.value?.connection && !isOutdated.value ? live.value : null);
+const NONE: readonly never[] = [];
+const keys = computed<readonly string[]>(() => shownRun.value?.keys ?? NONE);
+const calls = computed<readonly RunningCall[]>(() => shownRun.value?.calls ?? NONE);
+/** The index of each node of the running tree in the digits of its state, by key. */
+export const liveIndex = computed(() => new Map(keys.value.map((key, index) => [key, index] as const)));
 
 /** The running calls of the shown tree. */
 const ownCalls = computed(() => calls.value.filter((item) => item.tree === (tree.value ?? drawing.value?.tree)));
