@@ -4,7 +4,7 @@ import "./tree.css";
 import { useEffect, useRef } from "preact/hooks";
 import { followPointers } from "./drag";
 import { backTo } from "./files";
-import { type Action, actionOf, type Direction, isForPage, neighbour, type PageAction } from "./keyboard";
+import { type Action, actionOf, type Direction, isForPage, keyOf, neighbour, type PageAction } from "./keyboard";
 import { CallChoice, durationOf, liveIndex, notes } from "./live";
 import { Help, Menu } from "./menu";
 import { ModelForm } from "./model_form";
@@ -172,7 +172,7 @@ function isField(event: Event): boolean {
 function followKeys(shown: View): () => void {
   const down = (event: KeyboardEvent) => {
     if (isField(event) || event.defaultPrevented || event.isComposing) return;
-    const action = actionOf({ key: event.key, ctrl: event.ctrlKey || event.metaKey, shift: event.shiftKey, alt: event.altKey });
+    const action = actionOf(keyOf(event));
     if (!action) return;
     const target = event.target instanceof Element ? event.target : null;
     // A click beside a field of the form must not make typed letters operations.
