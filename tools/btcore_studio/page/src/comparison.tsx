@@ -3,6 +3,7 @@
 import "./comparison.css";
 import { batch, computed, type ReadonlySignal, signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
+import { ZoomButtons } from "./canvas";
 import { isConnected } from "./home";
 import { actionOf, keyOf, neighbour } from "./keyboard";
 import { distance } from "./picture";
@@ -10,9 +11,8 @@ import type { Change, Comparison, Difference, Drawing } from "./protocol";
 import { actions, reasonOf } from "./state";
 import { comparisonTexts, texts, treeTexts } from "./texts";
 import { Themes } from "./toolbar";
-import { CHANGE_SIGNS, View } from "./view";
+import { CHANGE_SIGNS, followWheel, View, ZOOM_STEP } from "./view";
 
-const ZOOM_STEP = 1.25;
 const MAX_LISTED = 500;
 const MAX_TEXT = 400;
 const CHANGES: readonly Change[] = ["added", "removed", "moved", "changed"];
@@ -141,6 +141,9 @@ function fit(isReadable: boolean): void {
   if (zooms.length) leader().zoomTo(Math.min(...zooms));
 }
 
+/** Zoom both pictures by a factor. */
+const zoom = (factor: number) => leader().zoomTo((leader().view?.zoom ?? 1) * factor);
+
 /** Select a node in both pictures. The picture of the other side follows that of *side*. */
 function select(side: Side, index: number, partner: number, isRevealing: boolean): void {
   batch(() => {
@@ -204,19 +207,15 @@ function followMouse(side: Side, frame: HTMLElement): () => void {
   const click = (event: MouseEvent) => {
     if (!press?.isPan) selectNode(side, side.view!.nodeAt(event.target));
   };
-  const wheel = (event: WheelEvent) => {
-    if (!event.ctrlKey && !event.metaKey) return;
-    event.preventDefault();
-    side.zoomTo(side.view!.zoom * Math.exp(-event.deltaY / 300), event.clientX, event.clientY);
-  };
   const scroll = () => side.scrolled();
   frame.addEventListener("pointerdown", down);
   frame.addEventListener("click", click);
-  frame.addEventListener("wheel", wheel, { passive: false });
+  const unfollowWheel = followWheel(frame, (factor, x, y) => side.zoomTo(side.view!.zoom * factor, x, y));
   frame.addEventListener("scroll", scroll, { passive: true });
   addEventListener("pointermove", move);
   addEventListener("pointerup", up);
   return () => {
+    unfollowWheel();
     removeEventListener("pointermove", move);
     removeEventListener("pointerup", up);
   };
@@ -228,12 +227,11 @@ function followKeys(event: KeyboardEvent): void {
   const action = actionOf(keyOf(event));
   const page = action && "page" in action ? action.page : "";
   const side = sides.find(({ view }) => view?.frame.contains(target));
-  const zoom = leader().view?.zoom ?? 1;
   const isPlain = !event.ctrlKey && !event.metaKey && !event.altKey;
   if (isPlain && event.key === "n") step(1);
   else if (isPlain && event.key === "p") step(-1);
-  else if (page === "larger") leader().zoomTo(zoom * ZOOM_STEP);
-  else if (page === "smaller") leader().zoomTo(zoom / ZOOM_STEP);
+  else if (page === "larger") zoom(ZOOM_STEP);
+  else if (page === "smaller") zoom(1 / ZOOM_STEP);
   else if (page === "fit") fit(false);
   else if (side && action && "select" in action) {
     const { structure } = side.view!;
@@ -344,7 +342,6 @@ export function ComparisonPage({ versions }: { versions: readonly [string, strin
   }, []);
   const shown = comparison.value;
   const all = shown?.differences ?? [];
-  const zoom = (factor: number) => leader().zoomTo((leader().view?.zoom ?? 1) * factor);
   return (
     <>
       <header>
@@ -362,9 +359,7 @@ export function ComparisonPage({ versions }: { versions: readonly [string, strin
         <output>{all[chosen.value] && comparisonTexts.position(chosen.value, all.length, all[chosen.value]!)}</output>
         <span class="space" />
         <div class="group" role="group" aria-label={treeTexts.zoom}>
-          <button title={treeTexts.zoomOut} aria-label={treeTexts.zoomOut} onClick={() => zoom(1 / ZOOM_STEP)}>−</button>
-          <button title={treeTexts.fitTitle} onClick={() => fit(false)}>{treeTexts.fit}</button>
-          <button title={treeTexts.zoomIn} aria-label={treeTexts.zoomIn} onClick={() => zoom(ZOOM_STEP)}>+</button>
+          <ZoomButtons zoom={zoom} fit={() => fit(false)} />
         </div>
         <Themes />
       </header>

@@ -9,6 +9,7 @@ import { comparisonTexts, treeTexts } from "./texts";
 import { inOrder, Structure } from "./tree";
 
 const SVG = "http://www.w3.org/2000/svg";
+export const ZOOM_STEP = 1.25;
 const MIN_ZOOM = 0.08;
 const MAX_ZOOM = 3;
 /** Below this zoom the texts of many cards cannot be read, and are not drawn. */
@@ -606,6 +607,18 @@ function hatching(): SVGElement {
   return draw("defs", {},
     draw("pattern", { id: "hatch", width: 8, height: 8, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" },
       draw("rect", { class: "hatch-back", width: 8, height: 8 }), draw("rect", { class: "hatch-line", width: 2.4, height: 8 })));
+}
+
+/** Call *zoom* when the wheel turns while Ctrl is down. Return a function that ends it. */
+export function followWheel(frame: HTMLElement, zoom: (factor: number, clientX: number, clientY: number) => void): () => void {
+  const wheel = (event: WheelEvent) => {
+    if (!event.ctrlKey && !event.metaKey) return;
+    event.preventDefault();
+    zoom(Math.exp(-event.deltaY / 300), event.clientX, event.clientY);
+  };
+  // Preact adds wheel listeners as passive ones in some browsers.
+  frame.addEventListener("wheel", wheel, { passive: false });
+  return () => frame.removeEventListener("wheel", wheel);
 }
 
 /** The view of the page; null before the canvas exists. */
