@@ -7,6 +7,7 @@ import { statuses, statusOf } from "./live";
 import { edit, openTree, run } from "./operations";
 import { SIGNS, Symbol } from "./palette";
 import { usePreview } from "./preview";
+import { hintOf, messageOf } from "./problems";
 import { modelForm } from "./quick_state";
 import type { Command, Diagnostic, DrawnNode, Field, NodeForm, Problem } from "./protocol";
 import { actions, diagnostics, drawing, live, palette, problemsByKey, selectedNode, selectedNodes, start } from "./state";
@@ -203,10 +204,9 @@ function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; pr
       {field.choices.length > 0 && <datalist id={`${id}-choices`}>{field.choices.map((choice) => <option key={choice} value={choice} />)}</datalist>}
       {read !== undefined && read !== text && <output class="value">= {read}</output>}
       {wrote !== undefined && wrote !== read && <output class="value">→ {wrote}</output>}
-      {shown.length > 0 && <p class="errors" id={`${id}-errors`}>{shown.map((problem) => {
-        const [found, ...hint] = problem.message.split("\n");
-        return <span key={problem.message} class={problem.severity === 1 ? "error" : "warning"}>{found} <em>{hint.join(" ")}</em></span>;
-      })}</p>}
+      {shown.length > 0 && <p class="errors" id={`${id}-errors`}>{shown.map((problem) => (
+        <span key={problem.message} class={problem.severity === 1 ? "error" : "warning"}>{messageOf(problem)} <em>{hintOf(problem)}</em></span>
+      ))}</p>}
       {field.about && <p class={`about ${isFocused.value ? "" : "folded"}`} id={`${id}-about`}>{plain(field.about)}</p>}
     </div>
   );

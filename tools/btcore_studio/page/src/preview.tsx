@@ -2,6 +2,7 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useMemo } from "preact/hooks";
+import { messageOf } from "./problems";
 import type { Command, Problem } from "./protocol";
 import { actions, reasonOf, start } from "./state";
 import { texts } from "./texts";
@@ -54,7 +55,7 @@ export function usePreview(): [Outlook | null, (make: Making | null) => void] {
 export function warningOf(outlook: Outlook | null): string {
   if (!outlook) return "";
   const [first, ...others] = outlook.problems;
-  return outlook.refusal || (first ? texts.wouldAdd(first.severity === 1, first.message.split("\n", 1)[0]!, others.length) : "");
+  return outlook.refusal || (first ? texts.wouldAdd(first.severity === 1, messageOf(first), others.length) : "");
 }
 
 export const levelOf = (outlook: Outlook | null): "error" | "warning" =>

@@ -76,8 +76,9 @@ const isBefore = (a: Position, b: Position) => a.line < b.line || (a.line === b.
 const isWithin = ({ uri, position }: Place, { place, end }: DrawnNode) =>
   place.uri === uri && isBefore(place.position, position) && isBefore(position, end);
 
-export const isSamePlace = (a: Place | undefined, b: Place | undefined): boolean => a !== undefined && b !== undefined
-  && a.uri === b.uri && a.position.line === b.position.line && a.position.character === b.position.character;
+export const isSamePosition = (a: Position, b: Position): boolean => a.line === b.line && a.character === b.character;
+export const isSamePlace = (a: Place | undefined, b: Place | undefined): boolean =>
+  a !== undefined && b !== undefined && a.uri === b.uri && isSamePosition(a.position, b.position);
 
 /** Return the drawn nodes of the innermost element around a place. A tree that is called several times is drawn several times. */
 function nodesAround(place: Place): DrawnNode[] {
