@@ -135,8 +135,8 @@ class Drag {
     focusPicture();
     const { source, target, isCopy, view } = this;
     if (!isDropped || !target) return;
-    // The places are those of the present picture; what follows waits.
     if ("item" in source) noteUse(source.item.id);
+    // The places are those of the present picture; what follows waits.
     const dropped = commandOf(source, target, isCopy, view).then((command) => command && edit(command), showError);
     inTurn(() => dropped);
   }

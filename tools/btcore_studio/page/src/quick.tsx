@@ -18,9 +18,8 @@ import { focusPicture, view } from "./view";
 const MAX_SHOWN = 60;
 
 export function Quick() {
-  const isAsking = prompt.value !== null;
   const mode = quick.value?.mode;
-  if (isAsking) return <Prompt key={prompt.value!.refused} />;
+  if (prompt.value) return <Prompt key={prompt.value.refused} />;
   return mode ? <Chooser key={mode} mode={mode} /> : null;
 }
 
@@ -70,11 +69,11 @@ function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
   const matches = search(words.value, sorted, (item) => item.id, (item) => isRecent(item) ? 2 : 0).slice(0, MAX_SHOWN);
   const chosenItem = matches[Math.min(at.value, matches.length - 1)]?.item;
   const places = mode === "insert" ? wheres(chosenItem?.kind) : [];
-  const place = where.value && places.includes(where.value) ? where.value : places[0];
+  const wanted = where.value && places.includes(where.value) ? where.value : null;
+  const place = wanted ?? places[0];
   const accept = (item: PaletteItem | undefined) => {
     if (!item) return;
     noteUse(item.id);
-    const wanted = where.value && places.includes(where.value) ? where.value : null;
     close();
     applyType(mode, item, wanted);
   };
