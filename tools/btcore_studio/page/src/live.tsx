@@ -4,7 +4,7 @@ import { computed, effect, signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { release } from "./announcer";
 import type { Live, RunningCall } from "./protocol";
-import { actions, drawing, files, live, message, nodesByKey, showError, start, tree, uri } from "./state";
+import { actions, drawing, live, message, nodesByKey, showError, shownFile, start, tree, uri } from "./state";
 import { treeTexts } from "./texts";
 import { fileName } from "./toolbar";
 
@@ -120,7 +120,7 @@ export function RunHint() {
   const isLive = start.value?.live && !start.value.recording;
   const state = live.value;
   if (!isLive || !uri.value || (state?.connection && state.connection !== "waiting")) return null;
-  const name = files.value.find((file) => file.uri === uri.value)?.name ?? fileName(uri.value);
+  const name = shownFile.value?.name ?? fileName(uri.value);
   const command = `btcore run ${/^[\w./-]+$/.test(name) ? name : `"${name}"`} --publish groot2`;
   const copy = () => navigator.clipboard.writeText(command).then(() => { message.value = treeTexts.commandCopied; }, showError);
   return (

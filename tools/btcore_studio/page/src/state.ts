@@ -20,6 +20,9 @@ export const selection = signal<readonly string[]>([]);
 export const diagnostics = signal<ReadonlyMap<string, readonly Diagnostic[]>>(new Map());
 /** The files of the folder. */
 export const files = signal<readonly SharedFile[]>([]);
+/** The file of the shown document, if it is in the folder. */
+export const shownFile = computed(() => files.value.find((file) => file.uri === uri.value));
+
 const ANNOUNCED_MS = 5000;
 /** What screen readers read, each item once. */
 export const announcements = signal<readonly { id: number; text: string }[]>([]);
