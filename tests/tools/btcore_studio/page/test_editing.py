@@ -388,7 +388,7 @@ def test_an_edit_says_before_which_problem_it_adds(edit: Callable[[str], Editor]
     editor.select("greet")
     editor.press("Shift+F10")
     page.get_by_role("menuitem", name=re.compile("^Delete")).focus()
-    page.locator(".menu .outlook", has_text=warning).wait_for()
+    page.locator(".menu .preview", has_text=warning).wait_for()
     editor.press("Escape")
     start, rest = editor.box("greet"), editor.box("rest")
     page.mouse.move(start["x"] + 12, start["y"] + 12)
@@ -396,7 +396,7 @@ def test_an_edit_says_before_which_problem_it_adds(edit: Callable[[str], Editor]
     page.mouse.move(start["x"] + 30, start["y"] + 20, steps=4)
     page.locator(".ghost.refused", has_text="cannot be moved into itself").wait_for(state="attached")
     page.mouse.move(rest["x"] + rest["width"] + 5, rest["y"] + 10, steps=4)
-    page.locator(".ghost .outlook", has_text=warning).wait_for(state="attached")
+    page.locator(".ghost .preview", has_text=warning).wait_for(state="attached")
     editor.press("Escape")
     page.mouse.up()
     # A name that is taken is refused while it is typed.

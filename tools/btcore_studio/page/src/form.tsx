@@ -145,21 +145,21 @@ function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; pr
   const id = `field-${field.name}`;
   const own = useMemo(() => problems.filter(({ data }) => data?.attributes.includes(field.name)), [problems]);
   /** The problems of what is typed, until those of the file are known. */
-  const [outlook, look] = usePreview();
-  const looked = useRef("");
+  const [preview, requestPreview] = usePreview();
+  const previewed = useRef("");
   const published = diagnostics.value.get(node.place.uri);
-  useEffect(() => look(null), [published]);
-  const isLooked = outlook !== null && looked.current === typed.value;
-  const refused: Problem[] = isLooked && outlook.refusal ? [{ severity: 1, message: outlook.refusal }] : [];
-  const shown = isLooked ? [...refused, ...outlook.problems] : own;
+  useEffect(() => requestPreview(null), [published]);
+  const isPreviewed = preview !== null && previewed.current === typed.value;
+  const refused: Problem[] = isPreviewed && preview.refusal ? [{ severity: 1, message: preview.refusal }] : [];
+  const shown = isPreviewed ? [...refused, ...preview.problems] : own;
   const isWrong = shown.some(({ severity }) => severity === 1);
-  const marks = typed.value === null ? [] : marksOf(typed.value, isLooked ? typed.value : text, field.name, shown);
+  const marks = typed.value === null ? [] : marksOf(typed.value, isPreviewed ? typed.value : text, field.name, shown);
   const setting = (value: string): Command =>
     ({ kind: "set", node: node.place, name: field.name, text: value === "" && !field.isRequired ? null : value });
   const write = (value: string) => {
     typed.value = value;
-    looked.current = value;
-    look(value === text ? null : () => setting(value));
+    previewed.current = value;
+    requestPreview(value === text ? null : () => setting(value));
   };
   const commit = () => {
     const { value, dataset } = input.current!;

@@ -1,6 +1,6 @@
 // What can be done with the selected nodes: the same list for keys, the menu and the help.
 
-import type { Making } from "./preview";
+import type { MakeCommand } from "./preview";
 import type { Command, DrawnNode, EditResult, PaletteItem, Place } from "./protocol";
 import { release } from "./announcer";
 import { chooseCall, toggleBreakpoints } from "./live";
@@ -23,7 +23,7 @@ export interface Operation {
   /** Return why the operation is not possible, or "". */
   refusal: () => string;
   /** Return what `run` does, or why it is not possible; absent if `run` asks something first, or changes no text. */
-  command?: Making;
+  command?: MakeCommand;
   run: () => unknown;
 }
 

@@ -82,8 +82,8 @@ function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
     close();
     modelForm.value = { item: null, id };
   };
-  const [outlook, look] = usePreview();
-  useEffect(() => look(chosenItem ? () => commandOf(mode, chosenItem, place) : null), [chosenItem, place]);
+  const [preview, requestPreview] = usePreview();
+  useEffect(() => requestPreview(chosenItem ? () => commandOf(mode, chosenItem, place) : null), [chosenItem, place]);
   const key = (event: KeyboardEvent) => {
     const step = { ArrowDown: 1, ArrowUp: -1, PageDown: 8, PageUp: -8 }[event.key];
     const isAtPlaces = (event.target as Element).closest(".wheres") !== null;
@@ -132,7 +132,7 @@ function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
         {!matches.length && <li class="none">{treeTexts.noneFound}</li>}
       </ul>
       {!matches.length && words.value.trim() && <button type="button" onClick={createType}>{treeTexts.newModelOf(words.value.trim())}</button>}
-      <Warning outlook={outlook} />
+      <Warning preview={preview} />
       {chosenItem?.about && <p class="about">{firstSentence(plain(chosenItem.about))}</p>}
       {places.length > 1 && (
         <div class="wheres" role="radiogroup" aria-label={treeTexts.where}>
@@ -154,7 +154,7 @@ function Prompt() {
   const { ref } = usePlace();
   const asked = prompt.value!;
   const { label, value, command, refused } = asked;
-  const [outlook, look] = usePreview();
+  const [preview, requestPreview] = usePreview();
   // Keys that follow at once are for the field.
   useLayoutEffect(() => { ref.current?.querySelector("input")?.select(); }, []);
   const key = (event: KeyboardEvent) => {
@@ -176,10 +176,10 @@ function Prompt() {
     <div class="popup prompt" ref={ref} role="dialog" aria-label={label}>
       <label>{label}<input
         defaultValue={refused?.text ?? value} spellcheck={false} aria-describedby={refused && "refusal"} aria-invalid={Boolean(refused)} onKeyDown={key} onBlur={() => { prompt.value = null; }}
-        onInput={(event) => { const text = event.currentTarget.value.trim(); look(text === value ? null : () => command(text)); }}
+        onInput={(event) => { const text = event.currentTarget.value.trim(); requestPreview(text === value ? null : () => command(text)); }}
       /></label>
       {refused && <p class="error" id="refusal" role="alert">{refused.reason}</p>}
-      <Warning outlook={outlook} />
+      <Warning preview={preview} />
     </div>
   );
 }
