@@ -17,7 +17,7 @@ export function Announcer() {
 
 // --- problems
 
-/** Why the picture is not that of the present text, or "". */
+/** Why the picture does not show the present text, or "". */
 export const notice = signal("");
 let timer = 0;
 let isWaiting = false;

@@ -144,7 +144,7 @@ function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; pr
   }, [text]);
   const id = `field-${field.name}`;
   const own = useMemo(() => problems.filter(({ data }) => data?.attributes.includes(field.name)), [problems]);
-  /** The problems of what is typed, until those of the file are known. */
+  /** The problems of the typed text, until the problems of the file are known. */
   const [preview, requestPreview] = usePreview();
   const previewed = useRef("");
   const published = diagnostics.value.get(node.place.uri);

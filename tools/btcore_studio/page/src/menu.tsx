@@ -9,7 +9,7 @@ import { start } from "./state";
 import { treeTexts } from "./texts";
 import { focusPicture } from "./view";
 
-/** Reasons of most operations, which are shown for one at a time. */
+/** Reasons that many operations share. They are shown only at the item that has the focus or the pointer. */
 const GENERAL: ReadonlySet<string> = new Set([treeTexts.refusal.readOnly, treeTexts.refusal.noSelection]);
 
 export function Menu() {

@@ -22,7 +22,7 @@ export interface Operation {
   group: "edit" | "clipboard" | "move" | "tree" | "view";
   /** Return why the operation is not possible, or "". */
   refusal: () => string;
-  /** Return what `run` does, or why it is not possible; absent if `run` asks something first, or changes no text. */
+  /** Return what `run` does, or why it is not possible; absent if `run` opens a popup, or changes no text. */
   command?: MakeCommand;
   run: () => unknown;
 }
@@ -171,7 +171,7 @@ function pasting(xml: string): Command | string {
   return at ? { kind: "paste", ...at, xml: xml.trim() } : treeTexts.refusal.noPlace;
 }
 
-/** Paste XML at the cursor; without a text, that of the clipboard. */
+/** Paste XML at the cursor; by default the text of the clipboard. */
 export async function paste(xml?: string): Promise<void> {
   await perform(pasting(xml ?? await navigator.clipboard.readText().catch(() => copied)));
 }
