@@ -32,6 +32,9 @@ TREE = """<root BTCPP_format="4" main_tree_to_execute="Round">
   </BehaviorTree>
 </root>
 """
+# The name, the label or the text of the element with the focus.
+FOCUSED = """(element => element === document.body ? 'body'
+  : element.name || element.ariaLabel || element.textContent)(document.activeElement)"""
 
 
 @dataclass

@@ -14,6 +14,7 @@ from btcore import Registry, bundled_trees
 from btcore.testing import Harness, Outcomes, with_mock_leaves
 from btcore.xml.read.read import parse_file
 from btcore_studio.convert.convert import convert
+from tests.tools.btcore_studio.page.conftest import FOCUSED
 
 WAIT_S = 60.0
 TREE = (
@@ -116,9 +117,8 @@ class Editor:
 
     @property
     def focused(self) -> str:
-        """The label or the text of the element with the focus."""
-        script = "element => element.name || element.ariaLabel || element.textContent"
-        return str(self.page.evaluate(f"() => ({script})(document.activeElement)"))
+        """The name, the label or the text of the element with the focus."""
+        return str(self.page.evaluate(FOCUSED))
 
     @property
     def is_in_form(self) -> bool:

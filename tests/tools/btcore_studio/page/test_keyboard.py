@@ -1,11 +1,11 @@
-"""The page with the keyboard alone, and what a screen reader gets of it."""
+"""The page with the keyboard alone, and what screen readers announce."""
 
 import json
 import time
 from pathlib import Path
 from typing import Any
 
-from tests.tools.btcore_studio.page.conftest import FIRST_CHECK_MS, TREE, OpenPage, StartStudio
+from tests.tools.btcore_studio.page.conftest import FIRST_CHECK_MS, FOCUSED, TREE, OpenPage, StartStudio
 
 WAIT_S = 30.0
 HEARD = """() => {
@@ -14,8 +14,6 @@ HEARD = """() => {
     for (const { addedNodes } of records) for (const node of addedNodes) heard.push(node.textContent);
   }).observe(document.querySelector("[aria-live]"), { childList: true });
 }"""
-FOCUSED = """(element => element === document.body ? 'body' : element.ariaLabel || element.textContent)(
-  document.activeElement)"""
 
 
 def open_tree(folder: Path, start_studio: StartStudio, open_page: OpenPage, **options: Any) -> Any:
