@@ -5,7 +5,7 @@ import type { Command, DrawnNode, EditResult, PaletteItem, Place } from "./proto
 import { release } from "./announcer";
 import { chooseCall, toggleBreakpoints } from "./live";
 import { actions, drawing, live, message, reasonOf, refuse, selection, start, tree as shownTree } from "./state";
-import { modelForm, prompt, quick } from "./quick_state";
+import { modelForm, prompt, quick, type QuickMode } from "./quick_state";
 import { canWrap, placeOfTree, type Structure } from "./tree";
 import { treeTexts } from "./texts";
 import { view } from "./view";
@@ -101,7 +101,7 @@ export function cursor(): number {
 }
 
 /** Return the command that does something with a node type at the cursor, or why it is not possible. */
-export function commandOf(mode: "insert" | "wrap" | "type", { id, kind }: PaletteItem, wanted: Where | null = null): Command | string {
+export function commandOf(mode: QuickMode, { id, kind }: PaletteItem, wanted: Where | null = null): Command | string {
   if (start.value?.readOnly) return treeTexts.refusal.readOnly;
   if (mode === "type") return { kind: "change_type", node: node(cursor()).place, id };
   const where = mode === "wrap" ? "around" : wanted ?? wheres(kind)[0];
@@ -111,7 +111,7 @@ export function commandOf(mode: "insert" | "wrap" | "type", { id, kind }: Palett
 }
 
 /** Do something with a node type at the cursor: by default in the best place. */
-export function applyType(mode: "insert" | "wrap" | "type", item: PaletteItem, wanted: Where | null = null): void {
+export function applyType(mode: QuickMode, item: PaletteItem, wanted: Where | null = null): void {
   inTurn(() => perform(commandOf(mode, item, wanted)));
 }
 

@@ -9,7 +9,7 @@ import { Highlighted, Symbol } from "./palette";
 import { usePreview, Warning } from "./preview";
 import { plain } from "./markdown";
 import type { NodeForm, PaletteItem } from "./protocol";
-import { modelForm, prompt, quick } from "./quick_state";
+import { modelForm, prompt, quick, type QuickMode } from "./quick_state";
 import { actions, message, palette, selectedNode } from "./state";
 import { canWrap } from "./tree";
 import { treeTexts } from "./texts";
@@ -49,7 +49,7 @@ function close(): void {
   focusPicture();
 }
 
-function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
+function Chooser({ mode }: { mode: QuickMode }) {
   const { ref } = usePlace();
   const words = useSignal("");
   const at = useSignal(0);
