@@ -288,7 +288,7 @@ function editable(address: string): vscode.Uri {
   return uri;
 }
 
-/** Open a document as one of the language server. */
+/** Open a document, and give it the language of the language server. */
 async function openTree(uri: vscode.Uri): Promise<void> {
   const document = await vscode.workspace.openTextDocument(uri);
   if (document.languageId !== LANGUAGE) await vscode.languages.setTextDocumentLanguage(document, LANGUAGE);

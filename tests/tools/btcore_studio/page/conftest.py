@@ -17,9 +17,24 @@ from btcore_studio.page_server import server
 
 FIRST_CHECK_MS = 30_000  # the first check of a page starts a process
 STRANGE = re.compile(r"Failed to load resource|WebSocket connection")
-
-
 AXE = Path(__file__).parents[4] / "tools/btcore_studio/page/node_modules/axe-core/axe.min.js"
+TREE = """<root BTCPP_format="4" main_tree_to_execute="Round">
+  <!-- A robot on its round 🤖 -->
+  <BehaviorTree ID="Round">
+    <Sequence name="round">
+      <Script code="speed := 0.5"/>
+      <SubTree ID="Refill"/>
+      <Sleep msec="10"/>
+    </Sequence>
+  </BehaviorTree>
+  <BehaviorTree ID="Refill">
+    <AlwaysSuccess name="dock"/>
+  </BehaviorTree>
+</root>
+"""
+# The name, the label or the text of the element with the focus.
+FOCUSED = """(element => element === document.body ? 'body'
+  : element.name || element.ariaLabel || element.textContent)(document.activeElement)"""
 
 
 @dataclass
@@ -29,6 +44,10 @@ class Studio:
     process: subprocess.Popen[str]
     url: str
     folder: Path
+
+
+StartStudio = Callable[..., Studio]
+OpenPage = Callable[..., Any]
 
 
 @contextmanager
@@ -45,7 +64,7 @@ def running_studio(folder: Path, *arguments: str) -> Iterator[Studio]:
 
 
 @pytest.fixture
-def start_studio() -> Iterator[Callable[..., Studio]]:
+def start_studio() -> Iterator[StartStudio]:
     """Return a function that starts the studio in a folder; skip the test if the page is not built."""
     if server.built_page() is None:
         # Continuous integration builds it.
@@ -55,7 +74,7 @@ def start_studio() -> Iterator[Callable[..., Studio]]:
 
 
 @pytest.fixture
-def open_page(browser: Any) -> Iterator[Callable[..., Any]]:
+def open_page(browser: Any) -> Iterator[OpenPage]:
     """Return a function that opens the page of a studio. Errors of a page fail the test."""
     errors: list[str] = []
     contexts: list[Any] = []

@@ -1,10 +1,9 @@
 """The page of `btcore studio --compare` in Chromium."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from tests.tools.btcore_studio.page.conftest import Studio, accessibility_violations
+from tests.tools.btcore_studio.page.conftest import OpenPage, StartStudio, accessibility_violations
 
 HOSTILE = "&lt;img src=x onerror=hacked=1>"
 PARTS = "".join(f'<Parallel name="part {number}"><AlwaysSuccess/></Parallel>' for number in range(9))
@@ -27,7 +26,7 @@ NEW = (
 
 
 def test_differences_are_marked_and_listed_and_both_pictures_follow(
-    tmp_path: Path, start_studio: Callable[..., Studio], open_page: Callable[..., Any]
+    tmp_path: Path, start_studio: StartStudio, open_page: OpenPage
 ) -> None:
     (tmp_path / "old").mkdir()
     (tmp_path / "old/tree.xml").write_text(OLD, encoding="utf-8")

@@ -14,6 +14,7 @@ from btcore import Registry, bundled_trees
 from btcore.testing import Harness, Outcomes, with_mock_leaves
 from btcore.xml.read.read import parse_file
 from btcore_studio.convert.convert import convert
+from tests.tools.btcore_studio.page.conftest import FOCUSED
 
 WAIT_S = 60.0
 TREE = (
@@ -116,9 +117,8 @@ class Editor:
 
     @property
     def focused(self) -> str:
-        """The label or the text of the element with the focus."""
-        script = "element => element.name || element.ariaLabel || element.textContent"
-        return str(self.page.evaluate(f"() => ({script})(document.activeElement)"))
+        """The name, the label or the text of the element with the focus."""
+        return str(self.page.evaluate(FOCUSED))
 
     @property
     def is_in_form(self) -> bool:
@@ -388,7 +388,7 @@ def test_an_edit_says_before_which_problem_it_adds(edit: Callable[[str], Editor]
     editor.select("greet")
     editor.press("Shift+F10")
     page.get_by_role("menuitem", name=re.compile("^Delete")).focus()
-    page.locator(".menu .outlook", has_text=warning).wait_for()
+    page.locator(".menu .preview", has_text=warning).wait_for()
     editor.press("Escape")
     start, rest = editor.box("greet"), editor.box("rest")
     page.mouse.move(start["x"] + 12, start["y"] + 12)
@@ -396,7 +396,7 @@ def test_an_edit_says_before_which_problem_it_adds(edit: Callable[[str], Editor]
     page.mouse.move(start["x"] + 30, start["y"] + 20, steps=4)
     page.locator(".ghost.refused", has_text="cannot be moved into itself").wait_for(state="attached")
     page.mouse.move(rest["x"] + rest["width"] + 5, rest["y"] + 10, steps=4)
-    page.locator(".ghost .outlook", has_text=warning).wait_for(state="attached")
+    page.locator(".ghost .preview", has_text=warning).wait_for(state="attached")
     editor.press("Escape")
     page.mouse.up()
     # A name that is taken is refused while it is typed.

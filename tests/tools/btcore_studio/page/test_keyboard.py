@@ -1,38 +1,19 @@
-"""The page with the keyboard alone, and what a screen reader gets of it."""
+"""The page with the keyboard alone, and what screen readers announce."""
 
 import json
 import time
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from tests.tools.btcore_studio.page.conftest import FIRST_CHECK_MS, Studio
+from tests.tools.btcore_studio.page.conftest import FIRST_CHECK_MS, FOCUSED, TREE, OpenPage, StartStudio
 
-StartStudio = Callable[..., Studio]
-OpenPage = Callable[..., Any]
 WAIT_S = 30.0
-
-TREE = """<root BTCPP_format="4" main_tree_to_execute="Round">
-  <BehaviorTree ID="Round">
-    <Sequence name="round">
-      <Script code="speed := 0.5"/>
-      <SubTree ID="Refill"/>
-      <Sleep msec="10"/>
-    </Sequence>
-  </BehaviorTree>
-  <BehaviorTree ID="Refill">
-    <AlwaysSuccess name="dock"/>
-  </BehaviorTree>
-</root>
-"""
 HEARD = """() => {
   window.heard = [];
   new MutationObserver((records) => {
     for (const { addedNodes } of records) for (const node of addedNodes) heard.push(node.textContent);
   }).observe(document.querySelector("[aria-live]"), { childList: true });
 }"""
-FOCUSED = """(element => element === document.body ? 'body' : element.ariaLabel || element.textContent)(
-  document.activeElement)"""
 
 
 def open_tree(folder: Path, start_studio: StartStudio, open_page: OpenPage, **options: Any) -> Any:

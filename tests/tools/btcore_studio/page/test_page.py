@@ -1,36 +1,25 @@
 """The studio's page in Chromium: the text, undo over all edits, problems, files, and two pages at once."""
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from tests.tools.btcore_studio.page.conftest import FIRST_CHECK_MS, Studio, accessibility_violations
+from tests.tools.btcore_studio.page.conftest import (
+    FIRST_CHECK_MS,
+    TREE,
+    OpenPage,
+    StartStudio,
+    accessibility_violations,
+)
 
-StartStudio = Callable[..., Studio]
-OpenPage = Callable[..., Any]
-
-TREE = """<root BTCPP_format="4" main_tree_to_execute="Round">
-  <!-- A robot on its round 🤖 -->
-  <BehaviorTree ID="Round">
-    <Sequence name="round">
-      <Script code="speed := 0.5"/>
-      <SubTree ID="Refill"/>
-      <Sleep msec="10"/>
-    </Sequence>
-  </BehaviorTree>
-  <BehaviorTree ID="Refill">
-    <AlwaysSucces name="dock"/>
-  </BehaviorTree>
-</root>
-"""
-CRLF = TREE.replace("AlwaysSucces ", "AlwaysSuccess ").replace("\n", "\r\n")
+MISSPELLED = TREE.replace("AlwaysSuccess ", "AlwaysSucces ")
+CRLF = TREE.replace("\n", "\r\n")
 
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    (tmp_path / "tree.xml").write_bytes(TREE.encode())
+    (tmp_path / "tree.xml").write_bytes(MISSPELLED.encode())
     (tmp_path / "other.xml").write_bytes(CRLF.encode())
     return tmp_path
 
@@ -70,11 +59,11 @@ def test_fix_is_a_button_and_one_step_of_undo(
     line(page, "<AlwaysSuccess ").wait_for()
     page.locator(".problems", has_text="No errors or warnings").wait_for()
     save(page)
-    assert content(folder) == TREE.replace("AlwaysSucces ", "AlwaysSuccess ")
+    assert content(folder) == TREE
     page.keyboard.press("Control+z")
     page.locator(".problems .error", has_text="E101").wait_for()
     save(page)
-    assert content(folder) == TREE
+    assert content(folder) == MISSPELLED
     page.keyboard.press("Control+y")
     line(page, "<AlwaysSuccess ").wait_for()
     assert page.locator("header .tag").inner_text() == "unsaved"
@@ -98,11 +87,11 @@ def test_pages_share_their_edits_but_not_undo(
     node(other, "dock").wait_for(state="detached")
     undo_all(page)
     save(page)
-    assert content(folder) == TREE.replace("<Script", "<!-- other --><Script")
+    assert content(folder) == MISSPELLED.replace("<Script", "<!-- other --><Script")
     other.bring_to_front()
     undo_all(other)
     save(other)
-    assert content(folder) == TREE
+    assert content(folder) == MISSPELLED
 
 
 def test_picture_stays_while_the_text_is_broken(
@@ -264,7 +253,7 @@ def test_read_only_studio_changes_nothing(
     page.keyboard.press("Delete")
     assert line(page, '<Sleep msec="10"/>').is_visible()
     assert page.locator(".group button", has_text="Save").is_disabled()
-    assert content(folder) == TREE
+    assert content(folder) == MISSPELLED
 
 
 def test_end_of_the_process_is_explained(
@@ -308,7 +297,7 @@ def test_edits_without_a_connection_arrive_later(
     save(page)
     context.close()
     assert len(sockets) == 3
-    assert content(folder) == TREE.replace('msec="10"/>', 'msec="10"/><!-- 1 --><!-- 2 --><!-- 3 -->')
+    assert content(folder) == MISSPELLED.replace('msec="10"/>', 'msec="10"/><!-- 1 --><!-- 2 --><!-- 3 -->')
 
 
 @pytest.mark.parametrize(

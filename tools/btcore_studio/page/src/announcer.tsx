@@ -1,7 +1,7 @@
 // What screen readers read of the whole page, in one live region: messages, problems, opened trees and the running tree.
 
 import { effect, signal, untracked } from "@preact/signals";
-import { checked } from "./problems";
+import { checked, messageOf } from "./problems";
 import type { Diagnostic } from "./protocol";
 import { actions, announce, announcements, diagnostics, drawing, live, message, nodesByKey, showError, uri } from "./state";
 import { texts, treeTexts } from "./texts";
@@ -17,7 +17,7 @@ export function Announcer() {
 
 // --- problems
 
-/** Why the picture is not that of the present text, or "". */
+/** Why the picture does not show the present text, or "". */
 export const notice = signal("");
 let timer = 0;
 let isWaiting = false;
@@ -58,7 +58,7 @@ function report(): void {
   const items = [...diagnostics.peek().values()].flat();
   const errors = items.filter(({ severity }) => severity === 1).length;
   const summary = texts.problemSummary(errors, items.length - errors);
-  const parts = first ? [texts.newProblem(first.severity === 1, first.message.split("\n", 1)[0]!)] : [];
+  const parts = first ? [texts.newProblem(first.severity === 1, messageOf(first))] : [];
   // The error of a broken text changes with each character.
   if (notice.peek() && !spokenNotice && !first) parts.push(notice.peek());
   spokenNotice = notice.peek() !== "";

@@ -4,7 +4,7 @@ import "./tree.css";
 import { useEffect, useRef } from "preact/hooks";
 import { followPointers } from "./drag";
 import { backTo } from "./files";
-import { type Action, actionOf, type Direction, isForPage, neighbour, type PageAction } from "./keyboard";
+import { type Action, actionOf, type Direction, isForPage, keyOf, neighbour, type PageAction } from "./keyboard";
 import { CallChoice, durationOf, liveIndex, notes } from "./live";
 import { Help, Menu } from "./menu";
 import { ModelForm } from "./model_form";
@@ -14,9 +14,7 @@ import { help, menu } from "./quick_state";
 import { drawing, selection, start, uri } from "./state";
 import { step } from "./timeline";
 import { treeTexts } from "./texts";
-import { draw, focusPicture, found, query, View, view } from "./view";
-
-const ZOOM_STEP = 1.25;
+import { draw, focusPicture, followWheel, found, query, View, view, ZOOM_STEP } from "./view";
 
 /** The picture of the tree, and what opens above it. */
 export function Canvas() {
@@ -25,18 +23,16 @@ export function Canvas() {
     const shown = new View(frame.current!);
     view.value = shown;
     if (document.activeElement === document.body && document.hasFocus()) focusPicture();
-    const ends = [followPointers(shown, (index, event) => click(shown, index, event)), followKeys(shown), showDurations(shown)];
+    const ends = [
+      followPointers(shown, (index, event) => click(shown, index, event)), followKeys(shown), showDurations(shown),
+      followWheel(shown.frame, (factor, x, y) => shown.zoomTo(shown.zoom * factor, x, y)),
+    ];
     return () => {
       for (const end of ends) end();
       shown.close();
       view.value = null;
     };
   }, []);
-  const wheel = (event: WheelEvent) => {
-    if (!event.ctrlKey && !event.metaKey) return;
-    event.preventDefault();
-    view.value?.zoomTo(view.value.zoom * Math.exp(-event.deltaY / 300), event.clientX, event.clientY);
-  };
   const contextMenu = (event: MouseEvent) => {
     event.preventDefault();
     const shown = view.value!;
@@ -52,12 +48,6 @@ export function Canvas() {
     if (node.calls) openTree(node);
     else run("rename");
   };
-  // Preact adds wheel listeners as passive ones in some browsers.
-  useEffect(() => {
-    const element = frame.current!;
-    element.addEventListener("wheel", wheel, { passive: false });
-    return () => element.removeEventListener("wheel", wheel);
-  }, []);
   return (
     <section class="canvas-pane" aria-label={treeTexts.picture}>
       <div
@@ -99,6 +89,16 @@ function EmptyTree() {
   );
 }
 
+export function ZoomButtons({ zoom, fit }: { zoom: (factor: number) => void; fit: () => void }) {
+  return (
+    <>
+      <button title={treeTexts.zoomOut} aria-label={treeTexts.zoomOut} onClick={() => zoom(1 / ZOOM_STEP)}>−</button>
+      <button title={treeTexts.fitTitle} onClick={fit}>{treeTexts.fit}</button>
+      <button title={treeTexts.zoomIn} aria-label={treeTexts.zoomIn} onClick={() => zoom(ZOOM_STEP)}>+</button>
+    </>
+  );
+}
+
 /** Search and zoom. */
 function Controls() {
   const keys = found.value;
@@ -108,9 +108,8 @@ function Controls() {
   };
   const searchKey = (event: KeyboardEvent) => {
     if (event.key === "Enter") { event.preventDefault(); go(event.shiftKey ? -1 : 1); }
-    if (event.key === "Escape") { query.value = ""; view.value?.frame.focus(); }
+    if (event.key === "Escape") { query.value = ""; focusPicture(); }
   };
-  const zoom = (factor: number) => view.value?.zoomTo(view.value.zoom * factor);
   return (
     <>
       <div class="canvas-search">
@@ -121,9 +120,7 @@ function Controls() {
         <output>{query.value.trim() && (keys.length ? `${at + 1}/${keys.length}` : treeTexts.noneFound)}</output>
       </div>
       <div class="canvas-controls" role="group" aria-label={treeTexts.zoom}>
-        <button title={treeTexts.zoomOut} aria-label={treeTexts.zoomOut} onClick={() => zoom(1 / ZOOM_STEP)}>−</button>
-        <button title={treeTexts.fitTitle} onClick={() => view.value?.fit()}>{treeTexts.fit}</button>
-        <button title={treeTexts.zoomIn} aria-label={treeTexts.zoomIn} onClick={() => zoom(ZOOM_STEP)}>+</button>
+        <ZoomButtons zoom={(factor) => view.value?.zoomTo(view.value.zoom * factor)} fit={() => view.value?.fit()} />
         <button title={treeTexts.foldTitle} onClick={() => view.value?.foldSubtrees()}>{treeTexts.fold}</button>
         <button title={treeTexts.unfoldTitle} onClick={() => view.value?.unfoldAll()}>{treeTexts.unfold}</button>
         <button title={treeTexts.helpTitle} aria-label={treeTexts.helpTitle} onClick={() => { help.value = true; }}>?</button>
@@ -172,7 +169,7 @@ function isField(event: Event): boolean {
 function followKeys(shown: View): () => void {
   const down = (event: KeyboardEvent) => {
     if (isField(event) || event.defaultPrevented || event.isComposing) return;
-    const action = actionOf({ key: event.key, ctrl: event.ctrlKey || event.metaKey, shift: event.shiftKey, alt: event.altKey });
+    const action = actionOf(keyOf(event));
     if (!action) return;
     const target = event.target instanceof Element ? event.target : null;
     // A click beside a field of the form must not make typed letters operations.

@@ -3,16 +3,16 @@
 import "./comparison.css";
 import { batch, computed, type ReadonlySignal, signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
+import { ZoomButtons } from "./canvas";
 import { isConnected } from "./home";
-import { actionOf, neighbour } from "./keyboard";
+import { actionOf, keyOf, neighbour } from "./keyboard";
 import { distance } from "./picture";
 import type { Change, Comparison, Difference, Drawing } from "./protocol";
 import { actions, reasonOf } from "./state";
 import { comparisonTexts, texts, treeTexts } from "./texts";
 import { Themes } from "./toolbar";
-import { CHANGE_SIGNS, View } from "./view";
+import { CHANGE_SIGNS, followWheel, View, ZOOM_STEP } from "./view";
 
-const ZOOM_STEP = 1.25;
 const MAX_LISTED = 500;
 const MAX_TEXT = 400;
 const CHANGES: readonly Change[] = ["added", "removed", "moved", "changed"];
@@ -22,7 +22,7 @@ const problem = signal("");
 /** The index of the chosen difference, or -1. */
 const chosen = signal(-1);
 
-/** One of the versions: 0 is the old one, 1 the new one. */
+/** One of the versions: 0 is the old version, 1 the new version. *prefix* is its name in a `Difference`, too. */
 class Side {
   readonly selection = signal<readonly string[]>([]);
   readonly folded = signal<ReadonlySet<string>>(new Set());
@@ -30,20 +30,17 @@ class Side {
   readonly changes: ReadonlySignal<ReadonlyMap<string, readonly Change[]>>;
   /** The index of the same node in the other version. */
   readonly partners: ReadonlySignal<ReadonlyMap<number, number>>;
-  readonly prefix: string;
   view: View | null = null;
   /** Where the other side has scrolled this one. */
   private settled = { left: 0, top: 0 };
 
-  constructor(readonly number: 0 | 1) {
-    const name = number ? "new" : "old";
-    this.prefix = name;
+  constructor(readonly number: 0 | 1, readonly prefix: "old" | "new") {
     this.drawing = computed(() => {
-      const drawing = comparison.value?.[name];
+      const drawing = comparison.value?.[prefix];
       return drawing?.nodes.length ? drawing : null;
     });
     this.changes = computed(() => new Map((comparison.value?.differences ?? []).flatMap((difference) =>
-      difference[name].flatMap((index) => {
+      difference[prefix].flatMap((index) => {
         const node = this.drawing.value?.nodes[index];
         return node ? [[node.key, difference.changes] as const] : [];
       }))));
@@ -116,7 +113,7 @@ class Side {
   }
 }
 
-const sides: readonly [Side, Side] = [new Side(0), new Side(1)];
+const sides: readonly [Side, Side] = [new Side(0, "old"), new Side(1, "new")];
 /** The side with the drawing that both follow. */
 const leader = (): Side => sides[sides[1].drawing.peek() ? 1 : 0];
 
@@ -144,9 +141,11 @@ function fit(isReadable: boolean): void {
   if (zooms.length) leader().zoomTo(Math.min(...zooms));
 }
 
-/** Select a node in both pictures. *number* is the side whose picture the other follows. */
-function select(number: 0 | 1, index: number, partner: number, isRevealing: boolean): void {
-  const side = sides[number];
+/** Zoom both pictures by a factor. */
+const zoom = (factor: number) => leader().zoomTo((leader().view?.zoom ?? 1) * factor);
+
+/** Select a node in both pictures. The picture of the other side follows that of *side*. */
+function select(side: Side, index: number, partner: number, isRevealing: boolean): void {
   batch(() => {
     side.select(index);
     side.other.select(partner);
@@ -160,10 +159,9 @@ function select(number: 0 | 1, index: number, partner: number, isRevealing: bool
 }
 
 function selectNode(side: Side, index: number, isRevealing = false): void {
-  const name = side.number ? "new" : "old";
-  const at = (comparison.peek()?.differences ?? []).findIndex((difference) => difference[name].includes(index));
+  const at = (comparison.peek()?.differences ?? []).findIndex((difference) => difference[side.prefix].includes(index));
   if (at >= 0) chosen.value = at;
-  select(side.number, index, side.partners.peek().get(index) ?? -1, isRevealing);
+  select(side, index, side.partners.peek().get(index) ?? -1, isRevealing);
 }
 
 async function choose(at: number): Promise<void> {
@@ -175,8 +173,8 @@ async function choose(at: number): Promise<void> {
     difference = comparison.peek()?.differences[at];
   }
   const [old, now] = [difference?.old[0] ?? -1, difference?.new[0] ?? -1];
-  if (now >= 0) select(1, now, old, true);
-  else select(0, old, -1, true);
+  if (now >= 0) select(sides[1], now, old, true);
+  else select(sides[0], old, -1, true);
 }
 
 function step(by: 1 | -1): void {
@@ -209,36 +207,32 @@ function followMouse(side: Side, frame: HTMLElement): () => void {
   const click = (event: MouseEvent) => {
     if (!press?.isPan) selectNode(side, side.view!.nodeAt(event.target));
   };
-  const wheel = (event: WheelEvent) => {
-    if (!event.ctrlKey && !event.metaKey) return;
-    event.preventDefault();
-    side.zoomTo(side.view!.zoom * Math.exp(-event.deltaY / 300), event.clientX, event.clientY);
-  };
   const scroll = () => side.scrolled();
   frame.addEventListener("pointerdown", down);
   frame.addEventListener("click", click);
-  frame.addEventListener("wheel", wheel, { passive: false });
+  const unfollowWheel = followWheel(frame, (factor, x, y) => side.zoomTo(side.view!.zoom * factor, x, y));
   frame.addEventListener("scroll", scroll, { passive: true });
   addEventListener("pointermove", move);
   addEventListener("pointerup", up);
   return () => {
+    unfollowWheel();
     removeEventListener("pointermove", move);
     removeEventListener("pointerup", up);
   };
 }
 
 function followKeys(event: KeyboardEvent): void {
-  const action = actionOf({ key: event.key, ctrl: event.ctrlKey || event.metaKey, shift: event.shiftKey, alt: event.altKey });
   const target = event.target as Element;
   if (event.defaultPrevented || target.closest("select")) return;
+  const action = actionOf(keyOf(event));
+  const page = action && "page" in action ? action.page : "";
   const side = sides.find(({ view }) => view?.frame.contains(target));
-  const zoom = leader().view?.zoom ?? 1;
   const isPlain = !event.ctrlKey && !event.metaKey && !event.altKey;
   if (isPlain && event.key === "n") step(1);
   else if (isPlain && event.key === "p") step(-1);
-  else if (action && "page" in action && action.page === "larger") leader().zoomTo(zoom * ZOOM_STEP);
-  else if (action && "page" in action && action.page === "smaller") leader().zoomTo(zoom / ZOOM_STEP);
-  else if (action && "page" in action && action.page === "fit") fit(false);
+  else if (page === "larger") zoom(ZOOM_STEP);
+  else if (page === "smaller") zoom(1 / ZOOM_STEP);
+  else if (page === "fit") fit(false);
   else if (side && action && "select" in action) {
     const { structure } = side.view!;
     const index = neighbour(structure, structure.at(side.selection.value[0] ?? ""), action.select);
@@ -348,7 +342,6 @@ export function ComparisonPage({ versions }: { versions: readonly [string, strin
   }, []);
   const shown = comparison.value;
   const all = shown?.differences ?? [];
-  const zoom = (factor: number) => leader().zoomTo((leader().view?.zoom ?? 1) * factor);
   return (
     <>
       <header>
@@ -366,9 +359,7 @@ export function ComparisonPage({ versions }: { versions: readonly [string, strin
         <output>{all[chosen.value] && comparisonTexts.position(chosen.value, all.length, all[chosen.value]!)}</output>
         <span class="space" />
         <div class="group" role="group" aria-label={treeTexts.zoom}>
-          <button title={treeTexts.zoomOut} aria-label={treeTexts.zoomOut} onClick={() => zoom(1 / ZOOM_STEP)}>−</button>
-          <button title={treeTexts.fitTitle} onClick={() => fit(false)}>{treeTexts.fit}</button>
-          <button title={treeTexts.zoomIn} aria-label={treeTexts.zoomIn} onClick={() => zoom(ZOOM_STEP)}>+</button>
+          <ZoomButtons zoom={zoom} fit={() => fit(false)} />
         </div>
         <Themes />
       </header>

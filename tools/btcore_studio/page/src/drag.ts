@@ -5,7 +5,7 @@ import { type Box, isSamePicture, overlaps } from "./picture";
 import { DropTargets, type Load, type Target } from "./drop_targets";
 import { noteUse } from "./last_used";
 import { chosen, edit, inTurn, xmlOf } from "./operations";
-import { levelOf, type Making, type Outlook, previewer, warningOf } from "./preview";
+import { levelOf, type MakeCommand, type PreviewResult, previewer, warningOf } from "./preview";
 import type { Command, PaletteItem, Place } from "./protocol";
 import { menu } from "./quick_state";
 import { drawing, message, palette, selection, showError, start } from "./state";
@@ -29,9 +29,10 @@ class Drag {
   private readonly ghost: HTMLElement;
   private readonly targets: DropTargets;
   private target: Target | null = null;
-  /** Looks at what a drop would lead to. */
-  private readonly look: (make: Making | null) => void;
-  private looked = "";
+  /** Previews the command of a drop. */
+  private readonly requestPreview: (make: MakeCommand | null) => void;
+  /** What was previewed last: the target, and whether it is a copy. */
+  private previewed = "";
   private isCopy: boolean;
   private frame = 0;
   private readonly unfollow: () => void;
@@ -39,7 +40,7 @@ class Drag {
   constructor(private readonly view: View, private readonly source: Source, private x: number, private y: number, isCopy: boolean) {
     this.isCopy = isCopy;
     this.ghost = this.makeGhost();
-    this.look = previewer((outlook) => this.warn(outlook));
+    this.requestPreview = previewer((preview) => this.warn(preview));
     document.body.append(this.ghost);
     document.body.classList.add("drags-node");
     this.targets = new DropTargets(view.structure, view.boxes, this.load());
@@ -86,17 +87,17 @@ class Drag {
     this.ghost.children[1]!.textContent = this.target ? treeTexts.target(this.target, view.structure) : reason;
     this.ghost.classList.toggle("refused", !this.target);
     view.marks.replaceChildren(...(this.target ? marks(this.target, view) : []));
-    const looked = JSON.stringify([this.target, this.isCopy]);
-    if (looked === this.looked) return;
-    this.looked = looked;
+    const previewed = JSON.stringify([this.target, this.isCopy]);
+    if (previewed === this.previewed) return;
+    this.previewed = previewed;
     const { source, target, isCopy } = this;
-    this.look(target && (() => commandOf(source, target, isCopy, view)));
+    this.requestPreview(target && (() => commandOf(source, target, isCopy, view)));
   }
 
-  private warn(outlook: Outlook | null): void {
+  private warn(preview: PreviewResult | null): void {
     const element = this.ghost.lastElementChild!;
-    element.textContent = warningOf(outlook);
-    element.className = `outlook ${levelOf(outlook)}`;
+    element.textContent = warningOf(preview);
+    element.className = `preview ${levelOf(preview)}`;
   }
 
   private readonly onKey = (event: KeyboardEvent) => {
@@ -124,7 +125,7 @@ class Drag {
 
   end(isDropped: boolean): void {
     cancelAnimationFrame(this.frame);
-    this.look(null);
+    this.requestPreview(null);
     this.unfollow();
     removeEventListener("keydown", this.onKey, true);
     removeEventListener("keyup", this.onKey, true);
@@ -135,8 +136,8 @@ class Drag {
     focusPicture();
     const { source, target, isCopy, view } = this;
     if (!isDropped || !target) return;
-    // The places are those of the present picture; what follows waits.
     if ("item" in source) noteUse(source.item.id);
+    // The places are those of the present picture; what follows waits.
     const dropped = commandOf(source, target, isCopy, view).then((command) => command && edit(command), showError);
     inTurn(() => dropped);
   }

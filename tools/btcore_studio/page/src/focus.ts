@@ -48,7 +48,7 @@ function recover(): void {
 /** Keep the focus on the page while its parts change. */
 export function keepFocus(): void {
   addEventListener("focusin", (event) => { path = event.composedPath().filter((item): item is Element => item instanceof Element && item.isConnected); });
-  // Who clicks beside everything wants no focus.
+  // A click beside all elements takes the focus away on purpose.
   addEventListener("pointerdown", () => { path = []; }, true);
   // An element that is removed or disabled loses the focus without an event. The picture has too many elements to be observed.
   const observer = new MutationObserver(recover);

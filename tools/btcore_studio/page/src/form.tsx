@@ -7,6 +7,7 @@ import { statuses, statusOf } from "./live";
 import { edit, openTree, run } from "./operations";
 import { SIGNS, Symbol } from "./palette";
 import { usePreview } from "./preview";
+import { hintOf, messageOf } from "./problems";
 import { modelForm } from "./quick_state";
 import type { Command, Diagnostic, DrawnNode, Field, NodeForm, Problem } from "./protocol";
 import { actions, diagnostics, drawing, live, palette, problemsByKey, selectedNode, selectedNodes, start } from "./state";
@@ -143,22 +144,22 @@ function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; pr
   }, [text]);
   const id = `field-${field.name}`;
   const own = useMemo(() => problems.filter(({ data }) => data?.attributes.includes(field.name)), [problems]);
-  /** The problems of what is typed, until those of the file are known. */
-  const [outlook, look] = usePreview();
-  const looked = useRef("");
+  /** The problems of the typed text, until the problems of the file are known. */
+  const [preview, requestPreview] = usePreview();
+  const previewed = useRef("");
   const published = diagnostics.value.get(node.place.uri);
-  useEffect(() => look(null), [published]);
-  const isLooked = outlook !== null && looked.current === typed.value;
-  const refused: Problem[] = isLooked && outlook.refusal ? [{ severity: 1, message: outlook.refusal }] : [];
-  const shown = isLooked ? [...refused, ...outlook.problems] : own;
+  useEffect(() => requestPreview(null), [published]);
+  const isPreviewed = preview !== null && previewed.current === typed.value;
+  const refused: Problem[] = isPreviewed && preview.refusal ? [{ severity: 1, message: preview.refusal }] : [];
+  const shown = isPreviewed ? [...refused, ...preview.problems] : own;
   const isWrong = shown.some(({ severity }) => severity === 1);
-  const marks = typed.value === null ? [] : marksOf(typed.value, isLooked ? typed.value : text, field.name, shown);
+  const marks = typed.value === null ? [] : marksOf(typed.value, isPreviewed ? typed.value : text, field.name, shown);
   const setting = (value: string): Command =>
     ({ kind: "set", node: node.place, name: field.name, text: value === "" && !field.isRequired ? null : value });
   const write = (value: string) => {
     typed.value = value;
-    looked.current = value;
-    look(value === text ? null : () => setting(value));
+    previewed.current = value;
+    requestPreview(value === text ? null : () => setting(value));
   };
   const commit = () => {
     const { value, dataset } = input.current!;
@@ -203,10 +204,9 @@ function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; pr
       {field.choices.length > 0 && <datalist id={`${id}-choices`}>{field.choices.map((choice) => <option key={choice} value={choice} />)}</datalist>}
       {read !== undefined && read !== text && <output class="value">= {read}</output>}
       {wrote !== undefined && wrote !== read && <output class="value">→ {wrote}</output>}
-      {shown.length > 0 && <p class="errors" id={`${id}-errors`}>{shown.map((problem) => {
-        const [found, ...hint] = problem.message.split("\n");
-        return <span key={problem.message} class={problem.severity === 1 ? "error" : "warning"}>{found} <em>{hint.join(" ")}</em></span>;
-      })}</p>}
+      {shown.length > 0 && <p class="errors" id={`${id}-errors`}>{shown.map((problem) => (
+        <span key={problem.message} class={problem.severity === 1 ? "error" : "warning"}>{messageOf(problem)} <em>{hintOf(problem)}</em></span>
+      ))}</p>}
       {field.about && <p class={`about ${isFocused.value ? "" : "folded"}`} id={`${id}-about`}>{plain(field.about)}</p>}
     </div>
   );

@@ -24,6 +24,8 @@ const SELECT: Record<string, Direction> = {
   ArrowUp: "up", ArrowDown: "down", ArrowLeft: "left", ArrowRight: "right", Home: "first", End: "last",
 };
 
+export const keyOf = ({ key, ctrlKey, metaKey, shiftKey: shift, altKey: alt }: KeyboardEvent): Key => ({ key, ctrl: ctrlKey || metaKey, shift, alt });
+
 /** Return what a key does while the picture has the focus; null if it does nothing. */
 export function actionOf({ key, ctrl, shift, alt }: Key): Action | null {
   if (key.length > 1 && key in SELECT && !ctrl && !alt) return { select: SELECT[key]!, isExtending: shift };

@@ -4,7 +4,7 @@ import { computed, effect, signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { release } from "./announcer";
 import type { Live, RunningCall } from "./protocol";
-import { actions, drawing, files, live, message, nodesByKey, showError, start, tree, uri } from "./state";
+import { actions, drawing, live, message, nodesByKey, showError, shownFile, start, tree, uri } from "./state";
 import { treeTexts } from "./texts";
 import { fileName } from "./toolbar";
 
@@ -12,10 +12,6 @@ export const statuses = ["IDLE", "RUNNING", "SUCCESS", "FAILURE", "SKIPPED"];
 const MAX_ENTRIES = 500;
 const DEFAULT_ADDRESS = "tcp://127.0.0.1:1667";
 
-const keys = signal<readonly string[]>([]);
-const calls = signal<readonly RunningCall[]>([]);
-/** The index of each node of the running tree in the digits of its state, by key. */
-export const liveIndex = computed(() => new Map(keys.value.map((key, index) => [key, index] as const)));
 const isOver = (state: Live | null) => state?.connection === "ended" || state?.connection === "lost";
 /** Whether the text has changed since the run ended. Its statuses are then those of another tree. */
 const isOutdated = signal(false);
@@ -28,11 +24,13 @@ export function noteChange(): void {
   if (isOver(live.peek())) isOutdated.value = true;
 }
 
-effect(() => {
-  const state = live.value;
-  if (state?.connection && state.keys && !isOutdated.value) [keys.value, calls.value] = [state.keys, state.calls ?? []];
-  else if (state) [keys.value, calls.value] = [[], []];
-});
+/** The running tree, or the last state of a run whose text is still the same. */
+const shownRun = computed(() => live.value?.connection && !isOutdated.value ? live.value : null);
+const NONE: readonly never[] = [];
+const keys = computed<readonly string[]>(() => shownRun.value?.keys ?? NONE);
+const calls = computed<readonly RunningCall[]>(() => shownRun.value?.calls ?? NONE);
+/** The index of each node of the running tree in the digits of its state, by key. */
+export const liveIndex = computed(() => new Map(keys.value.map((key, index) => [key, index] as const)));
 
 /** The running calls of the shown tree. */
 const ownCalls = computed(() => calls.value.filter((item) => item.tree === (tree.value ?? drawing.value?.tree)));
@@ -122,7 +120,7 @@ export function RunHint() {
   const isLive = start.value?.live && !start.value.recording;
   const state = live.value;
   if (!isLive || !uri.value || (state?.connection && state.connection !== "waiting")) return null;
-  const name = files.value.find((file) => file.uri === uri.value)?.name ?? fileName(uri.value);
+  const name = shownFile.value?.name ?? fileName(uri.value);
   const command = `btcore run ${/^[\w./-]+$/.test(name) ? name : `"${name}"`} --publish groot2`;
   const copy = () => navigator.clipboard.writeText(command).then(() => { message.value = treeTexts.commandCopied; }, showError);
   return (

@@ -14,6 +14,7 @@ import { Form } from "./form";
 import type { Done } from "./history";
 import { BrowserHome, findHome, isConnected } from "./home";
 import { Blackboard, call, drawnCall, LiveControls, noteChange, RunHint } from "./live";
+import { cursor } from "./operations";
 import { Palette } from "./palette";
 import { complete } from "./picture";
 import { checked, followProblems, Problems } from "./problems";
@@ -155,8 +156,8 @@ function edit(command: Command): Promise<EditResult | null> {
       const mark = home.mark();
       // VS Code may change the texts of the edit, and then draws them.
       const [wanted, shown] = [drawingParams(), drawing.value];
-      const params: EditParams = home.documents ? { command: moved, drawing: wanted } : { command: moved };
-      const result = await actions.request<EditResult>("btcore/edit", versions ? { ...params, versions } : params);
+      const params: EditParams = { command: moved, ...(home.documents && { drawing: wanted }), ...(versions && { versions }) };
+      const result = await actions.request<EditResult>("btcore/edit", params);
       toSelect = result.select;
       const isSame = JSON.stringify(wanted) === JSON.stringify(drawingParams());
       const next = result.drawing && isSame && !mark.changes.size ? result.drawing : null;
@@ -181,7 +182,7 @@ function edit(command: Command): Promise<EditResult | null> {
 /** Return the place of the selected node among its siblings in words, or "". */
 function whereIsCursor(): string {
   const structure = view.value?.structure;
-  const index = structure?.at(selection.value.at(-1) ?? "") ?? -1;
+  const index = cursor();
   const parent = structure?.nodes[structure.parent(index)];
   return structure && parent ? treeTexts.placeOf(structure.positions[index]!, structure.siblings(index).length, parent.name) : "";
 }
@@ -259,8 +260,8 @@ home.connection.on<{ uri: string; diagnostics: Diagnostic[] }>("textDocument/pub
   if (!checked.value.has(params.uri)) checked.value = new Set([...checked.value, params.uri]);
 });
 home.connection.on<Live>("btcore/live", (state) => {
-  const { keys, calls } = live.value ?? {};
-  live.value = { ...(keys && { keys }), ...(calls && { calls }), ...state };
+  // The nodes are sent only if they have changed.
+  live.value = { ...live.value, ...state };
 });
 home.connection.on<SharedFile[]>("btcore/files", (list) => { files.value = list; });
 home.connection.on<DiskConflict>("btcore/disk", (conflict) => {

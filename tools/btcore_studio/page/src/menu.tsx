@@ -9,7 +9,7 @@ import { start } from "./state";
 import { treeTexts } from "./texts";
 import { focusPicture } from "./view";
 
-/** Reasons of most operations, which are shown for one at a time. */
+/** Reasons that many operations share. They are shown only at the item that has the focus or the pointer. */
 const GENERAL: ReadonlySet<string> = new Set([treeTexts.refusal.readOnly, treeTexts.refusal.noSelection]);
 
 export function Menu() {
@@ -32,11 +32,11 @@ function OpenMenu({ x, y }: { x: number; y: number }) {
     menu.value = null;
     focusPicture();
   };
-  const [outlook, look] = usePreview();
-  const looked = useSignal("");
-  const consider = ({ id, refusal, command }: Operation) => {
-    looked.value = id;
-    look(command && !refusal() ? command : null);
+  const [preview, requestPreview] = usePreview();
+  const previewed = useSignal("");
+  const previewOperation = ({ id, refusal, command }: Operation) => {
+    previewed.value = id;
+    requestPreview(command && !refusal() ? command : null);
   };
   const choose = (operation: Operation) => {
     if (operation.refusal()) return;
@@ -58,7 +58,7 @@ function OpenMenu({ x, y }: { x: number; y: number }) {
     event.stopPropagation();
   };
   const groups = Map.groupBy(operations, (operation) => operation.group);
-  const warning = warningOf(outlook);
+  const warning = warningOf(preview);
   return (
     <>
       <div class="popup menu" role="menu" aria-label={treeTexts.menu} ref={list} onKeyDown={key} onContextMenu={(event) => event.preventDefault()}>
@@ -69,11 +69,11 @@ function OpenMenu({ x, y }: { x: number; y: number }) {
               return (
                 <button
                   key={operation.id} role="menuitem" tabIndex={-1} aria-disabled={reason !== ""} title={reason} onClick={() => choose(operation)}
-                  onFocus={() => consider(operation)} onPointerEnter={() => consider(operation)}
+                  onFocus={() => previewOperation(operation)} onPointerEnter={() => previewOperation(operation)}
                 >
                   <span>{operation.label()}</span><kbd>{operation.keys}</kbd>
                   {reason && <small class={GENERAL.has(reason) ? "general" : ""}>{reason}</small>}
-                  {warning && looked.value === operation.id && <small class={`outlook ${levelOf(outlook)}`}>⚠ {warning}</small>}
+                  {warning && previewed.value === operation.id && <small class={`preview ${levelOf(preview)}`}>⚠ {warning}</small>}
                 </button>
               );
             })}

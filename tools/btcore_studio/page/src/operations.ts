@@ -1,11 +1,11 @@
 // What can be done with the selected nodes: the same list for keys, the menu and the help.
 
-import type { Making } from "./preview";
+import type { MakeCommand } from "./preview";
 import type { Command, DrawnNode, EditResult, PaletteItem, Place } from "./protocol";
 import { release } from "./announcer";
 import { chooseCall, toggleBreakpoints } from "./live";
 import { actions, drawing, live, message, reasonOf, refuse, selection, start, tree as shownTree } from "./state";
-import { modelForm, prompt, quick } from "./quick_state";
+import { modelForm, prompt, quick, type QuickMode } from "./quick_state";
 import { canWrap, placeOfTree, type Structure } from "./tree";
 import { treeTexts } from "./texts";
 import { view } from "./view";
@@ -22,8 +22,8 @@ export interface Operation {
   group: "edit" | "clipboard" | "move" | "tree" | "view";
   /** Return why the operation is not possible, or "". */
   refusal: () => string;
-  /** Return what `run` does, or why it is not possible; absent if `run` asks something first, or changes no text. */
-  command?: Making;
+  /** Return what `run` does, or why it is not possible; absent if `run` opens a popup, or changes no text. */
+  command?: MakeCommand;
   run: () => unknown;
 }
 
@@ -101,7 +101,7 @@ export function cursor(): number {
 }
 
 /** Return the command that does something with a node type at the cursor, or why it is not possible. */
-export function commandOf(mode: "insert" | "wrap" | "type", { id, kind }: PaletteItem, wanted: Where | null = null): Command | string {
+export function commandOf(mode: QuickMode, { id, kind }: PaletteItem, wanted: Where | null = null): Command | string {
   if (start.value?.readOnly) return treeTexts.refusal.readOnly;
   if (mode === "type") return { kind: "change_type", node: node(cursor()).place, id };
   const where = mode === "wrap" ? "around" : wanted ?? wheres(kind)[0];
@@ -111,7 +111,7 @@ export function commandOf(mode: "insert" | "wrap" | "type", { id, kind }: Palett
 }
 
 /** Do something with a node type at the cursor: by default in the best place. */
-export function applyType(mode: "insert" | "wrap" | "type", item: PaletteItem, wanted: Where | null = null): void {
+export function applyType(mode: QuickMode, item: PaletteItem, wanted: Where | null = null): void {
   inTurn(() => perform(commandOf(mode, item, wanted)));
 }
 
@@ -171,7 +171,7 @@ function pasting(xml: string): Command | string {
   return at ? { kind: "paste", ...at, xml: xml.trim() } : treeTexts.refusal.noPlace;
 }
 
-/** Paste XML at the cursor; without a text, that of the clipboard. */
+/** Paste XML at the cursor; by default the text of the clipboard. */
 export async function paste(xml?: string): Promise<void> {
   await perform(pasting(xml ?? await navigator.clipboard.readText().catch(() => copied)));
 }

@@ -52,10 +52,10 @@ function insert(item: PaletteItem): void {
 export function Palette() {
   const words = useSignal("");
   const about = useSignal("");
-  const [outlook, look] = usePreview();
+  const [preview, requestPreview] = usePreview();
   const describe = (item: PaletteItem) => {
     about.value = textOf(item);
-    look(() => commandOf("insert", item));
+    requestPreview(() => commandOf("insert", item));
   };
   const current = useSignal("");
   const items = palette.value.items.toSorted((a, b) => KINDS.indexOf(a.kind) - KINDS.indexOf(b.kind) || a.id.localeCompare(b.id));
@@ -100,7 +100,7 @@ export function Palette() {
   const insertButton = (item: PaletteItem, at: readonly number[]) => (
     <button
       key={item.id} class="palette-item" data-id={item.id} title={textOf(item)} aria-describedby="palette-about"
-      tabIndex={item.id === stop ? 0 : -1} onFocus={() => { describe(item); current.value = item.id; }} onPointerEnter={() => describe(item)} onPointerLeave={() => look(null)} onBlur={() => look(null)}
+      tabIndex={item.id === stop ? 0 : -1} onFocus={() => { describe(item); current.value = item.id; }} onPointerEnter={() => describe(item)} onPointerLeave={() => requestPreview(null)} onBlur={() => requestPreview(null)}
     >
       <Symbol item={item} /><Highlighted text={item.id} at={at} />
     </button>
@@ -124,7 +124,7 @@ export function Palette() {
         ))}
       </div>
       <div class="about">
-        <Warning outlook={outlook} />
+        <Warning preview={preview} />
         <p id="palette-about">{about.value || treeTexts.paletteHint}</p>
       </div>
     </section>

@@ -1,21 +1,22 @@
-// What an operation would lead to, shown before it is done: the problems that it adds, or why it is refused.
+// What an operation would do, shown before it is done: the problems that it adds, or why it is refused.
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useMemo } from "preact/hooks";
+import { messageOf } from "./problems";
 import type { Command, Problem } from "./protocol";
 import { actions, reasonOf, start } from "./state";
 import { texts } from "./texts";
 
-/** A passing pointer or a fast typist asks for nothing. */
+/** Neither a pointer that only passes nor fast typing sends a request. */
 const WAIT_MS = 180;
 
-/** What is known of an operation; *refusal* is why it cannot be done, or "". */
-export interface Outlook { problems: readonly Problem[]; refusal: string }
+/** The problems that an operation would add; *refusal* is why it cannot be done, or "". */
+export interface PreviewResult { problems: readonly Problem[]; refusal: string }
 
 /** Makes the command, or returns why there is none. */
-export type Making = () => Command | string | null | Promise<Command | string | null>;
+export type MakeCommand = () => Command | string | null | Promise<Command | string | null>;
 
-async function outlookOf(make: Making): Promise<Outlook> {
+async function previewOf(make: MakeCommand): Promise<PreviewResult> {
   try {
     const command = await make();
     if (typeof command === "string") return { problems: [], refusal: command };
@@ -26,8 +27,8 @@ async function outlookOf(make: Making): Promise<Outlook> {
   }
 }
 
-/** Return a function that looks at a command after a pause, unless another follows meanwhile; null ends the showing. */
-export function previewer(show: (outlook: Outlook | null) => void): (make: Making | null) => void {
+/** Return a function that previews a command after a pause, unless it is called again before; null removes the preview. */
+export function previewer(show: (preview: PreviewResult | null) => void): (make: MakeCommand | null) => void {
   let timer = 0;
   let last = 0;
   return (make) => {
@@ -36,32 +37,32 @@ export function previewer(show: (outlook: Outlook | null) => void): (make: Makin
     show(null);
     if (!make || start.value?.readOnly) return;
     timer = window.setTimeout(async () => {
-      const outlook = await outlookOf(make);
-      if (own === last) show(outlook);
+      const preview = await previewOf(make);
+      if (own === last) show(preview);
     }, WAIT_MS);
   };
 }
 
-/** The outlook of the last command that the returned function was called with. */
-export function usePreview(): [Outlook | null, (make: Making | null) => void] {
-  const outlook = useSignal<Outlook | null>(null);
-  const look = useMemo(() => previewer((found) => { outlook.value = found; }), []);
-  useEffect(() => () => look(null), []);
-  return [outlook.value, look];
+/** Return the preview of a command, and the function that requests it. */
+export function usePreview(): [PreviewResult | null, (make: MakeCommand | null) => void] {
+  const preview = useSignal<PreviewResult | null>(null);
+  const requestPreview = useMemo(() => previewer((found) => { preview.value = found; }), []);
+  useEffect(() => () => requestPreview(null), []);
+  return [preview.value, requestPreview];
 }
 
 /** Return a sentence about an operation that is refused or adds a problem, or "". */
-export function warningOf(outlook: Outlook | null): string {
-  if (!outlook) return "";
-  const [first, ...others] = outlook.problems;
-  return outlook.refusal || (first ? texts.wouldAdd(first.severity === 1, first.message.split("\n", 1)[0]!, others.length) : "");
+export function warningOf(preview: PreviewResult | null): string {
+  if (!preview) return "";
+  const [first, ...others] = preview.problems;
+  return preview.refusal || (first ? texts.wouldAdd(first.severity === 1, messageOf(first), others.length) : "");
 }
 
-export const levelOf = (outlook: Outlook | null): "error" | "warning" =>
-  outlook?.refusal || outlook?.problems[0]?.severity === 1 ? "error" : "warning";
+export const levelOf = (preview: PreviewResult | null): "error" | "warning" =>
+  preview?.refusal || preview?.problems[0]?.severity === 1 ? "error" : "warning";
 
-/** What an operation would lead to. Screen readers read it when it appears. */
-export function Warning({ outlook }: { outlook: Outlook | null }) {
-  const text = warningOf(outlook);
-  return <p class={`outlook ${levelOf(outlook)}`} role="status">{text && `⚠ ${text}`}</p>;
+/** The warning of a preview. Screen readers read it when it appears. */
+export function Warning({ preview }: { preview: PreviewResult | null }) {
+  const text = warningOf(preview);
+  return <p class={`preview ${levelOf(preview)}`} role="status">{text && `⚠ ${text}`}</p>;
 }

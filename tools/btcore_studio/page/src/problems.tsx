@@ -1,8 +1,8 @@
 import { computed, effect, signal } from "@preact/signals";
 import { useState } from "preact/hooks";
 import type { Home } from "./home";
-import type { Diagnostic, WorkspaceEdit } from "./protocol";
-import { actions, diagnostics, start, uri } from "./state";
+import type { Diagnostic, Problem, WorkspaceEdit } from "./protocol";
+import { actions, diagnostics, isSamePosition, start, uri } from "./state";
 import { texts } from "./texts";
 import { fileName } from "./toolbar";
 
@@ -25,12 +25,12 @@ const shown = computed(() =>
       || a.address.localeCompare(b.address) || a.item.range.start.line - b.item.range.start.line),
 );
 
-const isSame = (a: Diagnostic, b: Diagnostic) => a.code === b.code && a.message === b.message
-  && a.range.start.line === b.range.start.line && a.range.start.character === b.range.start.character;
+const isSame = (a: Diagnostic, b: Diagnostic) =>
+  a.code === b.code && a.message === b.message && isSamePosition(a.range.start, b.range.start);
 
 // The server writes the hint into the lines after the message.
-const messageOf = ({ message }: Diagnostic) => message.split("\n", 1)[0];
-const hintOf = ({ message }: Diagnostic) => message.split("\n").slice(1).join(" ");
+export const messageOf = ({ message }: Problem): string => message.split("\n", 1)[0]!;
+export const hintOf = ({ message }: Problem): string => message.split("\n").slice(1).join(" ");
 
 /** Return the fixes of a problem. */
 export const fixesOf = (address: string, item: Diagnostic): CodeAction[] =>

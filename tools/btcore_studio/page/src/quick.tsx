@@ -9,7 +9,7 @@ import { Highlighted, Symbol } from "./palette";
 import { usePreview, Warning } from "./preview";
 import { plain } from "./markdown";
 import type { NodeForm, PaletteItem } from "./protocol";
-import { modelForm, prompt, quick } from "./quick_state";
+import { modelForm, prompt, quick, type QuickMode } from "./quick_state";
 import { actions, message, palette, selectedNode } from "./state";
 import { canWrap } from "./tree";
 import { treeTexts } from "./texts";
@@ -18,9 +18,8 @@ import { focusPicture, view } from "./view";
 const MAX_SHOWN = 60;
 
 export function Quick() {
-  const isAsking = prompt.value !== null;
   const mode = quick.value?.mode;
-  if (isAsking) return <Prompt key={prompt.value!.refused} />;
+  if (prompt.value) return <Prompt key={prompt.value.refused} />;
   return mode ? <Chooser key={mode} mode={mode} /> : null;
 }
 
@@ -50,7 +49,7 @@ function close(): void {
   focusPicture();
 }
 
-function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
+function Chooser({ mode }: { mode: QuickMode }) {
   const { ref } = usePlace();
   const words = useSignal("");
   const at = useSignal(0);
@@ -70,11 +69,11 @@ function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
   const matches = search(words.value, sorted, (item) => item.id, (item) => isRecent(item) ? 2 : 0).slice(0, MAX_SHOWN);
   const chosenItem = matches[Math.min(at.value, matches.length - 1)]?.item;
   const places = mode === "insert" ? wheres(chosenItem?.kind) : [];
-  const place = where.value && places.includes(where.value) ? where.value : places[0];
+  const wanted = where.value && places.includes(where.value) ? where.value : null;
+  const place = wanted ?? places[0];
   const accept = (item: PaletteItem | undefined) => {
     if (!item) return;
     noteUse(item.id);
-    const wanted = where.value && places.includes(where.value) ? where.value : null;
     close();
     applyType(mode, item, wanted);
   };
@@ -83,8 +82,8 @@ function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
     close();
     modelForm.value = { item: null, id };
   };
-  const [outlook, look] = usePreview();
-  useEffect(() => look(chosenItem ? () => commandOf(mode, chosenItem, place) : null), [chosenItem, place]);
+  const [preview, requestPreview] = usePreview();
+  useEffect(() => requestPreview(chosenItem ? () => commandOf(mode, chosenItem, place) : null), [chosenItem, place]);
   const key = (event: KeyboardEvent) => {
     const step = { ArrowDown: 1, ArrowUp: -1, PageDown: 8, PageUp: -8 }[event.key];
     const isAtPlaces = (event.target as Element).closest(".wheres") !== null;
@@ -133,7 +132,7 @@ function Chooser({ mode }: { mode: "insert" | "wrap" | "type" }) {
         {!matches.length && <li class="none">{treeTexts.noneFound}</li>}
       </ul>
       {!matches.length && words.value.trim() && <button type="button" onClick={createType}>{treeTexts.newModelOf(words.value.trim())}</button>}
-      <Warning outlook={outlook} />
+      <Warning preview={preview} />
       {chosenItem?.about && <p class="about">{firstSentence(plain(chosenItem.about))}</p>}
       {places.length > 1 && (
         <div class="wheres" role="radiogroup" aria-label={treeTexts.where}>
@@ -155,7 +154,7 @@ function Prompt() {
   const { ref } = usePlace();
   const asked = prompt.value!;
   const { label, value, command, refused } = asked;
-  const [outlook, look] = usePreview();
+  const [preview, requestPreview] = usePreview();
   // Keys that follow at once are for the field.
   useLayoutEffect(() => { ref.current?.querySelector("input")?.select(); }, []);
   const key = (event: KeyboardEvent) => {
@@ -177,10 +176,10 @@ function Prompt() {
     <div class="popup prompt" ref={ref} role="dialog" aria-label={label}>
       <label>{label}<input
         defaultValue={refused?.text ?? value} spellcheck={false} aria-describedby={refused && "refusal"} aria-invalid={Boolean(refused)} onKeyDown={key} onBlur={() => { prompt.value = null; }}
-        onInput={(event) => { const text = event.currentTarget.value.trim(); look(text === value ? null : () => command(text)); }}
+        onInput={(event) => { const text = event.currentTarget.value.trim(); requestPreview(text === value ? null : () => command(text)); }}
       /></label>
       {refused && <p class="error" id="refusal" role="alert">{refused.reason}</p>}
-      <Warning outlook={outlook} />
+      <Warning preview={preview} />
     </div>
   );
 }

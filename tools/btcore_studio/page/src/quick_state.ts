@@ -3,8 +3,9 @@
 import { signal } from "@preact/signals";
 import type { Command, PaletteItem } from "./protocol";
 
-/** The list of node types: to insert a node, to wrap the selected nodes, or to change the type of a node. */
-export const quick = signal<{ mode: "insert" | "wrap" | "type" } | null>(null);
+/** What the list of node types is for: to insert a node, to wrap the selected nodes, or to change the type of a node. */
+export type QuickMode = "insert" | "wrap" | "type";
+export const quick = signal<{ mode: QuickMode } | null>(null);
 
 /** A field at the selected node: *command* returns what its text leads to, or null. */
 export const prompt = signal<{

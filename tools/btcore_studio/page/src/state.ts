@@ -20,6 +20,9 @@ export const selection = signal<readonly string[]>([]);
 export const diagnostics = signal<ReadonlyMap<string, readonly Diagnostic[]>>(new Map());
 /** The files of the folder. */
 export const files = signal<readonly SharedFile[]>([]);
+/** The file of the shown document, if it is in the folder. */
+export const shownFile = computed(() => files.value.find((file) => file.uri === uri.value));
+
 const ANNOUNCED_MS = 5000;
 /** What screen readers read, each item once. */
 export const announcements = signal<readonly { id: number; text: string }[]>([]);
@@ -76,8 +79,9 @@ const isBefore = (a: Position, b: Position) => a.line < b.line || (a.line === b.
 const isWithin = ({ uri, position }: Place, { place, end }: DrawnNode) =>
   place.uri === uri && isBefore(place.position, position) && isBefore(position, end);
 
-export const isSamePlace = (a: Place | undefined, b: Place | undefined): boolean => a !== undefined && b !== undefined
-  && a.uri === b.uri && a.position.line === b.position.line && a.position.character === b.position.character;
+export const isSamePosition = (a: Position, b: Position): boolean => a.line === b.line && a.character === b.character;
+export const isSamePlace = (a: Place | undefined, b: Place | undefined): boolean =>
+  a !== undefined && b !== undefined && a.uri === b.uri && isSamePosition(a.position, b.position);
 
 /** Return the drawn nodes of the innermost element around a place. A tree that is called several times is drawn several times. */
 function nodesAround(place: Place): DrawnNode[] {

@@ -1,6 +1,6 @@
 // The settings that the user's browser keeps.
 
-/** Return a setting of the user, who may have forbidden to store any. */
+/** Return a setting; null if it is not set, or if the browser may not keep settings. */
 export function stored(name: string): string | null {
   try {
     return localStorage.getItem(name);

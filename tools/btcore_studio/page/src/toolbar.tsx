@@ -2,7 +2,7 @@ import { effect, signal } from "@preact/signals";
 import { canRedo, canUndo, type Home } from "./home";
 import { printDrawing } from "./print";
 import type { Drawing } from "./protocol";
-import { actions, drawing, files, folded, message, reasonOf, start, tree, uri } from "./state";
+import { actions, drawing, files, folded, message, reasonOf, shownFile, start, tree, uri } from "./state";
 import { store, stored } from "./storage";
 import { texts } from "./texts";
 
@@ -85,7 +85,6 @@ export function Themes() {
 
 /** File, commands and settings. */
 export function Toolbar({ home }: { home: Home }) {
-  const isUnsaved = files.value.some((file) => file.uri === uri.value && file.unsaved);
   const isFixed = start.value?.readOnly ?? false;
   const trees = drawing.value?.trees ?? [];
   const shown = drawing.value?.tree ?? tree.value ?? "";
@@ -94,7 +93,7 @@ export function Toolbar({ home }: { home: Home }) {
       {home.documents && (
         <div class="title">
           <h1 title={uri.value}>{fileName(uri.value) || texts.title}</h1>
-          {isUnsaved && <span class="tag">{texts.unsaved}</span>}
+          {shownFile.value?.unsaved && <span class="tag">{texts.unsaved}</span>}
         </div>
       )}
       <div class="group">

@@ -9,6 +9,7 @@ import { comparisonTexts, treeTexts } from "./texts";
 import { inOrder, Structure } from "./tree";
 
 const SVG = "http://www.w3.org/2000/svg";
+export const ZOOM_STEP = 1.25;
 const MIN_ZOOM = 0.08;
 const MAX_ZOOM = 3;
 /** Below this zoom the texts of many cards cannot be read, and are not drawn. */
@@ -98,9 +99,8 @@ export class View {
   private show(next: Drawing | null): void {
     const before = this.drawing;
     if (next === before) return;
-    const cursor = this.source.selection.peek().at(-1) ?? "";
     const old = this.structure;
-    const anchor = old.at(cursor);
+    const anchor = this.cursor;
     const oldBox = this.boxes[Math.max(0, anchor)];
     const oldPlace = oldBox && this.screen(oldBox);
     const isOther = !before || before.tree !== next?.tree;
@@ -230,6 +230,16 @@ export class View {
     return this.zoom < FAR && this.cards.length > MANY;
   }
 
+  /** The index of the node with the cursor, or -1. */
+  private get cursor(): number {
+    return this.structure.at(this.source.selection.peek().at(-1) ?? "");
+  }
+
+  /** Whether the cards show the statuses of a running tree. */
+  private get isLive(): boolean {
+    return Boolean(live.peek()?.connection) && liveIndex.peek().size > 0;
+  }
+
   private get left(): number { return this.drawing?.left ?? 0; }
   private get top(): number { return this.drawing?.top ?? 0; }
 
@@ -254,7 +264,7 @@ export class View {
     const { isFar } = this;
     const all = this.cards.length <= FEW;
     const area = this.visible(MARGIN);
-    const cursor = this.structure.at(this.source.selection.peek().at(-1) ?? "");
+    const { cursor } = this;
     const shown = this.cards.filter((index) => all || index === cursor || overlaps(this.boxes[index]!, area));
     const wanted = new Set(shown);
     for (const [index, { element }] of this.groups) {
@@ -316,14 +326,14 @@ export class View {
     const severity = severities.peek().get(node.key);
     if (severity) classes.push(severity === 1 ? "error" : "warning");
     const state = live.peek();
-    const isLive = Boolean(state?.connection) && liveIndex.peek().size > 0;
+    const { isLive } = this;
     const isRaised = isLive && state?.raised === node.key;
     const isStopped = isLive && state?.stopped === node.key;
     const spoken = severity ? [treeTexts.severity[severity]] : [];
     let status = "", result = "0";
     const changes = this.source.changes?.peek().get(node.key) ?? [];
     classes.push(...changes);
-    if (changes.length) spoken.splice(0, 1, comparisonTexts.list(changes));
+    if (changes.length) spoken.unshift(comparisonTexts.list(changes));
     const sign = changes.map((change) => CHANGE_SIGNS[change]).join(" ");
     const badge = group.querySelector(":scope > .change");
     if (badge?.lastElementChild?.textContent !== sign) {
@@ -376,16 +386,15 @@ export class View {
   }
 
   dressAll(): void {
-    const isLive = Boolean(live.peek()?.connection) && liveIndex.peek().size > 0;
-    this.frame.classList.toggle("live", isLive);
+    this.frame.classList.toggle("live", this.isLive);
     for (const [index, { element }] of this.groups) this.dress(index, element);
-    const cursor = this.structure.at(this.source.selection.peek().at(-1) ?? "");
+    const { cursor } = this;
     if (cursor >= 0 && !this.groups.has(cursor)) this.refresh();
     this.markActive();
   }
 
   private markActive(): void {
-    const cursor = this.structure.at(this.source.selection.peek().at(-1) ?? "");
+    const { cursor } = this;
     if (cursor >= 0 && this.groups.has(cursor)) this.frame.setAttribute("aria-activedescendant", `${this.source.prefix}-${cursor + 1}`);
     else this.frame.removeAttribute("aria-activedescendant");
   }
@@ -606,6 +615,18 @@ function hatching(): SVGElement {
   return draw("defs", {},
     draw("pattern", { id: "hatch", width: 8, height: 8, patternUnits: "userSpaceOnUse", patternTransform: "rotate(45)" },
       draw("rect", { class: "hatch-back", width: 8, height: 8 }), draw("rect", { class: "hatch-line", width: 2.4, height: 8 })));
+}
+
+/** Call *zoom* when the wheel turns while Ctrl is down. Return a function that ends it. */
+export function followWheel(frame: HTMLElement, zoom: (factor: number, clientX: number, clientY: number) => void): () => void {
+  const wheel = (event: WheelEvent) => {
+    if (!event.ctrlKey && !event.metaKey) return;
+    event.preventDefault();
+    zoom(Math.exp(-event.deltaY / 300), event.clientX, event.clientY);
+  };
+  // Preact adds wheel listeners as passive ones in some browsers.
+  frame.addEventListener("wheel", wheel, { passive: false });
+  return () => frame.removeEventListener("wheel", wheel);
 }
 
 /** The view of the page; null before the canvas exists. */
