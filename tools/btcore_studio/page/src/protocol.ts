@@ -287,7 +287,7 @@ export interface Difference {
   tree: string;
   id: string;
   name: string;
-  /** The number of nodes that were added or removed with it. */
+  /** The number of added or removed nodes: the node itself and those below it. */
   count: number;
   /** The name "" is the ID of the node itself. */
   attributes: [name: string, old: string | null, new: string | null][];
