@@ -46,7 +46,7 @@ class MonitorProcess:
         self.writes_file = bool(files)
         self.takes_screenshot = options.screenshot is not None
         self.serves_web = options.serve_web is not None
-        self.label = f"writing {' and '.join(map(str, files.values()))}" if files else "the monitor"
+        self.label = f"writing {' and '.join(map(str, files.values()))}" if files else "the viewer"
         if self.serves_web:
             self.label = "the viewer for browsers"
         flags = {
