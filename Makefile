@@ -65,7 +65,7 @@ NPM_OPTIONS := --loglevel=error --no-audit --no-fund --no-package-lock
 # What the demo runs, and for how long (s of the robot's time).
 DEMO := bumpgo_wide --world arena_boxes --seed 7 --duration 60
 
-# Targets that `make test` makes beside the tests of ROS 2, which often wait.
+# Targets that `make test` makes beside the tests, which often wait.
 BESIDE ?=
 
 # The options of each acceptance run, whose script `--help` describes; `none` leaves the run out. Durations are in s.
@@ -95,7 +95,7 @@ RECORDED_RUNS ?= 2000
 # $(call acceptance,SCRIPT,OPTIONS[,FURTHER ARGUMENTS[,ENVIRONMENT]]) runs a script unless its options are `none`.
 acceptance = @$(if $(filter none,$(2)),,$(or $(4),.venv)/bin/python tests/acceptance/$(1).py $(3) $(2))
 
-.PHONY: help setup setup-core demo test $(LANES) test-ros2 check environments lint lint-and-pure other-tests pure compiled vulkan accept \
+.PHONY: help setup setup-core demo test $(LANES) test-ros2 check environments lint other-tests pure compiled vulkan accept \
 	accept-robot accept-engine accept-tools accept-ros2 docs page vscode npm-checks dist bench clean
 
 help:
@@ -212,7 +212,7 @@ demo: .venv/ready vulkan
 	fi
 
 test:
-	@$(MAKE) -s -j 4 lint-and-pure other-tests
+	@$(MAKE) -s -j 4 lint pure other-tests
 
 check: .venv/ready
 	@.venv/bin/python tests/check.py $(if $(LIMIT),--limit $(LIMIT)) $(FILES)
@@ -220,10 +220,6 @@ check: .venv/ready
 environments: .venv/project
 	@$(MAKE) -s .venv-compiled/ready
 	$(if $(ROS2),@$(MAKE) -s .venv-ros/ready)
-
-lint-and-pure: .venv/ready
-	@$(MAKE) -s lint
-	@$(MAKE) -s pure
 
 # The environments are built beside the other tests.
 other-tests: .venv/ready environments
@@ -250,7 +246,7 @@ $(LANES): .venv/ready vulkan
 
 compiled: .venv-compiled/ready
 	@echo '· the tests of the engine, on the compiled build'
-	@BTCORE_EXPECT=compiled .venv-compiled/bin/pytest -n $(TEST_PROCESSES) --dist worksteal $(COMPILED_TESTS)
+	@BTCORE_EXPECT=compiled .venv-compiled/bin/pytest -n $(CORES) --dist worksteal $(COMPILED_TESTS)
 
 # All tests of a file in one process: they share the processes that they start. What fails runs again in new
 # processes, because Fast DDS 3.2 may deadlock when a ROS node ends; see tests/ros2/conftest.py.

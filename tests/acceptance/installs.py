@@ -1,9 +1,8 @@
 """Wheels are complete, and run a bundled tree in a fresh environment without a compiler.
 
-`python tests/acceptance/installs.py WHEEL` makes a wheel for each way in which compiling can fail, and
-expects the complete pure build, without compiled files. It installs a pure wheel and the compiled wheel WHEEL
+`python tests/acceptance/installs.py WHEEL` makes a wheel with a compiler that fails after its first file, and
+expects the complete pure build, without compiled files. It installs this wheel and the compiled wheel WHEEL
 in new environments, and runs a tree there. It prints what it finds, and exits with 1 if something is wrong.
-Each pure wheel takes some 10 s of processor time, and each installation 4 s.
 """
 
 import argparse
@@ -37,9 +36,9 @@ sys.exit(subprocess.call(["cc", *arguments]))
 """
 
 
-def build_wheel(name: str, folder: Path, environment: dict[str, str]) -> Path:
-    """Return the wheel that pip builds from a copy of the checkout, in *environment*."""
-    checkout, dist = folder / name, folder / f"{name}-dist"
+def build_wheel(folder: Path, environment: dict[str, str]) -> Path:
+    """Return the wheel that pip builds from a copy of the checkout in *folder*, in *environment*."""
+    checkout, dist = folder / "checkout", folder / "dist"
     for package in PACKAGES:
         unwanted = shutil.ignore_patterns("__pycache__", "*.so", "node_modules")
         shutil.copytree(ROOT / package, checkout / package, ignore=unwanted)
@@ -107,20 +106,15 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
     parser.add_argument("compiled", metavar="WHEEL", type=Path, help="the compiled wheel, as in dist/")
     compiled = parser.parse_args().compiled
-    missed = 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         compiler = folder / "compiler.py"
         compiler.write_text(HALFWAY, encoding="utf-8")
-        cases = {
-            "no compiler": {"CC": str(folder / "absent")},
-            "a compiler that fails halfway": {"CC": f"{sys.executable} {compiler}"},
-        }
-        for number, (case, environment) in enumerate(cases.items()):
-            pure = build_wheel(str(number), folder, environment)
-            found = wheel_misses(pure)
-            print(f"installing: {case:32} {'; '.join(found[:3]) or 'the pure build, whole'}", flush=True)
-            missed += len(found)
+        # Without any compiler, already the first file would fail.
+        pure = build_wheel(folder, {"CC": f"{sys.executable} {compiler}"})
+        found = wheel_misses(pure)
+        print(f"with a compiler that fails: {'; '.join(found[:3]) or 'the complete pure build'}", flush=True)
+        missed = len(found)
         for build, made in {"pure": pure, "compiled": compiled}.items():
             found = installation_misses(made, build, folder)
             print(
