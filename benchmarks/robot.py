@@ -63,7 +63,7 @@ def main() -> None:
     parser = create_parser(__doc__ or "", pairs=3)
     parser.add_argument("--seconds", type=float, default=60.0, help="simulated time of a run (s)")
     given = parser.parse_args()
-    seconds = 20.0 if given.quick else given.seconds
+    seconds = 8.0 if given.quick else given.seconds
     report = Report("robot", "The speed of a simulated robot without a camera", given.pairs)
     for world in list(RUNS)[: 1 if given.quick else None]:
         starts, speeds, ratios = [], [], []

@@ -231,6 +231,8 @@ def run(page: str, name: str, folder: Path) -> subprocess.CompletedProcess[str]:
         patch_copy(patches, empty)
     for file, texts in files(page).items():
         (empty / file).write_text(texts[0], encoding="utf-8")
+    if not source.strip():
+        return subprocess.CompletedProcess([], 0, "", "")
     by_pytest = [
         "-m",
         "pytest",

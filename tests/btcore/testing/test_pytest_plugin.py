@@ -7,8 +7,6 @@ import sys
 import tomllib
 from pathlib import Path
 
-import pytest
-
 import btcore
 
 HOME = Path(btcore.__file__).parent.parent
@@ -57,6 +55,9 @@ def test_fixtures_build_trees_on_a_simulated_clock(tmp_path: Path) -> None:
     done = run(
         tmp_path,
         """
+import sys
+import pytest
+
 def test_the_harness_takes_text_files_and_trees(btcore_registry, btcore_clock, btcore_harness, tmp_path):
     btcore_registry.add(drive)
     made = btcore_harness(XML)
@@ -78,57 +79,66 @@ def test_a_trace_follows_any_tree(btcore_registry, btcore_clock, btcore_trace):
     followed = btcore_trace(tree)
     tree.tick_once()
     assert followed.results("out") == [Status.SUCCESS]
+
+class TestOwnFixture:
+    @pytest.fixture
+    def btcore_clock(self):
+        return "mine"
+
+    def test_a_users_fixture_overrides_the_fixture_of_the_same_name(self, btcore_clock):
+        assert btcore_clock == "mine"
+
+def test_the_plugin_does_not_import_hypothesis():
+    assert "hypothesis" not in sys.modules
 """,
     )
     assert done.returncode == 0, done.stdout
-    assert "3 passed" in done.stdout
+    assert "5 passed" in done.stdout
 
 
-def test_failing_test_shows_the_trace_of_its_trees(tmp_path: Path) -> None:
-    done = run(
-        tmp_path,
-        """
-def test_it_fails(btcore_registry, btcore_harness):
-    btcore_registry.add(drive)
-    btcore_harness(XML).tick()
-    assert False, "on purpose"
-""",
-    )
-    assert done.returncode == 1
-    section = done.stdout.partition("btcore: tree 'Main'")[2].splitlines()
-    assert section[1:4] == ["tick 1, at 0 s: RUNNING", "    all: IDLE → RUNNING", "    out: IDLE → SUCCESS"]
-    assert "└── ◷ rest  Sleep  ▶ RUNNING  returned RUNNING" in section
-
-
-@pytest.mark.parametrize("node", ["rest", "nowhere"])
-def test_failed_assertion_shows_the_test_and_no_code_of_btcore(tmp_path: Path, node: str) -> None:
-    done = run(
-        tmp_path,
-        f"""
-def test_it_fails(btcore_registry, btcore_harness):
-    from btcore.testing import assert_never_ran
-    btcore_registry.add(drive)
-    made = btcore_harness(XML)
-    made.tick()
-    assert_never_ran(made, "{node}")
-""",
-    )
-    assert done.returncode == 1
-    assert f'>       assert_never_ran(made, "{node}")' in done.stdout
-    assert "assertions.py" not in done.stdout
-    assert "trace.py" not in done.stdout
-
-
-def test_a_passing_test_shows_nothing(tmp_path: Path) -> None:
+def test_only_a_failing_test_shows_the_trace_of_its_trees(tmp_path: Path) -> None:
     done = run(
         tmp_path,
         """
 def test_it_passes(btcore_registry, btcore_harness):
     btcore_registry.add(drive)
     btcore_harness(XML).tick()
+
+def test_it_fails(btcore_registry, btcore_harness):
+    btcore_registry.add(drive)
+    btcore_harness(XML).tick()
+    assert False, "on purpose"
 """,
     )
-    assert "tree 'Main'" not in done.stdout
+    assert "1 failed, 1 passed" in done.stdout
+    assert done.stdout.count("tree 'Main'") == 1
+    section = done.stdout.partition("btcore: tree 'Main'")[2].splitlines()
+    assert section[1:4] == ["tick 1, at 0 s: RUNNING", "    all: IDLE → RUNNING", "    out: IDLE → SUCCESS"]
+    assert "└── ◷ rest  Sleep  ▶ RUNNING  returned RUNNING" in section
+
+
+def test_failed_assertion_shows_the_test_and_no_code_of_btcore(tmp_path: Path) -> None:
+    done = run(
+        tmp_path,
+        """
+from btcore.testing import assert_never_ran
+
+def test_it_fails(btcore_registry, btcore_harness):
+    btcore_registry.add(drive)
+    made = btcore_harness(XML)
+    made.tick()
+    assert_never_ran(made, "rest")
+
+def test_it_has_no_such_node(btcore_registry, btcore_harness):
+    btcore_registry.add(drive)
+    assert_never_ran(btcore_harness(XML), "nowhere")
+""",
+    )
+    assert "2 failed" in done.stdout
+    assert '>       assert_never_ran(made, "rest")' in done.stdout
+    assert '>       assert_never_ran(btcore_harness(XML), "nowhere")' in done.stdout
+    assert "assertions.py" not in done.stdout
+    assert "trace.py" not in done.stdout
 
 
 def test_failing_property_prints_the_shrunk_tree(tmp_path: Path) -> None:
@@ -170,28 +180,6 @@ def test_a_strategy_says_what_it_needs():
     )
     assert done.returncode == 0, done.stdout
     assert "2 passed" in done.stdout
-
-
-def test_plugin_does_not_import_hypothesis(tmp_path: Path) -> None:
-    done = run(tmp_path, "\ndef test_it():\n    import sys\n    assert 'hypothesis' not in sys.modules\n")
-    assert done.returncode == 0, done.stdout
-
-
-def test_user_fixture_overrides_the_plugin_fixture_of_the_same_name(tmp_path: Path) -> None:
-    done = run(
-        tmp_path,
-        """
-import pytest
-
-@pytest.fixture
-def btcore_clock():
-    return "mine"
-
-def test_it(btcore_clock):
-    assert btcore_clock == "mine"
-""",
-    )
-    assert done.returncode == 0, done.stdout
 
 
 def test_pytest_finds_the_plugin_by_its_entry_point() -> None:

@@ -68,7 +68,7 @@ def test_tree_shrinks_to_the_required_node(tag: str) -> None:
     children = 2 if tag == "TryCatch" else 1
     for seed in range(4):
         # Among all tags, the search for a rare tag takes up to a minute.
-        documents = xml_documents(max_nodes=40, tags=(tag, "Fallback", "Inverter", "Sequence"))
+        documents = xml_documents(max_nodes=15, tags=(tag, "Fallback", "Inverter", "Sequence"))
         found = smallest(documents, lambda text: f"<{tag} " in text, seed)
         if len(found) == 1 + children:
             break  # about one search in twenty stops at a slightly larger tree
@@ -78,8 +78,9 @@ def test_tree_shrinks_to_the_required_node(tag: str) -> None:
 
 
 def test_subtree_shrinks_away_unless_it_is_required() -> None:
-    assert "SubTree" not in smallest(xml_documents(subtrees=3), lambda text: "<Inverter" in text)
-    found = smallest(xml_documents(subtrees=3), lambda text: "<SubTree" in text)
+    documents = xml_documents(max_nodes=10, subtrees=2)
+    assert "SubTree" not in smallest(documents, lambda text: "<Inverter" in text)
+    found = smallest(documents, lambda text: "<SubTree" in text)
     assert found[-3:] == ["SubTree", "BehaviorTree", found[-1]]
     assert found[-1] in ("Act", "Ask")
 
@@ -149,7 +150,7 @@ def test_a_tree_with_everything_can_be_driven(tree: Tree, plan: Outcomes) -> Non
 
 def test_a_failing_property_prints_the_smallest_tree_as_xml() -> None:
     @settings(SMALLEST, max_examples=500, print_blob=False)
-    @given(trees(max_nodes=40), outcomes())
+    @given(trees(max_nodes=15), outcomes())
     def no_tree_repeats(tree: Tree, plan: Outcomes) -> None:
         assert "Repeat" not in {node.id for node in tree}
 

@@ -20,7 +20,7 @@ from tests.tools.btcore_recorder.test_what_if import ACTIONS, HELD
 RUNS = os.environ.get("BTCORE_RUNS")
 
 
-@settings(max_examples=int(RUNS) // 4 if RUNS else settings().max_examples)
+@settings(max_examples=int(RUNS) // 4 if RUNS else settings().max_examples // 2)
 @given(DOCUMENTS, ACTIONS, st.integers(0, 2**32), st.data())
 def test_saved_test_passes_or_fails_as_the_run_did(
     tmp_path_factory: pytest.TempPathFactory, xml: str, actions: list[str], seed: int, data: st.DataObject
@@ -58,7 +58,7 @@ def size(recording: RunRecording) -> int:
     return sum(1 + len(step.before) + len(step.inputs) for step in recording.steps)
 
 
-@settings(max_examples=int(RUNS) // 4 if RUNS else settings().max_examples)
+@settings(max_examples=int(RUNS) // 4 if RUNS else settings().max_examples // 2)
 @given(DOCUMENTS, ACTIONS, st.integers(0, 2**32))
 @example(HELD, ["tick", "halt"], 4)  # the halt raises, also without the tick before it
 @example(

@@ -140,7 +140,7 @@ def test_the_tree_is_not_changed_by_a_recording_that_has_ended(tmp_path: Path) -
 def test_a_file_that_is_cut_off_anywhere_holds_only_complete_steps(file: Path, tmp_path: Path) -> None:
     data, whole = file.read_bytes(), read_recording(file)
     cut = tmp_path / f"cut{file.suffix}"
-    for size in range(len(data)):
+    for size in range(0, len(data), 3):
         cut.write_bytes(data[:size])
         check_beginning(cut, whole)
 
@@ -148,7 +148,7 @@ def test_a_file_that_is_cut_off_anywhere_holds_only_complete_steps(file: Path, t
 def test_a_changed_bit_is_found(file: Path, tmp_path: Path) -> None:
     data, whole = file.read_bytes(), read_recording(file)
     source, flipped = Random(1), tmp_path / "flipped"
-    for _ in range(1000):
+    for _ in range(300):
         damaged = bytearray(data)
         damaged[source.randrange(len(data))] ^= 1 << source.randrange(8)
         flipped.write_bytes(damaged)

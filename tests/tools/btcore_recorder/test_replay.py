@@ -182,7 +182,7 @@ def random_tree(xml: str, seed: int, clock: btcore.Clock) -> Tree:
     return btcore.loads(xml, nodes=NODES, clock=clock, resources=resources, blackboard=board)
 
 
-@settings(max_examples=int(RUNS) if RUNS else settings().max_examples)
+@settings(max_examples=int(RUNS) if RUNS else settings().max_examples // 2)
 @given(DOCUMENTS, ACTIONS, st.integers(0, 2**32), st.booleans(), st.integers(0, 4), st.integers(0, 12))
 def test_a_replay_repeats_the_run(
     xml: str, actions: list[str], seed: int, real_time: bool, recorded_from: int, observed_from: int

@@ -25,7 +25,7 @@ PATROL = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Sequence>
 """
 
 
-@settings(max_examples=int(RUNS) // 2 if RUNS else settings().max_examples)
+@settings(max_examples=int(RUNS) // 2 if RUNS else settings().max_examples // 2)
 @given(DOCUMENTS, ACTIONS, st.integers(0, 2**32))
 @example(HELD, ["tick", "halt"], 4)  # the halt raises
 def test_without_a_change_the_run_is_the_same(xml: str, actions: list[str], seed: int) -> None:

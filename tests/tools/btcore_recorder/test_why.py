@@ -53,7 +53,7 @@ def _outcome(changed: ChangedReplay, position: int, uid: int) -> object:
     return visits[-1].result if visits else "no tick", trace.halt_of(uid) is not None
 
 
-@settings(max_examples=int(RUNS) // 4 if RUNS else settings().max_examples // 2)
+@settings(max_examples=int(RUNS) // 4 if RUNS else settings().max_examples // 4)
 @given(DOCUMENTS, ACTIONS, st.integers(0, 2**32))
 def test_the_smallest_set_changes_the_outcome(xml: str, actions: list[str], seed: int) -> None:
     source = Random(seed)
@@ -239,7 +239,7 @@ def run_mission(xml: str, seed: int) -> tuple[Status, RunRecording]:
 
 def test_the_chain_names_a_seeded_fault() -> None:
     source = Random(1)
-    count = 100 if RUNS else 25
+    count = 100 if RUNS else 10
     found: list[bool] = []
     while len(found) < count:
         stages = "".join(random_stage(source, str(i)) for i in range(source.randrange(3, 7)))
