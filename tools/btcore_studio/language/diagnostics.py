@@ -1,10 +1,9 @@
 """Errors and warnings as `btcore validate` finds them, with the ranges of the protocol."""
 
 from collections.abc import Callable, Collection, Iterable, Sequence
-from typing import Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import msgspec
-from lsprotocol import types
 
 from btcore.diagnostics import Diagnostic, shown_diagnostics
 from btcore.errors import TreeError
@@ -14,6 +13,9 @@ from btcore.xml.edit.editor import Edit
 from btcore.xml.edit.quick_fixes import FixMaker, QuickFix
 from btcore.xml.read.document import Document
 from btcore_studio.language.studio_protocol import Problem, ProblemData
+
+if TYPE_CHECKING:
+    from lsprotocol import types
 
 SOURCE: Final = "btcore"
 
@@ -52,12 +54,17 @@ class Report(NamedTuple):
     fixes: tuple[QuickFix, ...] = ()
 
     @property
-    def range(self) -> types.Range:
+    def range(self) -> "types.Range":
         """The place in the file."""
+        # The import would take a third of the time in which the worker process starts.
+        from lsprotocol import types
+
         return types.Range(types.Position(self.line, self.start), types.Position(self.line, self.end))
 
-    def diagnostic(self) -> types.Diagnostic:
+    def diagnostic(self) -> "types.Diagnostic":
         """Return the diagnostic of the protocol."""
+        from lsprotocol import types
+
         problem = self.problem()
         return types.Diagnostic(
             self.range,

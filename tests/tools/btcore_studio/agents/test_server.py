@@ -1,11 +1,12 @@
 """`btcore mcp`: an agent mends, proves and simulates a tree; hostile calls are refused."""
 
 import importlib.util
+import io
 import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable, Coroutine
+from collections.abc import Callable, Coroutine, Sequence
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -19,6 +20,9 @@ from mcp import Client, StdioServerParameters
 from mcp.client.stdio import stdio_client
 
 from btcore_studio.agents import limited_command
+from btcore_studio.agents.command_process import CommandRunner
+from btcore_studio.agents.server import create_server
+from btcore_studio.served_folder import ServedFolder
 
 FAULTY = """<root BTCPP_format="4" main_tree_to_execute="Ausweichen">
   <BehaviorTree ID="Ausweichen">
@@ -71,7 +75,7 @@ class Agent:
 def serve(
     folder: Path, log: Path, work: Callable[[Agent], Coroutine[Any, Any, None]], *options: str
 ) -> list[dict[str, Any]]:
-    """Run *work* with a server, and return the lines of its log."""
+    """Run *work* with a server process, and return the lines of its log."""
 
     async def connect() -> None:
         environment = {name: os.environ[name] for name in ("PATH", "PYTHONPATH") if name in os.environ}
@@ -85,6 +89,26 @@ def serve(
 
     anyio.run(connect)
     return [json.loads(line) for line in log.read_text(encoding="utf-8").splitlines()]
+
+
+def serve_here(
+    folder: Path,
+    work: Callable[[Agent], Coroutine[Any, Any, None]],
+    time_limit: float = 60.0,
+    plugins: Sequence[str] = (),
+) -> None:
+    """Run *work* with a server in this process."""
+
+    async def connect() -> None:
+        served = ServedFolder(folder)
+        runner = CommandRunner(served, time_limit, plugins)
+        try:
+            async with Client(create_server(served, runner, io.StringIO())) as client:
+                await work(Agent(client))
+        finally:
+            runner.close()
+
+    anyio.run(connect)
 
 
 def test_an_agent_mends_proves_and_simulates_a_tree(tmp_path: Path) -> None:
@@ -160,7 +184,7 @@ def test_an_agent_learns_why_a_tree_failed(tmp_path: Path) -> None:
 
     plugin = tmp_path / "leaves.py"
     plugin.write_text(LEAVES, encoding="utf-8")
-    serve(tmp_path, tmp_path / "mcp.log", work, f"--plugin={plugin}")
+    serve_here(tmp_path, work, plugins=[str(plugin)])
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs symbolic links and named pipes")
@@ -221,7 +245,7 @@ def test_calls_return_what_they_have_when_their_time_ends(tmp_path: Path) -> Non
             both.start_soon(run)
 
     # Long enough for the start of a process on a slow machine.
-    serve(tmp_path, tmp_path / "calls.jsonl", work, "--time-limit=8")
+    serve_here(tmp_path, work, time_limit=8)
 
 
 def test_a_call_without_a_result_explains_what_to_do_when_its_time_ends(tmp_path: Path) -> None:

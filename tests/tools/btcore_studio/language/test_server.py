@@ -14,6 +14,7 @@ pytest.importorskip("pytest_lsp")
 
 from lsprotocol import types
 
+from btcore.entry_points import LIMIT_VARIABLE
 from btcore_studio.language import checker
 from btcore_studio.language.checker import Checker
 from btcore_studio.language.diagnostics import Report
@@ -36,6 +37,12 @@ def greet(who: In[str]) -> bool:
 @pytest.fixture(scope="module")
 def editor(acceptance_script: Callable[[str], ModuleType]) -> ModuleType:
     return acceptance_script("editor")
+
+
+@pytest.fixture(autouse=True)
+def no_node_libraries(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the servers import no installed libraries of nodes, which takes longer than most tests."""
+    monkeypatch.setenv(LIMIT_VARIABLE, "lsp")
 
 
 def codes(found: list[types.Diagnostic]) -> list[str]:

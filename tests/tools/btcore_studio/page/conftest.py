@@ -1,19 +1,26 @@
 """`btcore studio` as a process, and its page in Chromium."""
 
-import json
+import multiprocessing
 import os
 import re
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from btcore_studio.page_server import server
+from btcore.cli import terminal
+from btcore.cli.main import main
+from btcore.entry_points import LIMIT_VARIABLE
+from btcore_studio.page_server import command, server, session
+
+# Each studio is a copy of a process that has these modules, because their import takes a second.
+STARTS = multiprocessing.get_context("forkserver" if os.name == "posix" else "spawn")
+STARTS.set_forkserver_preload([__name__, command.__name__, session.__name__])
 
 FIRST_CHECK_MS = 30_000  # the first check of a page starts a process
 STRANGE = re.compile(r"Failed to load resource|WebSocket connection")
@@ -41,7 +48,7 @@ FOCUSED = """(element => element === document.body ? 'body'
 class Studio:
     """A running `btcore studio`."""
 
-    process: subprocess.Popen[str]
+    process: BaseProcess
     url: str
     folder: Path
 
@@ -50,27 +57,40 @@ StartStudio = Callable[..., Studio]
 OpenPage = Callable[..., Any]
 
 
+def run_studio(folder: Path, arguments: tuple[str, ...], libraries: str, address: Connection) -> None:
+    """Run the command in this process, and send what it prints."""
+    os.environ[LIMIT_VARIABLE] = f"studio robot {libraries}"
+    os.chdir(folder)
+    terminal.print_json = address.send
+    main(["studio", "--json", *arguments], prog_name="btcore")
+
+
 @contextmanager
-def running_studio(folder: Path, *arguments: str) -> Iterator[Studio]:
-    command = [sys.executable, "-m", "btcore", "studio", "--json", *arguments]
-    with subprocess.Popen(
-        command, cwd=folder, stdout=subprocess.PIPE, text=True, encoding="utf-8"
-    ) as process:
+def running_studio(folder: Path, *arguments: str, libraries: str = "") -> Iterator[Studio]:
+    address, child = STARTS.Pipe(duplex=False)
+    process = STARTS.Process(target=run_studio, args=(folder, arguments, libraries, child))
+    process.start()
+    child.close()
+    with address:
         try:
-            assert process.stdout is not None
-            yield Studio(process, json.loads(process.stdout.readline())["url"], folder)
+            yield Studio(process, address.recv()["url"], folder)
         finally:
             process.kill()
+            process.join()
+            process.close()
 
 
 @pytest.fixture
 def start_studio() -> Iterator[StartStudio]:
-    """Return a function that starts the studio in a folder; skip the test if the page is not built."""
+    """Return a function that starts the studio in a folder; skip the test if the page is not built.
+
+    Of the installed libraries of nodes, the studio imports only *libraries*.
+    """
     if server.built_page() is None:
         # Continuous integration builds it.
         (pytest.fail if os.environ.get("CI") else pytest.skip)("the page is not built: make page")
     with ExitStack() as stack:
-        yield lambda folder, *arguments: stack.enter_context(running_studio(folder, *arguments))
+        yield lambda *arguments, **options: stack.enter_context(running_studio(*arguments, **options))
 
 
 @pytest.fixture

@@ -70,4 +70,5 @@ def test_differences_are_marked_and_listed_and_both_pictures_follow(
     (tmp_path / "new.xml").write_text(NEW[: NEW.index("<Inverter")], encoding="utf-8")
     new.locator(".note", has_text="The file has an error").wait_for()
     page.context.close()
-    assert studio.process.wait(60) == 0
+    studio.process.join(60)
+    assert studio.process.exitcode == 0

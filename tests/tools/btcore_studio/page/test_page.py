@@ -300,19 +300,12 @@ def test_edits_without_a_connection_arrive_later(
     assert content(folder) == MISSPELLED.replace('msec="10"/>', 'msec="10"/><!-- 1 --><!-- 2 --><!-- 3 -->')
 
 
-@pytest.mark.parametrize(
-    "context",
-    [
-        {"color_scheme": "light"},
-        {"color_scheme": "dark"},
-        {"viewport": {"width": 390, "height": 844}},
-    ],
-)
-def test_page_is_accessible(
-    context: dict[str, Any], folder: Path, start_studio: StartStudio, open_page: OpenPage
-) -> None:
-    page = open_page(start_studio(folder, "tree.xml"), **context)
+def test_page_is_accessible(folder: Path, start_studio: StartStudio, open_page: OpenPage) -> None:
+    page = open_page(start_studio(folder, "tree.xml"), reduced_motion="reduce")
     page.locator(".problems li button").first.wait_for(timeout=FIRST_CHECK_MS)
     page.locator("main g.error").wait_for()
-    assert accessibility_violations(page) == []
-    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    for scheme, width, height in (("light", 1400, 900), ("dark", 1400, 900), ("light", 390, 844)):
+        page.emulate_media(color_scheme=scheme)
+        page.set_viewport_size({"width": width, "height": height})
+        assert accessibility_violations(page) == [], (scheme, width)
+        assert page.evaluate("document.documentElement.scrollWidth <= innerWidth"), (scheme, width)

@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from websockets.sync.client import ClientConnection, connect
 
+from btcore.entry_points import LIMIT_VARIABLE
 from btcore_studio.page_server.server import StudioServer
 from btcore_studio.page_server.session import Shown, StudioSession
 
@@ -116,6 +117,12 @@ def running_studio(shown: Shown, previous: Path, page: Path) -> Iterator[Studio]
         stops[0]()
         thread.join(60)
         assert not thread.is_alive()
+
+
+@pytest.fixture(autouse=True)
+def no_node_libraries(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the studio import no installed libraries of nodes, which takes longer than most tests."""
+    monkeypatch.setenv(LIMIT_VARIABLE, "studio robot recorder mcap btrec.txt")
 
 
 @pytest.fixture

@@ -75,13 +75,12 @@ def test_file_is_edited_until_a_signal(folder: Path, built: Path) -> None:
     assert (folder / "tree.xml").read_text(encoding="utf-8") == TREE
 
 
-@pytest.mark.parametrize("arguments", [(), (".",)])
-def test_folder_shows_its_main_tree(folder: Path, built: Path, arguments: tuple[str, ...]) -> None:
+def test_folder_shows_its_main_tree(folder: Path, built: Path) -> None:
     (folder / "a.btproj").write_text('<root project_name="a"/>')
     (folder / "b.xml").write_text(
         '<root BTCPP_format="4"><BehaviorTree ID="B"><Sleep/></BehaviorTree></root>'
     )
-    with running(built, folder, *arguments) as (_, page):
+    with running(built, folder) as (_, page):
         start = page.request("btcore/start")
         assert start["uri"] == (folder / "tree.xml").as_uri()
         assert [file["name"] for file in page.request("btcore/files")] == ["a.btproj", "b.xml", "tree.xml"]
