@@ -44,18 +44,6 @@ def tick(tree: Tree, body: SimulatedRobot, seconds: float) -> None:
         body.world.wait_until(body.world.now() + TENTH, threading.Event())
 
 
-@pytest.mark.parametrize(
-    ("name", "body"), [("bumpgo", "arena"), ("bumpgo_wide", "arena_boxes")], indirect=["body"]
-)
-def test_robot_drives_for_minute_without_collisions(name: str, body: SimulatedRobot, nodes: Registry) -> None:
-    tree = btcore.load(TREES / f"{name}.xml", nodes=nodes, resources=[body], clock=body.clock)
-    tree.start_tick_counts()
-    tick(tree, body, 60)
-    assert (body.contacts.collisions, body.contacts.grazes) == (0, 0)
-    assert body.distance > 5.0
-    assert all(start_tick_counts(node).ticks > 0 for node in tree.nodes)
-
-
 @pytest.mark.parametrize("body", ["arena_boxes"], indirect=True)
 def test_robot_stops_within_1_s_of_laser_failure_in_any_leaf(body: SimulatedRobot, nodes: Registry) -> None:
     tree = btcore.load(TREES / "bumpgo_wide.xml", nodes=nodes, resources=[body], clock=body.clock)

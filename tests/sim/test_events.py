@@ -260,7 +260,7 @@ def box_side(pose: Pose2D, box: WorldObject, side: float) -> tuple[float, float]
 
 
 @pytest.mark.parametrize("name", ["house", "aws_house"])
-@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_kidnapped_robot_is_clear_and_far_away_with_unchanged_odometry(
     meet: Callable[..., Any], name: str, seed: int
 ) -> None:
@@ -361,7 +361,7 @@ def test_robot_is_carried_only_through_open_doors(
     passes: bool,
 ) -> None:
     rooms = set()
-    for seed in range(4):
+    for seed in range(2):
         body, _ = meet(flat(*start), *events, seed=seed)
         go(body, parse_event(events[-1]).time / SECOND, 0.0)
         way = body.carried_along()

@@ -1,11 +1,11 @@
 """The world with all kinds of objects: a patrol through its doors and between its panes of glass."""
 
 import json
-import subprocess
-import sys
 
 import pytest
+from click.testing import CliRunner
 
+from btcore.cli.main import main
 from btcore_sim.clearance_map import ClearanceMap
 from btcore_sim.worlds import load_world_description
 
@@ -23,12 +23,7 @@ def test_a_robot_can_drive_to_every_waypoint() -> None:
 def test_a_patrol_drives_through_the_doors_without_contact() -> None:
     """Both rooms behind the doors are visited, with localisation: glass contradicts no scan."""
     options = ("--world", "lobby", "--seed", "3", "--duration", "72", "--camera", "off")
-    done = subprocess.run(
-        [sys.executable, "-m", "btcore", "run", "patrolling", *options, "--fast", "--json"],
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    done = CliRunner().invoke(main, ["run", "patrolling", *options, "--fast", "--json"])
     robot = json.loads(done.stdout)["robot"]
     assert (robot["collisions"], robot["grazes"], robot["goals_failed"]) == (0, 0, 0)
     assert robot["waypoints_visited"] == ["wp1", "wp2"]

@@ -83,7 +83,6 @@ class Mapper:
         start: The initial pose of the base in the frame `map`; the origin if omitted.
         resolution: The side (m) of a map cell.
         keepout: Rectangles that are added to the map because the laser cannot detect them.
-        loops: Whether to close loops.
         frames: The names of the map, odometry and base frames.
         odometry_limit: The age (s) from which on the odometry has an outage.
 
@@ -101,7 +100,6 @@ class Mapper:
         start: Pose2D | None = None,
         resolution: float = 0.05,
         keepout: tuple[Rectangle, ...] = (),
-        loops: bool = True,
         frames: tuple[str, str, str] = ("map", "odom", "base_footprint"),
         odometry_limit: float = MAX_ODOMETRY_AGE_S,
     ) -> None:
@@ -111,7 +109,7 @@ class Mapper:
         self._scans = TransformFilter[LaserScan](tree, frames[1])
         self._start = pose_to_row(start) if start is not None else np.zeros(3)
         self._grid = LogOddsGrid(resolution, robot.base_info.radius, keepout)
-        self._loop_detector = LoopClosureDetector() if loops else None
+        self._loop_detector = LoopClosureDetector()
         self.is_searching = False
         """Whether the robot has to turn, because no scan since an outage of the odometry matches the map."""
         self._odometry_limit = odometry_limit
@@ -313,7 +311,7 @@ class Mapper:
     def _close_loop(self) -> bool:
         """Close a loop if the newest key scan is at a known place; return whether a loop was closed."""
         graph = self.graph
-        if self._loop_detector is None or graph is None:
+        if graph is None:
             return False
         loop = self._loop_detector.find(self.scans, graph)
         if loop is None:

@@ -11,6 +11,7 @@ from btcore.clock import NS_PER_S
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.controller import FollowPathGoal
 from btcore_navigation.error_codes import Nav2ErrorCode
+from btcore_navigation.navigator import NavigateGoal
 from btcore_navigation.parameters import NavigationParameters
 from btcore_navigation.stack import Navigation
 from btcore_robot.occupancy_map import OccupancyMap
@@ -57,7 +58,9 @@ def test_a_robot_passes_only_a_gap_that_is_wide_enough_for_it(
     robot.info = replace(robot.info, radius=radius)
     robot._sigma = 0.01
     navigation = Navigation(robot, map_of(boxes), np.random.default_rng(1), folder())
-    handle = navigation.go_to(Pose2D(3.0, 0.0, 0.0))
+    # A tree without recoveries: it fails as soon as there is no path.
+    tree = "navigate_w_replanning_time.xml"
+    handle = navigation.navigate_to_pose.send_goal(NavigateGoal((Pose2D(2.5, 0.0, 0.0),), tree))
 
     def run(seconds: float) -> None:
         end = robot.clock.now() + round(seconds * NS_PER_S)
@@ -71,7 +74,7 @@ def test_a_robot_passes_only_a_gap_that_is_wide_enough_for_it(
         assert handle.result.code == Nav2ErrorCode.NO_VALID_PATH
         # The controller refuses the gap, too, even if it is commanded to drive through.
         handle = navigation.servers.follow_path.send_goal(
-            FollowPathGoal(polyline_path((0.0, 0.0), (3.0, 0.0)))
+            FollowPathGoal(polyline_path((0.0, 0.0), (2.5, 0.0)))
         )
         run(60.0)
         assert handle.status is GoalStatus.ABORTED

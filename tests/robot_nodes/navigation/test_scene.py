@@ -119,7 +119,7 @@ def test_costmaps_are_sent_when_they_changed_at_limited_rates_and_poses_and_part
     assert small[-1].origin == pytest.approx([here.x - 1.5, here.y - 1.5], abs=0.2)
     assert {253, 254} <= set(small[-1].cells) | set(large[-1].cells)
 
-    scenes += rig.run(19.0)
+    scenes += rig.run(9.0)
     true = rig.body.true_pose()
     estimate = poses(items(scenes, "poses", "estimate")[-1])[0]
     by_wheels = poses(items(scenes, "poses", "odometry")[-1])[0]
@@ -149,7 +149,7 @@ def test_a_new_viewer_gets_all_data_again(rig: HouseRig) -> None:
 def test_a_kidnapped_robot_is_shown_as_lost_and_turns_to_find_its_pose(rig: HouseRig) -> None:
     rig.navigation.static_scene()
     rig.navigation.go_to(Pose2D(1.07, -12.38, 0.0))
-    rig.run(10.0)
+    rig.run(2.0)
     rig.body.kidnap(Pose2D(3.275, -0.375, 1.0))
     states, turns = [], []
     for _ in range(60):

@@ -113,44 +113,44 @@ def create_rig() -> Iterator[CreateRig]:
 
 def test_a_goal_in_the_other_room_is_reached_with_feedback_on_the_way(create_rig: CreateRig) -> None:
     rig = create_rig()
-    handle = rig.navigation.go_to(Pose2D(3.0, -1.0, 1.0))
+    handle = rig.navigation.go_to(Pose2D(2.2, -0.5, 1.0))
     rig.run(5.0)
     feedback = handle.feedback
     assert feedback.navigation_time == pytest.approx(5.0, abs=0.1)
-    assert feedback.distance_remaining == pytest.approx(3.2 - rig.body.distance, abs=0.3)
+    assert feedback.distance_remaining == pytest.approx(2.3 - rig.body.distance, abs=0.3)
     assert feedback.number_of_recoveries == 0
     assert feedback.current_pose.x == pytest.approx(rig.body.true_pose().x, abs=0.1)
     rig.run(40.0, lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
-    assert rig.distance_to(3.0, -1.0) < 0.35
+    assert rig.distance_to(2.2, -0.5) < 0.35
     assert rig.body.true_pose().yaw == pytest.approx(1.0, abs=0.35)
     assert [outcome.status for outcome in rig.navigation.outcomes()] == ["SUCCEEDED"]
-    assert rig.navigation.outcomes()[0].goal == Pose2D(3.0, -1.0, 1.0)
+    assert rig.navigation.outcomes()[0].goal == Pose2D(2.2, -0.5, 1.0)
 
 
 def test_a_new_goal_replaces_the_current_goal_without_a_stop(create_rig: CreateRig) -> None:
     rig = create_rig()
-    first = rig.navigation.go_to(Pose2D(4.0, 0.0, 0.0))
+    first = rig.navigation.go_to(Pose2D(3.2, 0.0, 0.0))
     rig.run(6.0)
     assert rig.body.ramped_twist()[0] > 0.25
-    second = rig.navigation.go_to(Pose2D(4.0, -0.7, 0.0))
+    second = rig.navigation.go_to(Pose2D(3.2, -0.7, 0.0))
     rig.run(3.0)
     assert first.status is GoalStatus.CANCELED
     assert min(rig.speeds) > 0.2
     rig.run(40.0, lambda: second.done)
     assert second.status is GoalStatus.SUCCEEDED
-    assert rig.distance_to(4.0, -0.7) < 0.35
+    assert rig.distance_to(3.2, -0.7) < 0.35
     assert [outcome.status for outcome in rig.navigation.outcomes()] == ["CANCELED", "SUCCEEDED"]
 
 
 def test_goal_that_is_sent_just_before_arrival_at_another_goal_is_reached(create_rig: CreateRig) -> None:
     rig = create_rig()
-    first = rig.navigation.go_to(Pose2D(1.5, 0.0, 0.0))
-    rig.run(20.0, lambda: rig.distance_to(1.5, 0.0) < 0.26 or first.done)
-    second = rig.navigation.go_to(Pose2D(0.0, 1.2, 0.0))
+    first = rig.navigation.go_to(Pose2D(0.8, 0.0, 0.0))
+    rig.run(20.0, lambda: rig.distance_to(0.8, 0.0) < 0.26 or first.done)
+    second = rig.navigation.go_to(Pose2D(0.0, 0.8, 0.0))
     rig.run(40.0, lambda: second.done)
     assert second.status is GoalStatus.SUCCEEDED
-    assert rig.distance_to(0.0, 1.2) < 0.35
+    assert rig.distance_to(0.0, 0.8) < 0.35
 
 
 def test_a_cancelled_goal_stops_the_robot_and_halts_the_tree(create_rig: CreateRig) -> None:
@@ -187,13 +187,13 @@ def test_a_goal_that_was_occupied_when_last_observed_is_still_reached(create_rig
 def test_search_on_wrong_map_ends_and_new_goal_searches_again(
     create_rig: CreateRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """The laser's outage of 20 s is not part of the search: without scans nothing is known about the pose."""
-    monkeypatch.setattr(stack, "SEARCH_LIMIT_S", 30.0)
+    """The laser's outage of 10 s is not part of the search: without scans nothing is known about the pose."""
+    monkeypatch.setattr(stack, "SEARCH_LIMIT_S", 12.0)
     cells = np.zeros((80, 80), dtype=np.int8)
     cells[[0, -1], :] = cells[:, [0, -1]] = 100
-    rig = create_rig(Fault("laser", 8 * NS_PER_S, 28 * NS_PER_S), map=OccupancyMap(cells, 0.05, (-2.0, -2.0)))
+    rig = create_rig(Fault("laser", 4 * NS_PER_S, 14 * NS_PER_S), map=OccupancyMap(cells, 0.05, (-2.0, -2.0)))
     handle = rig.navigation.go_to(Pose2D(1.0, 1.0, 0.0))
-    assert rig.run(180.0, lambda: handle.done) == pytest.approx(50.0, abs=3.0)
+    assert rig.run(60.0, lambda: handle.done) == pytest.approx(22.0, abs=3.0)
     assert handle.status is GoalStatus.ABORTED
     assert handle.result.code == Nav2ErrorCode.NAVIGATE_TF_ERROR
     assert "the robot's pose is unknown" in handle.result.message
@@ -252,7 +252,7 @@ def test_a_failure_names_the_server_that_is_not_active(create_rig: CreateRig) ->
 
 def test_several_goals_are_passed_in_their_order(create_rig: CreateRig) -> None:
     rig = create_rig()
-    goals = [Pose2D(0.0, 1.5, 0.0), Pose2D(0.3, -1.2, 0.0), Pose2D(2.5, 0.0, 0.0)]
+    goals = [Pose2D(0.0, 1.2, 0.0), Pose2D(-1.2, 0.6, 0.0), Pose2D(-0.6, -0.9, 0.0)]
     handle = rig.navigation.go_through(goals)
     nearest = [9.0] * 3
     order = []
@@ -267,7 +267,7 @@ def test_several_goals_are_passed_in_their_order(create_rig: CreateRig) -> None:
     rig.run(80.0, passing)
     assert handle.status is GoalStatus.SUCCEEDED
     assert order == [0, 1, 2]
-    assert rig.distance_to(2.5, 0.0) < 0.35
+    assert rig.distance_to(-0.6, -0.9) < 0.35
     board = rig.navigation.navigate_through_poses.tree.blackboard
     assert [waypoint.state.name for waypoint in board["waypoint_statuses"]][:2] == ["COMPLETED", "COMPLETED"]
     assert [waypoint.state.name for waypoint in handle.result.value] == ["COMPLETED"] * 3
@@ -381,7 +381,7 @@ def test_leaf_that_raises_fails_goal_and_stops_robot(create_rig: CreateRig, tmp_
 
 def test_a_laser_failure_of_five_seconds_stops_the_robot_until_it_ends(create_rig: CreateRig) -> None:
     rig = create_rig(Fault("laser", 6 * NS_PER_S, 11 * NS_PER_S))
-    handle = rig.navigation.go_to(Pose2D(4.3, 0.0, 0.0))
+    handle = rig.navigation.go_to(Pose2D(2.6, 0.0, 0.0))
     rig.run(6.0)
     assert rig.speeds[-1] > 0.25
     rig.run(1.0)
@@ -390,7 +390,7 @@ def test_a_laser_failure_of_five_seconds_stops_the_robot_until_it_ends(create_ri
     assert max(rig.speeds) < 0.02
     rig.run(60.0, lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
-    assert rig.distance_to(4.3, 0.0) < 0.35
+    assert rig.distance_to(2.6, 0.0) < 0.35
 
 
 @pytest.mark.parametrize("during", ["carried to another room", "restarted at zero"])
@@ -398,7 +398,7 @@ def test_without_odometry_the_robot_stops_and_its_pose_is_known_after_it(
     create_rig: CreateRig, caplog: pytest.LogCaptureFixture, during: str
 ) -> None:
     rig = create_rig(Fault("odometry", 6 * NS_PER_S, 11 * NS_PER_S))
-    handle = rig.navigation.go_to(Pose2D(4.3, 0.0, 0.0))
+    handle = rig.navigation.go_to(Pose2D(2.6, 0.0, 0.0))
     rig.run(6.0)
     assert rig.speeds[-1] > 0.25
     driven = rig.body.distance
@@ -424,7 +424,7 @@ def test_without_odometry_the_robot_stops_and_its_pose_is_known_after_it(
     assert math.hypot(estimate.x - true.x, estimate.y - true.y) < 0.2
     rig.run(60.0, lambda: handle.done)
     assert handle.status is GoalStatus.SUCCEEDED
-    assert rig.distance_to(4.3, 0.0) < 0.35
+    assert rig.distance_to(2.6, 0.0) < 0.35
     warnings = [record.message for record in caplog.records if "odometry" in record.message]
     assert len(warnings) == 2
     assert warnings[0] == "no odometry for 0.2 s: the robot stands until it arrives again"

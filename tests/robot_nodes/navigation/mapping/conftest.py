@@ -87,7 +87,6 @@ class MappingRig:
         stretch: float = 1.0,
         slip: float = 1.0,
         seed: int = 0,
-        loops: bool = True,
     ) -> None:
         self.boxes = boxes
         self.true = start
@@ -100,7 +99,7 @@ class MappingRig:
             TransformStamped("base_laser_link", "base_footprint", (LASER_X, 0.0, 0.0945), unrotated, 0)
         )
         self.time = 0
-        self.mapper = Mapper(self.robot, self.transforms, start=start, loops=loops)
+        self.mapper = Mapper(self.robot, self.transforms, start=start)
         self.key_poses: list[Pose2D] = []
         for _ in range(SCANS_PER_KEY):
             self._move(0.0, 0.0)
