@@ -207,9 +207,9 @@ def test_the_time_of_a_layout_grows_about_linearly_with_the_nodes() -> None:
         boxes = random_tree(count)
         best = float("inf")
         for _ in range(2):
-            start = time.process_time()
+            start = time.thread_time()
             lay_out(boxes, 1.6, COMFORT)
-            best = min(best, time.process_time() - start)
+            best = min(best, time.thread_time() - start)
         return best
 
     assert seconds(1200) < 10 * seconds(300)
@@ -263,13 +263,13 @@ def test_an_unwrapped_layout_has_a_row_for_each_level_of_cards_of_any_height() -
 
 def test_a_quick_layout_is_not_much_wider_than_comfortable_and_takes_little_time() -> None:
     boxes = random_tree(1000)
-    start = time.process_time()
+    start = time.thread_time()
     layout = lay_out(boxes, 1.6, COMFORT, is_quick=True)
-    taken = time.process_time() - start
+    taken = time.thread_time() - start
     assert layout.size[0] < 1.5 * COMFORT
-    start = time.process_time()
+    start = time.thread_time()
     lay_out(boxes, 1.6, COMFORT)
-    assert taken < (time.process_time() - start) / 5
+    assert taken < (time.thread_time() - start) / 5
 
 
 def test_no_nodes_give_an_empty_layout() -> None:
