@@ -4,8 +4,10 @@ import json
 import os
 import re
 import signal
+import socket
 import subprocess
 import sys
+from collections import Counter, defaultdict
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,6 +25,7 @@ from btcore.field_options import create_options
 from btcore.options import arguments, changed_option_names, from_values
 from btcore_monitor.events import (
     ConnectionEvent,
+    Event,
     LostTransitionsEvent,
     MovingSceneEvent,
     StaticSceneEvent,
@@ -40,7 +43,6 @@ from btcore_monitor.viewer_options import DrawingOptions, ViewerOptions, choose_
 from btcore_monitor.watch.feed import Feed
 from tests.monitor.conftest import Command
 
-BUMPGO = ["bumpgo", "--world", "arena", "--seed", "3", "--fast", "--json"]
 TREE = """
 <root BTCPP_format="4">
   <BehaviorTree ID="M">
@@ -55,9 +57,8 @@ def run(*options: str) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
 
 
-def report(done: "subprocess.CompletedProcess[str]") -> dict[str, Any]:
-    assert done.returncode == 0, done.stderr
-    found: dict[str, Any] = json.loads(done.stdout.splitlines()[-1])
+def report(output: str) -> dict[str, Any]:
+    found: dict[str, Any] = json.loads(output.splitlines()[-1])
     del found["real_time_factor"]
     return found
 
@@ -75,70 +76,80 @@ def tree_file(tmp_path: Path) -> str:
     return str(path)
 
 
-def test_a_run_is_the_same_with_and_without_publisher_and_recording(tmp_path: Path) -> None:
+def columns(recording: Path, pattern: str, store: Any = None) -> dict[str, list[Any]]:
+    """Return the values of a recording's data, or of its blueprint *store*, by entity and component."""
+    found: dict[str, list[Any]] = defaultdict(list)
+    reader = RrdReader(recording)
+    for chunk in reader.stream(store=store) if store else reader.stream():
+        batch = chunk.to_record_batch()
+        for name in batch.schema.names:
+            if re.search(pattern, key := f"{chunk.entity_path} {name}"):
+                found[key] += batch.column(name).to_pylist()
+    return found
+
+
+def test_a_run_that_is_watched_and_recorded_is_the_same_and_every_transition_arrives(
+    tmp_path: Path, free_port: int
+) -> None:
     pytest.importorskip("pybullet")
-    plain = report(run(*BUMPGO, "--duration", "6"))
-    published = run(*BUMPGO, "--duration", "6", "--publish", "groot2", "--port", "0")
+    bumpgo = ["run", "bumpgo", "--world", "arena", "--seed", "3", "--fast", "--json", "--duration", "12"]
     recording = tmp_path / "run.rrd"
-    saved = run(*BUMPGO, "--duration", "6", "--save", str(recording))
-
-    assert report(published) == plain
-    assert report(saved) == plain
-    assert re.search(r"publishing at tcp://127\.0\.0\.1:\d+ \(btcore monitor tcp://", published.stderr)
-    assert "publishing" not in published.stdout
-    assert recording.stat().st_size > 10_000
-
-
-def test_a_viewer_that_waited_gets_every_transition(free_port: int) -> None:
-    pytest.importorskip("pybullet")
-    options = [*BUMPGO, "--duration", "30", "--publish", "groot2", "--port", str(free_port)]
     with Feed(f":{free_port}") as feed:
         process = subprocess.Popen(
-            [sys.executable, "-m", "btcore", "run", *options],
-            stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL,
+            [
+                *[sys.executable, "-m", "btcore", *bumpgo],
+                *["--publish", "groot2", "--port", str(free_port), "--save", str(recording)],
+            ],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
         )
         events = list(feed.events(until_end=True))
-        assert process.wait(60) == 0
-    numbers = [event.number for event in events if isinstance(event, TransitionEvent)]
-    assert len(numbers) > 300
-    assert numbers == list(range(1, len(numbers) + 1))
-    assert [event.tick for event in events if isinstance(event, TickEvent)] == list(range(1, 301))
+        output, messages = process.communicate(timeout=60)
+    assert process.returncode == 0, messages
+    found = report(output)
+    assert found == report(CliRunner().invoke(main, bumpgo, catch_exceptions=False).stdout)
+    assert f"publishing at tcp://127.0.0.1:{free_port} (btcore monitor tcp://" in messages
+
+    changes = [event for event in events if isinstance(event, TransitionEvent)]
+    assert [change.number for change in changes] == list(range(1, len(changes) + 1))
+    assert [event.tick for event in events if isinstance(event, TickEvent)] == list(range(1, 121))
     assert not [event for event in events if isinstance(event, LostTransitionsEvent)]
+    tree = next(event.tree for event in events if isinstance(event, TreeEvent))
+    results = Counter((tree.by_uid[change.uid].path, change.status) for change in changes)
+    for node, counts in found["nodes"].items():
+        # a result that is repeated is a tick without a transition
+        assert 0 <= results[node, 2] <= counts["success"]
+        assert 0 <= results[node, 3] <= counts["failure"]
+    [(condition, counts)] = [item for item in found["nodes"].items() if item[0].startswith("IsObstacle")]
+    assert (results[condition, 2], results[condition, 3]) == (counts["success"], counts["failure"])
+    assert counts["success"] > 0 < counts["failure"]
+
     assert next(event.data for event in events if isinstance(event, StaticSceneEvent)).frame == "map"
     moving = [event.data for event in events if isinstance(event, MovingSceneEvent)]
-    assert len(moving) > 270
+    assert len(moving) > 100
     assert moving[-1].frames
     assert moving[-1].scan is not None
     assert moving[-1].velocity is not None
     assert isinstance(events[-1], ConnectionEvent)
     assert events[-1].state == "ended"
 
-
-def test_drawing_options_apply_to_the_recording(tmp_path: Path) -> None:
-    pytest.importorskip("pybullet")
-    recording = tmp_path / "run.rrd"
-    look = ["--find", "IsObstacle", "--palette", "colour-blind", "--log-level", "warn"]
-    done = run(*BUMPGO, "--duration", "1", "--save", str(recording), *look)
-    assert done.returncode == 0, done.stderr
-    found: dict[str, list[Any]] = {}
-    reader = RrdReader(recording)
-    for store in (None, reader.blueprints()[-1]):
-        for chunk in reader.stream(store=store) if store else reader.stream():
-            batch = chunk.to_record_batch()
-            for name in batch.schema.names:
-                if name in ("LineStrips2D:colors", "TextLogRows:filter_by_log_level"):
-                    found.setdefault(f"{chunk.entity_path} {name}", []).extend(batch.column(name).to_pylist())
-    assert found["/tree/highlights LineStrips2D:colors"] == [[COLOUR_BLIND.highlight]]
-    assert [values for name, values in found.items() if "filter" in name] == [[["WARN", "ERROR"]]]
+    rows = columns(recording, "^/log/numbers (number|uid|previous|status)$|^/tick/duration Scalars")
+    assert len(rows.pop("/tick/duration Scalars:scalars")) == 120
+    numbers = [[value for (value,) in rows[name]] for name in sorted(rows)]
+    assert sorted(zip(*numbers, strict=True)) == [
+        (change.number, change.previous, change.status, change.uid) for change in changes
+    ]
 
 
-def test_a_recording_on_a_full_disk_ends_with_an_error_and_the_exit_code_4(tmp_path: Path) -> None:
-    pytest.importorskip("pybullet")
+def test_a_recording_on_a_full_disk_ends_with_an_error_and_the_exit_code_4(
+    tmp_path: Path, tree_file: str
+) -> None:
     resource = pytest.importorskip("resource", reason="Windows cannot limit the size of files")
-    recording, limit = tmp_path / "run.rrd", 1 << 18  # afterwards a write fails as on a full disk
+    recording, limit = tmp_path / "run.rrd", 1 << 14  # afterwards a write fails as on a full disk
+    options = ["--fast", "--duration", "30", "--json", "--save", str(recording)]
     done = subprocess.run(
-        [sys.executable, "-m", "btcore", "run", *BUMPGO, "--duration", "30", "--save", str(recording)],
+        [sys.executable, "-m", "btcore", "run", tree_file, *options],
         capture_output=True,
         text=True,
         timeout=120,
@@ -274,41 +285,36 @@ def test_a_changed_tree_is_published_at_the_same_port_and_saved_separately(
 
 
 @pytest.mark.parametrize("both", [False, True])
-def test_groot1_is_served_alone_or_beside_groot2(both: bool, tree_file: str, free_port: int) -> None:
+def test_groot1_is_served_alone_or_beside_groot2(
+    both: bool, tree_file: str, free_port: int, capsys: pytest.CaptureFixture[str]
+) -> None:
     """Alone, Groot 1 has the given port and the next port; beside Groot 2, its ports are 999 higher."""
-    options = ["--publish", "groot1", "--port", str(free_port), *(["--publish", "groot2"] if both else [])]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "btcore", "run", tree_file, *options],
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    assert process.stderr is not None
-    lines = [process.stderr.readline() for _ in range(2)]
-    try:
+    settings = MonitorSettings(publish=("groot1", "groot2") if both else ("groot1",), port=free_port)
+    with Run(tree_file, settings=[settings, RunSettings(fast=True)]) as run:
         first = free_port + (999 if both else 0)
         reported = f"Groot 1 finds it at publisher port {first} and server port {first + 1}"
-        assert reported + (f", since Groot 2 has {free_port}" if both else "") in lines[1]
+        assert reported + (f", since Groot 2 has {free_port}" if both else "") in capsys.readouterr().err
         # alone, Groot 1's ports have the run channel; beside Groot 2, it is next to Groot 2's ports
         spoken = "Groot 1's protocol" if both else "run channel"
+        events: list[Event] = []
         with Feed(f":{first + 1}") as feed:
-            for event in feed:
-                if isinstance(event, ConnectionEvent) and event.state == "connected":
-                    assert spoken in event.detail
-                if isinstance(event, TransitionEvent):
-                    break
-    finally:
-        process.send_signal(signal.SIGINT)
-        _, rest = process.communicate(timeout=60)
-    assert process.returncode == 130, rest
+            while not any(isinstance(event, TransitionEvent) for event in events):
+                run.step()
+                run.clock.advance(0.1)
+                events += feed.poll(0.02)
+    [connected] = [
+        event for event in events if isinstance(event, ConnectionEvent) and event.state == "connected"
+    ]
+    assert spoken in connected.detail
 
 
 def test_run_with_keys_records_itself_and_prints_options_of_clients(tmp_path: Path, tree_file: str) -> None:
     robot, desk = (create_keys(tmp_path / name) for name in ("robot", "desk"))
     recording = tmp_path / "run.rrd"
     keys = ["--key-file", str(tmp_path / "robot"), "--allow-key", desk, "--watch-port", "0"]
+    look = ["--find", "Sleep", "--palette", "colour-blind", "--log-level", "warn"]
     done = run(
-        *[tree_file, "--fast", "--duration", "1", "--save", str(recording), "--verbose"],
+        *[tree_file, "--fast", "--duration", "1", "--save", str(recording), "--verbose", *look],
         *["--publish", "groot2", "--port", "0", "--bind", "*", "--allow-control", *keys],
     )
     assert done.returncode == 0, done.stderr
@@ -318,7 +324,11 @@ def test_run_with_keys_records_itself_and_prints_options_of_clients(tmp_path: Pa
     assert "by btcore's run channel" in done.stderr
     assert "watching without keys: tcp://127.0.0.1:" in done.stderr
     assert "warning" not in done.stderr
-    assert recording.stat().st_size > 10_000
+    # The drawing options apply to the recording.
+    highlights = columns(recording, "^/tree/highlights LineStrips2D:colors")
+    assert list(highlights.values()) == [[[COLOUR_BLIND.highlight]]]
+    filters = columns(recording, "filter_by_log_level", RrdReader(recording).blueprints()[-1])
+    assert list(filters.values()) == [[["WARN", "ERROR"]]]
 
 
 def test_publishing_to_the_network_without_keys_prints_one_warning(tree_file: str) -> None:
@@ -329,7 +339,7 @@ def test_publishing_to_the_network_without_keys_prints_one_warning(tree_file: st
     )
 
 
-def usage_errors(free_port: int, tree_file: str) -> dict[str, tuple[list[str], str]]:
+def usage_errors(free_port: int) -> dict[str, tuple[list[str], str]]:
     outputs = "--monitor, --serve-web, --save FILE.rrd or --screenshot FILE.png"
     return {
         "groot1": (
@@ -398,10 +408,10 @@ KEY_ERRORS = [
 
 @pytest.mark.parametrize("name", [*USAGE_ERRORS, *WITHOUT_EFFECT, *KEY_ERRORS])
 def test_a_usage_error_is_reported_once_before_the_run_starts(
-    name: str, sample: btcore.Tree, tree_file: str, free_port: int, no_threads_left: Callable[..., None]
+    name: str, tree_file: str, free_port: int, no_threads_left: Callable[..., None]
 ) -> None:
-    options, message = usage_errors(free_port, tree_file)[name]
-    with serve(sample, groot2_port=free_port):
+    options, message = usage_errors(free_port)[name]
+    with socket.create_server(("127.0.0.1", free_port)):
         arguments = ["run", tree_file, "--fast", "--duration", "1", *options]
         done = CliRunner().invoke(main, arguments, prog_name="btcore")
     assert done.exit_code == 2
@@ -415,16 +425,16 @@ def test_a_usage_error_is_reported_once_before_the_run_starts(
 def test_monitor_without_display_is_refused_first(tree_file: str, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.delenv(name, raising=False)
-    done = run(tree_file, "--monitor", "--fast", "--duration", "1")
-    assert done.returncode == 2
+    done = CliRunner().invoke(main, ["run", tree_file, "--monitor", "--fast", "--duration", "1"])
+    assert done.exit_code == 2
     assert done.stderr == (
         "error: --monitor: there is no display here. --serve-web shows the run in a browser, --save FILE.rrd "
         "records it for later, and --publish groot2 lets a monitor connect from elsewhere\n"
     )
 
 
-def test_port_in_use_is_recognised_by_setting(sample: btcore.Tree, tree_file: str, free_port: int) -> None:
-    with serve(sample, groot2_port=free_port):
+def test_port_in_use_is_recognised_by_setting(tree_file: str, free_port: int) -> None:
+    with socket.create_server(("127.0.0.1", free_port)):
         settings = MonitorSettings(publish=("groot2",), port=free_port)
         with pytest.raises(SettingsError, match=f"port {free_port} is in use") as caught:
             Run(tree_file, settings=[settings, RunSettings(fast=True)]).__enter__()

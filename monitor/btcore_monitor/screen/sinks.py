@@ -180,7 +180,11 @@ def open_viewer(memory_limit: str = "25%", files: Sequence[Path] = (), verbose: 
     if not _is_viewer(viewer.address, _VIEWER_PORT):
         options = ["--hide-welcome-screen", "--expect-data-soon", f"--memory-limit={memory_limit}"]
         process = RerunProcess(*options, port=_VIEWER_PORT, verbose=verbose)
-        process.wait_until_drawing()
+        try:
+            process.wait_until_drawing()
+        except ScreenError:
+            process.close()
+            raise
         viewer = Viewer(process.port, process)
     if files:
         try:

@@ -30,6 +30,11 @@ _PREFIX: Final = "btcore-gateway-"
 _MAX_PATH: Final = 75
 """Maximum length of the path of the folder for temporary files: a Unix socket's path has up to 103 bytes."""
 
+_PROGRAM: Final = (
+    "import sys; sys.path.append(sys.argv[1]); import gateway_process; gateway_process.main(sys.argv[2])"
+)
+"""The program of the process: unlike a script, an imported module is not compiled at each start."""
+
 _HANDSHAKE_MS: Final = 5_000
 """Maximum time for the handshake of a connection."""
 
@@ -99,7 +104,8 @@ class Gateway:
             self._run_in_thread(reads)
             return
         settings = json.dumps([port._asdict() for port in self._ports])
-        command = [sys.executable, "-I", "-S", gateway_process.__file__, settings]
+        folder = str(Path(gateway_process.__file__).parent)
+        command = [sys.executable, "-I", "-S", "-c", _PROGRAM, folder, settings]
         try:
             self._process = subprocess.Popen(
                 command,

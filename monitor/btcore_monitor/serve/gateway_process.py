@@ -6,7 +6,7 @@ libzmq, in a process of its own: checking hostile bytes neither takes the interp
 its priority. Bytes are forwarded unchanged. A client that exceeds a limit is disconnected before libzmq
 receives the frame.
 
-The process imports only the standard library, so that it starts fast (`python -I -S gateway_process.py`).
+The process imports only the standard library, so that it starts fast (`python -I -S`).
 It ends when the robot's process writes to the socket at its standard input, or ends.
 """
 
@@ -614,7 +614,7 @@ def _send(target: socket.socket, data: bytes) -> int:
         return 0
 
 
-def _main(arguments: str) -> None:
+def main(arguments: str) -> None:
     """Run the gateway of a robot's process.
 
     *arguments* is JSON: for each port the arguments of `Port` by name, with the file descriptor of the
@@ -626,14 +626,9 @@ def _main(arguments: str) -> None:
     settings = json.loads(arguments)
     ports = [Port(socket.socket(fileno=port.pop("descriptor")), **port) for port in settings]
     Forwarder(ports, sys.stdin.fileno(), os.getppid()).run()
-    # The robot's process does the same, unless it was killed. The import is slow, so it is here.
-    from pathlib import Path
-
+    # The robot's process does the same, unless it was killed. The import of pathlib would be slow.
     for port in ports:
-        Path(port.path).unlink(missing_ok=True)
+        with contextlib.suppress(FileNotFoundError):
+            os.unlink(port.path)  # noqa: PTH108
     with contextlib.suppress(OSError):
-        Path(ports[0].path).parent.rmdir()
-
-
-if __name__ == "__main__":
-    _main(sys.argv[1])
+        os.rmdir(os.path.dirname(ports[0].path))  # noqa: PTH106, PTH120

@@ -54,7 +54,8 @@ def test_every_numbered_transition_is_in_every_file(
     with serve(endless, groot2_port=0) as publisher, BtLog(endless, tmp_path / "own.btlog"):
         outputs = [part for name in ("run.btlog", "run.db3", "run.rrd") for part in ("-o", name)]
         outputs += ["--bag", "run.mcap"]
-        recorder = record(publisher.address, *outputs, "--until-end")
+        look = ["--find", "nothing*", "--palette", "colour-blind", "--log-level", "info"]
+        recorder = record(publisher.address, *outputs, "--until-end", *look)
         assert publisher.wait_for_clients(1, 60)
         for _ in range(300):
             endless.tick_exactly_once()
@@ -71,6 +72,8 @@ def test_every_numbered_transition_is_in_every_file(
     assert f"{len(own.transitions)} transitions in run.btlog, run.db3" in recorder.stderr_text
     numbers = list(_numbers(tmp_path / "run.rrd"))
     assert sorted(numbers) == list(range(1, len(own.transitions) + 1))
+    # The drawing options apply to the recording for the viewer.
+    assert any("no node's name or path matches 'nothing*'" in line for line in _lines(tmp_path / "run.rrd"))
 
 
 def _numbers(path: Path) -> Iterator[int]:
@@ -172,20 +175,6 @@ def test_no_record_leaves_the_robots_buffer_to_another_client(
     assert "blackboard: not requested" in recorder.stderr_text
     (gap,) = read_btlog(tmp_path / "run.btlog").gaps
     assert "short changes are not seen" in gap.reason
-
-
-def test_drawing_options_apply_to_a_recording_for_the_viewer(
-    endless: btcore.Tree, record: Callable[..., Any], tmp_path: Path
-) -> None:
-    pytest.importorskip("rerun")
-    with serve(endless, groot2_port=0) as publisher:
-        look = ["--find", "nothing*", "--palette", "colour-blind", "--log-level", "info"]
-        recorder = record(publisher.address, "-o", "run.rrd", "--until-end", *look)
-        assert publisher.wait_for_clients(1, 60)
-        endless.tick_exactly_once()
-        publisher.end_stream()
-        assert recorder.end() == 0, recorder.stderr_text
-    assert any("no node's name or path matches 'nothing*'" in line for line in _lines(tmp_path / "run.rrd"))
 
 
 def _lines(path: Path) -> Iterator[str]:
@@ -346,21 +335,3 @@ def test_stamps_are_the_first_wall_time_plus_the_trees_elapsed_time(tmp_path: Pa
     recording = read_btlog(tmp_path / "run.btlog")
     assert recording.start == WALL
     assert recording.transitions[0].stamp == WALL + 250 * MS
-
-
-def test_a_recorded_bag_of_ros_contains_every_transition(
-    endless: btcore.Tree, record: Callable[..., Any], tmp_path: Path
-) -> None:
-    pytest.importorskip("rosbags")
-    with serve(endless, groot2_port=0) as publisher, BtLog(endless, tmp_path / "own.btlog"):
-        recorder = record(publisher.address, "--bag", "run.mcap", "--until-end")
-        assert publisher.wait_for_clients(1, 60)
-        for _ in range(50):
-            endless.tick_exactly_once()
-        endless.halt()
-        publisher.end_stream()
-        assert recorder.end() == 0, recorder.stderr_text
-    own, recording = read_btlog(tmp_path / "own.btlog"), read_log(tmp_path / "run.mcap")
-    assert len(own.transitions) > 300
-    assert find_divergence(steps(own), steps(recording)) is None
-    assert (recording.gaps, recording.xml, recording.nodes) == ((), own.xml, own.nodes)

@@ -69,13 +69,6 @@ def trees(draw: st.DrawFn) -> list[Box]:
     return tree_of(parents, widths, framed, heights)
 
 
-@st.composite
-def drawings(draw: st.DrawFn) -> tuple[list[Box], TreeLayout]:
-    """Return a tree and a layout of it: searched, quick, or in levels without wrapping."""
-    boxes, aspect = draw(trees()), draw(st.floats(0.4, 4.0))
-    return boxes, lay_out(boxes, aspect, draw(st.sampled_from([COMFORT, math.inf])), draw(st.booleans()))
-
-
 def pill(width: float, *children: int) -> Box:
     return Box(width, HEIGHT, children)
 
@@ -100,28 +93,22 @@ def below(boxes: list[Box], index: int) -> set[int]:
     return found
 
 
-@given(drawings())
-def test_no_two_pills_overlap(drawing: tuple[list[Box], TreeLayout]) -> None:
-    boxes, layout = drawing
+def check_that_no_two_pills_overlap(boxes: list[Box], layout: TreeLayout) -> None:
     drawn = areas(boxes, layout)
     for at, place in enumerate(drawn):
         assert not any(overlap(place, other) for other in drawn[:at])
 
 
-@given(drawings())
-def test_root_is_on_top_and_children_are_under_parents(
-    drawing: tuple[list[Box], TreeLayout],
-) -> None:
-    boxes, layout = drawing
+def check_that_root_is_on_top_and_children_are_under_parents(boxes: list[Box], layout: TreeLayout) -> None:
     placed = areas(boxes, layout)
     for box, place in zip(boxes, placed, strict=True):
         for child in box.children:
             assert placed[child][1] >= place[3]
 
 
-@given(drawings())
-def test_children_keep_their_order_to_the_right_or_downwards(drawing: tuple[list[Box], TreeLayout]) -> None:
-    boxes, layout = drawing
+def check_that_children_keep_their_order_to_the_right_or_downwards(
+    boxes: list[Box], layout: TreeLayout
+) -> None:
     placed = areas(boxes, layout)
     for box in boxes:
         for child, following in itertools.pairwise(box.children):
@@ -130,11 +117,9 @@ def test_children_keep_their_order_to_the_right_or_downwards(drawing: tuple[list
             assert to_the_right or under
 
 
-@given(drawings())
-def test_every_line_joins_parent_and_child_and_crosses_no_pill(
-    drawing: tuple[list[Box], TreeLayout],
+def check_that_every_line_joins_parent_and_child_and_crosses_no_pill(
+    boxes: list[Box], layout: TreeLayout
 ) -> None:
-    boxes, layout = drawing
     drawn = areas(boxes, layout)
     for parent, box in enumerate(boxes):
         for child in box.children:
@@ -151,9 +136,7 @@ def test_every_line_joins_parent_and_child_and_crosses_no_pill(
                 assert crossed <= {parent, child}
 
 
-@given(drawings())
-def test_a_frame_holds_its_subtree_and_nothing_else(drawing: tuple[list[Box], TreeLayout]) -> None:
-    boxes, layout = drawing
+def check_that_a_frame_holds_its_subtree_and_nothing_else(boxes: list[Box], layout: TreeLayout) -> None:
     drawn = areas(boxes, layout)
     assert {frame[0] for frame in layout.frames} == {at for at, box in enumerate(boxes) if box.has_frame}
     for index, x0, y0, x1, y1 in layout.frames:
@@ -166,18 +149,26 @@ def test_a_frame_holds_its_subtree_and_nothing_else(drawing: tuple[list[Box], Tr
                 assert not overlap((x0, y0, x1, y1), pill)
 
 
-@given(drawings())
-def test_a_layout_stays_within_its_size(drawing: tuple[list[Box], TreeLayout]) -> None:
-    boxes, layout = drawing
+def check_that_a_layout_stays_within_its_size(boxes: list[Box], layout: TreeLayout) -> None:
     width, height = layout.size
     for x0, y0, x1, y1 in areas(boxes, layout):
         assert -0.01 <= x0 < x1 <= width + 0.01
         assert -0.01 <= y0 < y1 <= height + 0.01
 
 
-@given(trees(), st.booleans())
-def test_a_layout_is_deterministic(boxes: list[Box], is_quick: bool) -> None:
-    assert lay_out(boxes, 1.6, COMFORT, is_quick) == lay_out(boxes, 1.6, COMFORT, is_quick)
+@given(trees(), st.floats(0.4, 4.0), st.sampled_from([COMFORT, math.inf]), st.booleans())
+def test_a_layout_is_deterministic_and_has_its_properties(
+    boxes: list[Box], aspect: float, comfort: float, is_quick: bool
+) -> None:
+    """The layouts are searched, quick, or in levels without wrapping."""
+    layout = lay_out(boxes, aspect, comfort, is_quick)
+    assert layout == lay_out(boxes, aspect, comfort, is_quick)
+    check_that_no_two_pills_overlap(boxes, layout)
+    check_that_root_is_on_top_and_children_are_under_parents(boxes, layout)
+    check_that_children_keep_their_order_to_the_right_or_downwards(boxes, layout)
+    check_that_every_line_joins_parent_and_child_and_crosses_no_pill(boxes, layout)
+    check_that_a_frame_holds_its_subtree_and_nothing_else(boxes, layout)
+    check_that_a_layout_stays_within_its_size(boxes, layout)
 
 
 def test_a_small_tree_has_a_row_for_each_level_and_centred_parents() -> None:
@@ -215,10 +206,10 @@ def test_the_time_of_a_layout_grows_about_linearly_with_the_nodes() -> None:
     def seconds(count: int) -> float:
         boxes = random_tree(count)
         best = float("inf")
-        for _ in range(3):
-            start = time.process_time()
+        for _ in range(2):
+            start = time.thread_time()
             lay_out(boxes, 1.6, COMFORT)
-            best = min(best, time.process_time() - start)
+            best = min(best, time.thread_time() - start)
         return best
 
     assert seconds(1200) < 10 * seconds(300)
@@ -272,13 +263,13 @@ def test_an_unwrapped_layout_has_a_row_for_each_level_of_cards_of_any_height() -
 
 def test_a_quick_layout_is_not_much_wider_than_comfortable_and_takes_little_time() -> None:
     boxes = random_tree(1000)
-    start = time.process_time()
+    start = time.thread_time()
     layout = lay_out(boxes, 1.6, COMFORT, is_quick=True)
-    taken = time.process_time() - start
+    taken = time.thread_time() - start
     assert layout.size[0] < 1.5 * COMFORT
-    start = time.process_time()
+    start = time.thread_time()
     lay_out(boxes, 1.6, COMFORT)
-    assert taken < (time.process_time() - start) / 5
+    assert taken < (time.thread_time() - start) / 5
 
 
 def test_no_nodes_give_an_empty_layout() -> None:

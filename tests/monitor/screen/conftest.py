@@ -143,34 +143,40 @@ def run() -> Callable[..., Any]:
 
 
 class Recording:
-    """Rows of an .rrd by entity and component: (time in ns or None if static, values), in order of time."""
+    """Rows of an .rrd by entity and component: (time in ns or None if static, values), in order of time.
+
+    A column is converted when it is first read, because converting all of them is slow.
+    """
 
     def __init__(self, path: Path) -> None:
-        self.rows = defaultdict(list)
+        self._batches = defaultdict(list)
         for chunk in RrdReader(path).stream():
             batch = chunk.to_record_batch()
-            names = batch.schema.names
-            times = (
-                batch.column(TREE_TIMELINE).cast("int64").to_pylist()
-                if TREE_TIMELINE in names
-                else [None] * len(batch)
-            )
-            for name in names:
+            for name in batch.schema.names:
                 if name not in ("rerun.controls.RowId", TREE_TIMELINE, WALL_TIMELINE):
-                    values = batch.column(name).to_pylist()
-                    self.rows[str(chunk.entity_path), name] += zip(times, values, strict=True)
-        for rows in self.rows.values():
-            rows.sort(key=lambda row: row[0] if row[0] is not None else -1)
+                    self._batches[str(chunk.entity_path), name].append(batch)
+        self.columns = self._batches.keys()
+        self._rows: dict[tuple[str, str], list[tuple[int | None, list]]] = {}
 
     def of(self, entity: str, component: str) -> list[tuple[int, list]]:
-        return [row for row in self.rows[entity, component] if row[1] is not None]
+        key = entity, component
+        if key not in self._rows:
+            rows = []
+            for batch in self._batches.get(key, ()):
+                values = batch.column(component).to_pylist()
+                times = [None] * len(batch)
+                if TREE_TIMELINE in batch.schema.names:
+                    times = batch.column(TREE_TIMELINE).cast("int64").to_pylist()
+                rows += [row for row in zip(times, values, strict=True) if row[1] is not None]
+            self._rows[key] = sorted(rows, key=lambda row: row[0] if row[0] is not None else -1)
+        return self._rows[key]
 
     def at(self, entity: str, component: str, t: int) -> list:
         """The latest value at time *t*."""
         return [values for time, values in self.of(entity, component) if time <= t][-1]
 
     def lane(self, name: str) -> str:
-        return next(entity for entity, _ in self.rows if entity.endswith(f"_{name}"))
+        return next(entity for entity, _ in self.columns if entity.endswith(f"_{name}"))
 
 
 @pytest.fixture(scope="session")
@@ -239,6 +245,8 @@ def free_port() -> Callable[[], int]:
 @pytest.fixture(scope="session")
 def vulkan(tmp_path_factory: pytest.TempPathFactory) -> None:
     """Skip the test where no picture can be drawn; CI has a driver, and skips nothing."""
+    if os.environ.get("CI") == "true":
+        return
     folder = tmp_path_factory.mktemp("probe")
     path = folder / "empty.rrd"
     screen = RobotView(SingleRobotLayout(RecordingSinks(save=path)))
@@ -247,7 +255,7 @@ def vulkan(tmp_path_factory: pytest.TempPathFactory) -> None:
     try:
         write_screenshot(path, folder / "probe.png", size=(640, 480))
     except ScreenError as error:
-        if os.environ.get("CI") == "true" or "Vulkan driver" not in str(error):
+        if "Vulkan driver" not in str(error):
             raise
         pytest.skip(str(error))
 

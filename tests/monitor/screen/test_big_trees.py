@@ -45,7 +45,7 @@ def folded(recording: Recording, t: int) -> tuple[int, dict[str, int]]:
     """Return the number of the folded drawing in the view at *t*, and its colours by the nodes' names."""
     inside = [
         entity
-        for entity, component in recording.rows
+        for entity, component in recording.columns
         if entity.startswith("/folded/pills/")
         and component == "Transform3D:translation"
         and recording.at(entity, component, t)[0][0] > -10_000
@@ -59,7 +59,7 @@ def folded(recording: Recording, t: int) -> tuple[int, dict[str, int]]:
 
 def drawn(recording: Recording, origin: str, part: str, component: str, t: int) -> list[list[list[float]]]:
     """Return the values that the entities of *part* in all subtrees have at *t*."""
-    entities = {entity for entity, _ in recording.rows if entity.startswith(f"/{origin}/")}
+    entities = {entity for entity, _ in recording.columns if entity.startswith(f"/{origin}/")}
     rows = [recording.at(entity, component, t) for entity in sorted(entities) if entity.endswith(f"/{part}")]
     return [cell for row in rows for cell in row]
 
@@ -156,7 +156,7 @@ def test_a_tree_that_fits_is_drawn_once(
     run: Callable[..., Any], tmp_path: Path, recorded: Callable[..., Any]
 ) -> None:
     recording = recorded(run(5), tmp_path / "run.rrd")
-    assert not [entity for entity, _ in recording.rows if entity.startswith("/folded")]
+    assert not [entity for entity, _ in recording.columns if entity.startswith("/folded")]
 
 
 def test_lanes_of_big_tree_name_subtree_and_running_leaves(
@@ -181,7 +181,7 @@ def test_lanes_of_big_tree_name_subtree_and_running_leaves(
     assert [lane("1_subtree", t) for t in (0.5, 1.5, 6)] == ["–", "Task1", "–"]
     assert [lane("2_leaf", t) for t in (0.5, 1.5, 2.5, 3.5, 4.5)] == ["–", "Leaf3", "Leaf3", "–", "Leaf5"]
     assert [lane("3_leaf_2", t) for t in (2.5, 3.5, 4.5)] == ["Leaf4", "Leaf4", "Leaf4"]
-    assert ("/4_leaf_3", "StateChange:state") not in recording.rows
+    assert ("/4_leaf_3", "StateChange:state") not in recording.columns
 
 
 def test_nodes_are_found_by_a_part_of_their_name_and_by_patterns(run: Callable[..., Any]) -> None:
@@ -208,7 +208,7 @@ def test_found_nodes_are_highlighted_and_have_the_lanes(
         "/tree/rims", "LineStrips2D:strips"
     )
     assert halos == [pills[0][1][4], pills[0][1][6]]
-    lanes = sorted({entity for entity, component in recording.rows if component == "StateChange:state"})
+    lanes = sorted({entity for entity, component in recording.columns if component == "StateChange:state"})
     assert lanes == ["/1_escape", "/2_Turn"]
     lines = [values[0] for _, values in recording.of("/log", "TextLog:text")]
     assert any("no node's name or path matches 'nowhere'" in line for line in lines)

@@ -44,7 +44,7 @@ def test_all_robots_are_in_one_file_and_each_has_its_own_entities(
     rows = read(path)
     assert len(rows.of("/arm_1/tick/duration", "Scalars:scalars")) == 30
     assert len(rows.of("/robot_local/tick/duration", "Scalars:scalars")) == 60
-    assert {entity.split("/")[1] for entity, _ in rows.rows} == {"arm_1", "robot_local", "__properties"}
+    assert {entity.split("/")[1] for entity, _ in rows.columns} == {"arm_1", "robot_local", "__properties"}
 
 
 def test_frames_with_the_same_name_stay_separate(run: Callable[..., Any], read: type, tmp_path: Path) -> None:
@@ -59,10 +59,10 @@ def test_frames_with_the_same_name_stay_separate(run: Callable[..., Any], read: 
         assert moved == {"child_frame": [f"{place}/base_link"], "parent_frame": [f"{place}/map"]}
     named = {
         name
-        for (entity, component), values in rows.rows.items()
+        for entity, component in rows.columns
         if component == "CoordinateFrame:frame"
-        for _, frames in values
-        for name in frames or ()
+        for _, frames in rows.of(entity, component)
+        for name in frames
     }
     assert {name.split("/")[0] for name in named} == {"a", "b"}
 
@@ -100,7 +100,9 @@ def test_restarted_robot_gets_new_entities_and_tab_for_earlier_tree(
 def test_labels_with_the_same_entity_name_get_separate_entities(read: type, tmp_path: Path) -> None:
     path = tmp_path / "two.rrd"
     shown(path, ("a.b", [seen("a", "T", 0, 0)]), ("a:b", [seen("b", "T", 0, 0)]))
-    assert {f"/{place}/tree/edges" for place in ("a_b", "a_b_2")} <= {entity for entity, _ in read(path).rows}
+    assert {f"/{place}/tree/edges" for place in ("a_b", "a_b_2")} <= {
+        entity for entity, _ in read(path).columns
+    }
 
 
 def test_without_a_tree_there_is_no_file(tmp_path: Path) -> None:

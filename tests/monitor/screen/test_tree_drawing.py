@@ -122,7 +122,7 @@ def test_entities_follow_subtrees_and_avoid_names_of_drawing_parts(
 
 def test_all_parts_of_a_subtree_are_below_its_entity(recorded: Callable[..., Any], tmp_path: Path) -> None:
     recording = recorded([TreeEvent(NESTED, 0, 0, {})], tmp_path / "run.rrd")
-    entities = {entity for entity, _ in recording.rows if entity.startswith("/tree/Drive/")}
+    entities = {entity for entity, _ in recording.columns if entity.startswith("/tree/Drive/")}
     shown = {"frames", "edges", "running_edges", "rims", "pills", "badges", "ink", "raised"}
     assert shown | {"Steps.3", "Go.4"} == {entity.rsplit("/", 1)[1] for entity in entities}
     assert len(recording.at("/tree/Drive/pills", "LineStrips2D:colors", 0)) == 2
@@ -145,7 +145,7 @@ def test_nodes_of_a_big_tree_have_entities_that_draw_nothing(
     big_tree: Callable[..., Any], recorded: Callable[..., Any], tmp_path: Path
 ) -> None:
     recording = recorded([TreeEvent(big_tree(FOLD_ABOVE_NODES + 10), 0, 0, {})], tmp_path / "run.rrd")
-    named = [entity for entity, component in recording.rows if component == "node"]
+    named = [entity for entity, component in recording.columns if component == "node"]
     assert len(named) == FOLD_ABOVE_NODES + 10
     assert not [entity for entity in named if recording.of(entity, "LineStrips2D:strips")]
 

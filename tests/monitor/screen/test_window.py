@@ -33,7 +33,7 @@ def axes(blueprint: defaultdict) -> set[tuple[int, int]]:
     return {tuple(row[0].values()) for row in blueprint["TimeAxis:view_range"]}
 
 
-@pytest.mark.parametrize("ticks", [70, 400, 900])
+@pytest.mark.parametrize("ticks", [70, 300, 620])
 def test_axes_begin_with_the_run_and_follow_the_cursor_of_a_long_run(
     ticks: int, run: Callable[..., Any], blueprints: Callable[..., Any], tmp_path: Path
 ) -> None:

@@ -357,7 +357,7 @@ def test_random_requests_are_answered_with_tree(sample: btcore.Tree, window: Cal
             socket.connect(f"tcp://127.0.0.1:{publisher.groot1_port + 1}")
 
             @given(st.lists(st.binary(max_size=40), min_size=1, max_size=4))
-            @settings(max_examples=6 * settings().max_examples, database=None)
+            @settings(max_examples=2 * settings().max_examples, database=None)
             def noise(frames: list[bytes]) -> None:
                 socket.send_multipart(frames)
                 assert socket.poll(60_000), "no reply within a minute"

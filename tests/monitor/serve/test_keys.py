@@ -3,7 +3,7 @@
 import logging
 import socket
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
@@ -211,36 +211,38 @@ class Relay:
         self.data = bytearray()
         self._target = ("127.0.0.1", target)
         self._listener = listener
-        self._open = [self._listener]
-        self._is_closed = False
-        threading.Thread(target=self._accept, daemon=True).start()
+        self._open = [listener]
+        self._threads: list[threading.Thread] = []
+        self._start(self._accept)
+
+    def _start(self, target: Callable[..., None], *args: socket.socket) -> None:
+        self._threads.append(threading.Thread(target=target, args=args, daemon=True))
+        self._threads[-1].start()
 
     def _accept(self) -> None:
-        while True:
-            try:
+        with suppress(OSError):
+            while True:
                 client, _ = self._listener.accept()
                 self._open.append(client)
                 robot = socket.create_connection(self._target)
                 self._open.append(robot)
-            except OSError:
-                return
-            finally:
-                if self._is_closed:
-                    self.close()
-            for source, target in ((client, robot), (robot, client)):
-                threading.Thread(target=self._copy, args=(source, target), daemon=True).start()
+                self._start(self._copy, client, robot)
+                self._start(self._copy, robot, client)
 
     def _copy(self, source: socket.socket, target: socket.socket) -> None:
-        try:
+        with suppress(OSError):
             while data := source.recv(1 << 16):
                 self.data += data
                 target.sendall(data)
             target.shutdown(socket.SHUT_WR)
-        except OSError:
-            pass
 
     def close(self) -> None:
-        self._is_closed = True
+        for peer in self._open:
+            with suppress(OSError):
+                peer.shutdown(socket.SHUT_RDWR)  # on Linux, close() does not end accept() of another thread
+        self._listener.close()  # elsewhere, shutdown() does not
+        for thread in self._threads:
+            thread.join()
         for peer in self._open:
             peer.close()
 

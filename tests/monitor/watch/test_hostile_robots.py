@@ -319,6 +319,10 @@ FRIENDLY: dict[str, bytes | None] = {
 """The bodies of a friendly robot's replies, except for the start of a recording."""
 
 
+CONTEXT: "zmq.Context[zmq.Socket[bytes]]" = zmq.Context()
+"""The context of all robots. It is never terminated, because term() did not return once on a busy machine."""
+
+
 class Robot(threading.Thread):
     """A robot with Groot 2's protocol, and with the run channel if it has *messages* for it.
 
@@ -338,10 +342,12 @@ class Robot(threading.Thread):
         self.requests: list[str] = []
         self.sent = 0
         self.stopped = threading.Event()
-        self._context = zmq.Context()
         kinds = (zmq.REP, zmq.PUB, zmq.XPUB)
         while True:
-            sockets = [self._context.socket(kind) for kind in kinds]
+            sockets = [CONTEXT.socket(kind) for kind in kinds]
+            for socket in sockets:
+                # At once: libzmq also applies it to connections that end before the socket is closed.
+                socket.linger = 0
             port = sockets[0].bind_to_random_port("tcp://127.0.0.1")
             try:
                 for offset in (1, 2):
@@ -349,7 +355,7 @@ class Robot(threading.Thread):
                 break
             except zmq.ZMQError:  # the port is in use
                 for socket in sockets:
-                    socket.close(linger=0)
+                    socket.close()
         self._requests, self._notifications, self._run_channel = sockets
         self.address = f"127.0.0.1:{port}"
 
@@ -370,7 +376,8 @@ class Robot(threading.Thread):
                 self.sent += 1
                 for message in self.messages[1:]:
                     self._run_channel.send_multipart([wire.STREAM_TOPIC, message])
-        self._context.destroy(linger=0)
+        for socket in (self._requests, self._notifications, self._run_channel):
+            socket.close()
 
     def _answer(self) -> None:
         # The port may have been that of another test, whose client still sends what is no request. With

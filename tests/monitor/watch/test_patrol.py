@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
 import btcore
+from btcore.cli.main import main
 from btcore_monitor.events import ConnectionEvent, MovingSceneEvent, StaticSceneEvent
 from btcore_monitor.serve import serve
 from btcore_monitor.watch.feed import Feed
@@ -16,10 +18,6 @@ from btcore_monitor.watch.feed import Feed
 pytest.importorskip("pybullet")
 
 PATROL = ["patrolling", "--world", "house", "--seed", "1", "--json", "--camera", "160x120@5"]
-
-
-def command(*options: str) -> list[str]:
-    return [sys.executable, "-m", "btcore", "run", *PATROL, *options]
 
 
 def report(output: str) -> dict[str, Any]:
@@ -36,7 +34,10 @@ def watched() -> tuple[list[Any], dict[str, Any]]:
     with Feed(f":{port}") as feed:
         # In real time: a fast run may end before the viewer connects.
         run = subprocess.Popen(
-            command("--duration", "6", "--publish", "groot2", "--port", str(port)),
+            [
+                *[sys.executable, "-m", "btcore", "run", *PATROL, "--duration", "6"],
+                *["--publish", "groot2", "--port", str(port)],
+            ],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
@@ -84,6 +85,5 @@ def test_a_viewer_gets_all_data_of_a_run_that_is_the_same_without_a_viewer() -> 
     assert (boxes >= 0).all()
     assert (boxes[:, 0] + boxes[:, 2] <= 160).all()
 
-    unpaced = command("--duration", "6", "--fast")
-    done = subprocess.run(unpaced, capture_output=True, text=True, timeout=100, check=True)
-    assert report(done.stdout) == reported
+    unpaced = CliRunner().invoke(main, ["run", *PATROL, "--duration", "6", "--fast"], catch_exceptions=False)
+    assert report(unpaced.stdout) == reported
