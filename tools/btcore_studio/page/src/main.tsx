@@ -23,8 +23,8 @@ import type {
   SharedFile, WorkspaceEdit,
 } from "./protocol";
 import {
-  actions, diagnostics, drawing, files, folded, isSamePlace, live, message, palette, reasonOf, refusedField, selectedNodes, selection,
-  showError, start, tree, uri,
+  actions, awaitDrawing, diagnostics, drawing, files, folded, isSamePlace, live, message, palette, reasonOf, refusedField, selectedNodes,
+  selection, showError, start, tree, uri,
 } from "./state";
 import { RpcError } from "./rpc";
 import { Splitter } from "./splitter";
@@ -57,7 +57,7 @@ let toSelect: Place[] = [];
 
 function redraw(): Promise<void> {
   requested += 1;
-  running ??= drawAll().finally(() => { running = null; });
+  running ??= awaitDrawing(drawAll()).finally(() => { running = null; });
   return running;
 }
 
@@ -119,7 +119,7 @@ let commands: Promise<unknown> = Promise.resolve();
 
 /** Run commands one after the other, because each needs the text after the last. */
 function inOrder<T>(run: () => Promise<T>): Promise<T> {
-  const result = commands.then(run);
+  const result = awaitDrawing(commands.then(run));
   commands = result.catch(() => {});
   return result;
 }
