@@ -38,7 +38,13 @@ from btcore_studio.language import (
 from btcore_studio.language.checker import Checker
 from btcore_studio.language.diagnostics import Report
 from btcore_studio.language.drawing import draw_document
-from btcore_studio.language.edit_commands import FieldError, compute_edit, copy_nodes, preview_edit
+from btcore_studio.language.edit_commands import (
+    FieldError,
+    compute_edit,
+    copy_nodes,
+    last_warnings,
+    preview_edit,
+)
 from btcore_studio.language.leaf_code import leaf_of
 from btcore_studio.language.live import LiveExtension, LiveTree
 from btcore_studio.language.node_form import form_of
@@ -354,6 +360,7 @@ def _add_studio_requests(server: TreeServer) -> None:
     server.add_request(
         "btcore/edit", EditParams, lambda params: compute_edit(project, params.command, params.drawing)
     )
+    server.add_request("btcore/warnings", Data, lambda _: last_warnings(project))
     server.add_request("btcore/preview", EditParams, lambda params: preview_edit(project, params.command))
 
     def write_leaf(params: LeafParams) -> Leaf:

@@ -150,6 +150,12 @@ def test_an_edit_and_a_copy_are_json_data(client: Client) -> None:
     [edit] = result["edit"]["changes"][URI]
     assert edit["newText"].startswith("Script")
     assert (result["select"], result["notes"], result["drawing"]) == ([SLEEP], [], None)
+    command = {"kind": "set", "node": SLEEP, "name": "_skipIf", "text": "unknown > 1"}
+    result = client.result("btcore/edit", {"command": command, "drawing": DOCUMENT})
+    assert (result["notes"], result["drawing"]["tree"]) == ([], "A")
+    [warning] = client.result("btcore/warnings", {})["messages"]
+    assert "unknown" in warning
+    assert client.result("btcore/warnings", {}) == {"messages": []}
     command = {"kind": "set", "node": SLEEP, "name": "msec", "text": "fast"}
     [problem] = client.result("btcore/preview", {"command": command})["problems"]
     assert problem | {"message": ""} == {

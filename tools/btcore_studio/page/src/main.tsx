@@ -170,6 +170,7 @@ function edit(command: Command): Promise<EditResult | null> {
       if (requested !== before) await running;
       else if (!next) await redraw();
       message.value = [treeTexts.edited(moved, selectedNodes.value.length, whereIsCursor()), ...result.notes].filter(Boolean).join(" ");
+      if (result.drawing) showWarnings().catch(showError);
       return result;
     } catch (error) {
       showError(error);
@@ -177,6 +178,13 @@ function edit(command: Command): Promise<EditResult | null> {
       return null;
     }
   });
+}
+
+/** Add the warnings of the last edit to its message. The next edit is requested later. */
+async function showWarnings(): Promise<void> {
+  const shown = message.value;
+  const { messages } = await actions.request<{ messages: string[] }>("btcore/warnings", {});
+  if (messages.length && message.value === shown) message.add(messages.join(" "));
 }
 
 /** Return the place of the selected node among its siblings in words, or "". */

@@ -72,6 +72,10 @@ export const message = {
     shownMessage.value = text;
     announce(text);
   },
+  add(text: string): void {
+    shownMessage.value += ` ${text}`;
+    announce(text);
+  },
 };
 /** Show why something is not possible, until another node, tree or connection is chosen. */
 export function refuse(reason: string): void {
