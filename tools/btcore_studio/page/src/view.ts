@@ -118,6 +118,7 @@ export class View {
     if (!next) {
       this.svg?.remove();
       this.svg = null;
+      this.extent.removeAttribute("style");
       this.structure = new Structure([]);
       this.boxes = [];
       return;
