@@ -8,6 +8,7 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property, partial
 from typing import Final, NamedTuple
+from weakref import WeakKeyDictionary
 
 from msgspec.structs import replace
 
@@ -71,6 +72,7 @@ from btcore_studio.language.studio_protocol import (
     Extract,
     Inline,
     Move,
+    NewWarnings,
     Paste,
     Place,
     Preview,
@@ -110,6 +112,8 @@ _OF_PASTED_NODES: Final = frozenset({UNKNOWN_NODE, UNKNOWN_TREE, MISSING_ID, UNE
 # XML parsers other than tinyxml2 reject these characters, and no file can contain a lone surrogate.
 _FORBIDDEN_CHARACTER: Final = re.compile("[\0-\x08\x0b\x0c\x0e-\x1f\ud800-\udfff\ufffe\uffff]")
 _ATTRIBUTE_NAME: Final = re.compile(r"[^\W\d][\w.:-]*")
+# The last operations whose warnings may be requested.
+_LAST: Final["WeakKeyDictionary[Project, _Operation]"] = WeakKeyDictionary()
 
 
 class FieldError(EditError):
@@ -131,7 +135,8 @@ def compute_edit(project: Project, command: AnyCommand, drawing: DrawingParams |
     Args:
         project: The project.
         command: The operation.
-        drawing: What to draw after the edit, or None.
+        drawing: What to draw after the edit, or None. With a drawing, the result lacks the new warnings:
+            `last_warnings` returns them, because the search takes as long as the drawing.
 
     Raises:
         EditError: The operation cannot be applied; the message is the reason.
@@ -140,10 +145,17 @@ def compute_edit(project: Project, command: AnyCommand, drawing: DrawingParams |
     operation.apply(command)
     result = operation.result()
     if drawing is None or [*result.edit.changes] != [drawing.text_document.uri]:
-        return result
+        return replace(result, notes=list(dict.fromkeys([*result.notes, *operation.warnings()])))
+    _LAST[project] = operation
     return replace(
         result, drawing=draw_document(project, operation.edited(drawing.text_document.uri), drawing)
     )
+
+
+def last_warnings(project: Project) -> NewWarnings:
+    """Return the new warnings of the last edit that was returned with a drawing."""
+    operation = _LAST.pop(project, None)
+    return NewWarnings(operation.warnings() if operation is not None else [])
 
 
 def copy_nodes(project: Project, places: Sequence[Place]) -> str:
@@ -863,12 +875,22 @@ class _Operation:
                 raise EditError(f"{error.message}: {error.hint}" if error.hint else error.message)
             if error.code not in _OF_PASTED_NODES and not self._is_to_be_completed(draft, error):
                 self._notes.append(error.message)
+
+    def warnings(self) -> list[str]:
+        """Return the warnings that the edits of the operation add. Call `result` first."""
+        return [message for draft in self._drafts.values() for message in self._warnings_about(draft)]
+
+    def _warnings_about(self, draft: _Draft) -> Iterator[str]:
+        before = draft.reading
+        if before.broken or not draft.edits or self._is_renaming:
+            return
+        after = read_trees(self._project, draft.source)
         if self._always_warns or after.size <= MAX_CHECKED:
             new = draft.new(after.diagnostics.warnings, lambda: before.diagnostics.warnings)
             if before.plans.diagnostics.errors:
                 # Not all warnings of a document with errors are known: elsewhere, a warning may be old.
                 new = [item for item in new if draft.marks(item)]
-            self._notes += [item.message for item in new[:_MAX_WARNINGS]]
+            yield from (item.message for item in new[:_MAX_WARNINGS])
 
     def _is_to_be_completed(self, draft: _Draft, item: Diagnostic) -> bool:
         """Return whether a diagnostic is about the attributes or missing children of a new node."""

@@ -4,9 +4,11 @@ Each feature is a module with functions of `(project, document, …)`. Their res
 """
 
 import asyncio
+import gc
 import inspect
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -22,7 +24,6 @@ from pygls.protocol.language_server import lsp_method
 from btcore import __version__
 from btcore.errors import BtcoreError
 from btcore.input_files import real_path
-from btcore.loading.load import paused_garbage_collection
 from btcore_studio.language import (
     completion,
     formatting,
@@ -38,7 +39,13 @@ from btcore_studio.language import (
 from btcore_studio.language.checker import Checker
 from btcore_studio.language.diagnostics import Report
 from btcore_studio.language.drawing import draw_document
-from btcore_studio.language.edit_commands import FieldError, compute_edit, copy_nodes, preview_edit
+from btcore_studio.language.edit_commands import (
+    FieldError,
+    compute_edit,
+    copy_nodes,
+    last_warnings,
+    preview_edit,
+)
 from btcore_studio.language.leaf_code import leaf_of
 from btcore_studio.language.live import LiveExtension, LiveTree
 from btcore_studio.language.node_form import form_of
@@ -62,6 +69,10 @@ from btcore_studio.language.studio_protocol import (
 from btcore_studio.language.tree_reading import known_document
 
 NAME: Final = "btcore"
+COLLECT_AFTER_S: Final = 0.02
+"""Time (s) without a message, after which garbage is collected: the page still paints then."""
+MANY_OBJECTS: Final = 20_000
+"""Number of new objects above which garbage is collected."""
 Params = TypeVar("Params", bound=Data)
 
 
@@ -95,6 +106,11 @@ class TreeServerProtocol(LanguageServerProtocol):
             self._send_response(data["id"], error=invalid.to_response_error())
         # The protocol permits to ignore notifications with this prefix, and pygls logs them in one line.
         return JsonRPCNotification(method=f"$/invalid/{method}", jsonrpc=self.VERSION, params={})
+
+    def handle_message(self, message: Any) -> None:
+        """Call the handler of a message."""
+        super().handle_message(message)
+        self._server.collect_later()
 
     def _send_data(self, data: Any) -> None:
         """Send a message. The results of requests `btcore/…` can be large: they are encoded quickly."""
@@ -197,6 +213,7 @@ class TreeServer(LanguageServer):
         self.live = LiveTree(live, lambda data: self.protocol.notify("btcore/live", data))
         self.was_shut_down = False
         self.params_classes: dict[str, type[Data]] = {}
+        self._collection: asyncio.TimerHandle | None = None
 
     def add_request(
         self, method: str, params_class: type[Params], handler: Callable[[Params], Data | None]
@@ -210,15 +227,22 @@ class TreeServer(LanguageServer):
         """
         self.params_classes[method] = params_class
 
-        def handle(params: Params) -> Any:
-            # A collection would take as long as the drawing of a large tree.
-            with paused_garbage_collection():
-                return handler(params)
+        self.feature(method)(handler)
 
-        self.feature(method)(handle)
+    def collect_later(self) -> None:
+        """Collect garbage when the client has sent nothing for some time.
+
+        Documents contain cycles of objects. A collection takes as long as a drawing.
+        """
+        if self._collection is not None:
+            self._collection.cancel()
+        with suppress(RuntimeError):  # no event loop
+            self._collection = asyncio.get_running_loop().call_later(COLLECT_AFTER_S, _collect)
 
     async def close(self) -> None:
         """End the background checks and their process, and the connection with a running tree."""
+        if self._collection is not None:
+            self._collection.cancel()
         await asyncio.gather(self.checker.close(), self.live.close())
 
     def _publish(self, file: DocumentKey, version: int | None, reports: list[Report]) -> None:
@@ -238,6 +262,11 @@ class TreeServer(LanguageServer):
             self.workspace_semantic_tokens_refresh(None)
         if workspace.inlay_hint is not None and workspace.inlay_hint.refresh_support:
             self.workspace_inlay_hint_refresh(None)
+
+
+def _collect() -> None:
+    if gc.get_count()[0] > MANY_OBJECTS:
+        gc.collect()
 
 
 def create_server(live: LiveExtension | None = None) -> TreeServer:
@@ -354,6 +383,7 @@ def _add_studio_requests(server: TreeServer) -> None:
     server.add_request(
         "btcore/edit", EditParams, lambda params: compute_edit(project, params.command, params.drawing)
     )
+    server.add_request("btcore/warnings", Data, lambda _: last_warnings(project))
     server.add_request("btcore/preview", EditParams, lambda params: preview_edit(project, params.command))
 
     def write_leaf(params: LeafParams) -> Leaf:

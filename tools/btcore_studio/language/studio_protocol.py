@@ -421,7 +421,7 @@ class EditResult(Data, frozen=True):
 
     Attributes:
         select: The elements to select, in the text after the edit.
-        notes: New warnings, and what a pasted text lacks.
+        notes: What a pasted text lacks, and new warnings; with a drawing, `btcore/warnings` returns them.
         drawing: The drawing after the edit; None if it was not requested, or if the edit changes no document
             or others than the drawn document.
     """
@@ -430,6 +430,15 @@ class EditResult(Data, frozen=True):
     select: list[Place]
     notes: list[str]
     drawing: Drawing | None = None
+
+
+# --- btcore/warnings
+
+
+class NewWarnings(Data, frozen=True):
+    """The warnings that the last edit with a drawing has added."""
+
+    messages: list[str]
 
 
 # --- btcore/preview

@@ -114,6 +114,7 @@ def studio(
     assert isinstance(ctx.command, ExtensibleCommand)
     live = ctx.command.create_extension(extension_values)
     gc.set_threshold(GC_THRESHOLD)
+    gc.freeze()  # so that collections skip the imported modules
     # Whatever a page sends is answered with an error, and needs no log.
     logging.getLogger("pygls").addHandler(logging.NullHandler())
     # For what must not be lost: only this user can read it.

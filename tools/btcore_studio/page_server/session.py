@@ -17,7 +17,6 @@ from websockets.exceptions import ConnectionClosed
 from btcore.documentation_site import documentation_url
 from btcore.errors import BtcoreError
 from btcore.json_text import load_json
-from btcore.loading.load import paused_garbage_collection
 from btcore_studio.compare.comparison import Comparison, compare
 from btcore_studio.language.live import LiveExtension
 from btcore_studio.language.project import (
@@ -462,8 +461,7 @@ class PageSession:
         versions, project = self._studio.shown.versions, self._language_server.project
         assert versions is not None
         old, new = (_document(project, version) for version in versions)
-        with paused_garbage_collection():
-            return compare(project, old, new, msgspec.convert(params, _Compared).tree)
+        return compare(project, old, new, msgspec.convert(params, _Compared).tree)
 
     async def _moment(self, params: object) -> object:
         recorded, position = self._studio.shown.recorded, msgspec.convert(params, _Moment).position

@@ -14,7 +14,7 @@ from btcore.errors import TreeError
 from btcore.xml.edit.editor import Edit, EditError, apply_edits
 from btcore_studio.language import studio_protocol as protocol
 from btcore_studio.language.drawing import draw_document
-from btcore_studio.language.edit_commands import compute_edit, copy_nodes, preview_edit
+from btcore_studio.language.edit_commands import compute_edit, copy_nodes, last_warnings, preview_edit
 from btcore_studio.language.node_form import form_of
 from btcore_studio.language.palette import palette_of
 from btcore_studio.language.project import Project, SourceDocument
@@ -76,7 +76,7 @@ class Page:
         return Place(self.uri, Position(at.line, at.character))
 
     def do(self, command: AnyCommand) -> EditResult:
-        """Apply an operation, check its drawing and its inverse, and return the result."""
+        """Apply an operation, check its drawing and its inverse, and return the result with all notes."""
         drawing = DrawingParams(DocumentIdentifier(self.uri))
         result = compute_edit(self.project, command, drawing)
         before = self.text
@@ -89,7 +89,7 @@ class Page:
         else:
             assert result.drawing is not None
             assert replace(result.drawing, number=0) == replace(self.drawing(), number=0)
-        return result
+        return replace(result, notes=[*result.notes, *last_warnings(self.project).messages])
 
     def selected(self, result: EditResult) -> list[str]:
         """Return the names of the selected tags."""

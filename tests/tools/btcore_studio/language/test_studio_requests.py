@@ -1,13 +1,18 @@
 """The requests `btcore/…` as messages: valid and invalid parameters, results as JSON, and error replies."""
 
+import asyncio
+import gc
 import json
+import weakref
 from typing import Any
 
 import pytest
 
 pytest.importorskip("pygls")
 
+from btcore_studio.language import server
 from btcore_studio.language.server import TreeServer, create_server
+from btcore_studio.language.tree_reading import read_trees
 
 URI = "untitled:tree.xml"
 TREE = '<root BTCPP_format="4"><BehaviorTree ID="A"><Delay><Sleep msec="1"/></Delay></BehaviorTree></root>'
@@ -145,11 +150,43 @@ def test_the_palette_and_the_form_are_json_data(client: Client) -> None:
     }
 
 
+def test_garbage_is_collected_when_the_client_sends_nothing(
+    client: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(server, "COLLECT_AFTER_S", 0)
+    monkeypatch.setattr(server, "MANY_OBJECTS", 0)
+
+    async def read_and_forget() -> weakref.ref[object]:
+        client.result("btcore/drawing", DOCUMENT)
+        document = client.server.project.document(URI)
+        assert document is not None
+        reading = weakref.ref(read_trees(client.server.project, document).document)
+        for number in range(10):
+            client.server.project.open(URI, TREE.replace("1", str(number)), 2)
+            client.result("btcore/drawing", DOCUMENT)
+        assert reading() is not None
+        for _ in range(3):
+            await asyncio.sleep(0)
+        return reading
+
+    gc.disable()
+    try:
+        assert asyncio.run(read_and_forget())() is None
+    finally:
+        gc.enable()
+
+
 def test_an_edit_and_a_copy_are_json_data(client: Client) -> None:
     result = client.result("btcore/edit", {"command": {"kind": "change_type", "node": SLEEP, "id": "Script"}})
     [edit] = result["edit"]["changes"][URI]
     assert edit["newText"].startswith("Script")
     assert (result["select"], result["notes"], result["drawing"]) == ([SLEEP], [], None)
+    command = {"kind": "set", "node": SLEEP, "name": "_skipIf", "text": "unknown > 1"}
+    result = client.result("btcore/edit", {"command": command, "drawing": DOCUMENT})
+    assert (result["notes"], result["drawing"]["tree"]) == ([], "A")
+    [warning] = client.result("btcore/warnings", {})["messages"]
+    assert "unknown" in warning
+    assert client.result("btcore/warnings", {}) == {"messages": []}
     command = {"kind": "set", "node": SLEEP, "name": "msec", "text": "fast"}
     [problem] = client.result("btcore/preview", {"command": command})["problems"]
     assert problem | {"message": ""} == {

@@ -6,7 +6,7 @@ import { type Change, Documents, Mark, type Reply, textOf } from "./documents";
 import { type Done, History } from "./history";
 import type { Place, Pushed, SharedText, Start, WorkspaceEdit } from "./protocol";
 import { Connection, CONTENT_MODIFIED, RpcError, type Transport } from "./rpc";
-import { keyAt, message, reasonOf, selectedNode, selection, tree } from "./state";
+import { afterDrawing, keyAt, message, reasonOf, selectedNode, selection, tree } from "./state";
 import { texts } from "./texts";
 
 const FIRST_WAIT_MS = 250;
@@ -125,10 +125,10 @@ export class BrowserHome implements Home {
     });
     this.history = new History(
       this.documents,
-      () => {
+      () => afterDrawing(() => {
         canUndo.value = this.history.canUndo;
         canRedo.value = this.history.canRedo;
-      },
+      }),
       () => selection.value,
     );
     this.connection.on<Pushed>("btcore/pushed", (pushed) => this.documents.receive(pushed));

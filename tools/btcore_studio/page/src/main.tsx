@@ -23,8 +23,8 @@ import type {
   SharedFile, WorkspaceEdit,
 } from "./protocol";
 import {
-  actions, diagnostics, drawing, files, folded, isSamePlace, live, message, palette, reasonOf, refusedField, selectedNodes, selection,
-  showError, start, tree, uri,
+  actions, awaitDrawing, diagnostics, drawing, files, folded, isSamePlace, live, message, palette, reasonOf, refusedField, selectedNodes,
+  selection, showError, start, tree, uri,
 } from "./state";
 import { RpcError } from "./rpc";
 import { Splitter } from "./splitter";
@@ -57,7 +57,7 @@ let toSelect: Place[] = [];
 
 function redraw(): Promise<void> {
   requested += 1;
-  running ??= drawAll().finally(() => { running = null; });
+  running ??= awaitDrawing(drawAll()).finally(() => { running = null; });
   return running;
 }
 
@@ -119,7 +119,7 @@ let commands: Promise<unknown> = Promise.resolve();
 
 /** Run commands one after the other, because each needs the text after the last. */
 function inOrder<T>(run: () => Promise<T>): Promise<T> {
-  const result = commands.then(run);
+  const result = awaitDrawing(commands.then(run));
   commands = result.catch(() => {});
   return result;
 }
@@ -170,6 +170,7 @@ function edit(command: Command): Promise<EditResult | null> {
       if (requested !== before) await running;
       else if (!next) await redraw();
       message.value = [treeTexts.edited(moved, selectedNodes.value.length, whereIsCursor()), ...result.notes].filter(Boolean).join(" ");
+      if (result.drawing) showWarnings().catch(showError);
       return result;
     } catch (error) {
       showError(error);
@@ -177,6 +178,13 @@ function edit(command: Command): Promise<EditResult | null> {
       return null;
     }
   });
+}
+
+/** Add the warnings of the last edit to its message. The next edit is requested later. */
+async function showWarnings(): Promise<void> {
+  const shown = message.value;
+  const { messages } = await actions.request<{ messages: string[] }>("btcore/warnings", {});
+  if (messages.length && message.value === shown) message.add(messages.join(" "));
 }
 
 /** Return the place of the selected node among its siblings in words, or "". */

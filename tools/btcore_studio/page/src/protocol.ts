@@ -189,11 +189,13 @@ export interface EditResult {
   edit: WorkspaceEdit;
   /** The elements to select, in the text after the edit. */
   select: Place[];
-  /** New warnings, and what a pasted text misses. */
+  /** What a pasted text misses, and new warnings; with a drawing, btcore/warnings returns them. */
   notes: string[];
   /** Null if it was not requested, or if the edit changes no document or others than the drawn one. */
   drawing: Drawing | null;
 }
+
+// --- btcore/warnings: {} → { messages: string[] }: the warnings that the last edit with a drawing has added.
 
 // --- btcore/preview: EditParams → Preview: the problems that an operation would add.
 

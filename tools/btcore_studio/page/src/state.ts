@@ -23,6 +23,34 @@ export const files = signal<readonly SharedFile[]>([]);
 /** The file of the shown document, if it is in the folder. */
 export const shownFile = computed(() => files.value.find((file) => file.uri === uri.value));
 
+let awaited = 0;
+let drawnAt = 0;
+const afterwards: (() => void)[] = [];
+
+/** How long (ms) the picture has shown the present text; 0 while a drawing is awaited. */
+export const msSinceDrawing = (): number => (awaited ? 0 : performance.now() - drawnAt);
+
+/** Await a command or a drawing: *drawn* settles when the picture shows the present text. */
+export async function awaitDrawing<T>(drawn: Promise<T>): Promise<T> {
+  awaited += 1;
+  try {
+    return await drawn;
+  } finally {
+    awaited -= 1;
+    drawnAt = performance.now();
+    if (!awaited) for (const step of afterwards.splice(0)) step();
+  }
+}
+
+/**
+ * Call *step*, after the drawing if one is awaited. A change of the page would be painted first, and Chromium handles no
+ * messages of the server between a key and the frame that it causes.
+ */
+export function afterDrawing(step: () => void): void {
+  if (awaited) afterwards.push(step);
+  else step();
+}
+
 const ANNOUNCED_MS = 5000;
 /** What screen readers read, each item once. */
 export const announcements = signal<readonly { id: number; text: string }[]>([]);
@@ -42,6 +70,10 @@ export const message = {
   get value(): string { return shownMessage.value; },
   set value(text: string) {
     shownMessage.value = text;
+    announce(text);
+  },
+  add(text: string): void {
+    shownMessage.value += ` ${text}`;
     announce(text);
   },
 };

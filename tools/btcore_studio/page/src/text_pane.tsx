@@ -31,7 +31,8 @@ import { fixes, fixesOf } from "./problems";
 import type { Place, Position, Range, WorkspaceEdit } from "./protocol";
 import { rendered } from "./markdown";
 import {
-  actions, diagnostics, drawing, isSamePlace, keyAt, live, message, nodesByKey, selectedNode, selection, showError, start, uri,
+  actions, diagnostics, drawing, isSamePlace, keyAt, live, message, msSinceDrawing, nodesByKey, selectedNode, selection, showError, start,
+  uri,
 } from "./state";
 import { texts } from "./texts";
 import { fileName } from "./toolbar";
@@ -52,6 +53,8 @@ const openPlace = (address: string, line: number) => revealText({ uri: address, 
 const COLOUR_WAIT_MS = 120;
 /** From the picture of a change to its text. */
 const AFTER_PICTURE_MS = 40;
+/** The longest time from a change to its text, while the picture changes again and again. */
+const MAX_BEHIND_MS = 300;
 const MANY_LINES = 2000;
 const HOVER_WAIT_MS = 350;
 const SEVERITIES = ["error", "error", "warning", "info", "hint"] as const;
@@ -453,8 +456,12 @@ export function TextPane({ home }: { home: BrowserHome }) {
     const afterPicture = (step: () => void) => {
       later.push(step);
       if (isInText() || document.hidden) catchUp();
-      else if (later.length === 1) requestAnimationFrame(() => setTimeout(catchUp, AFTER_PICTURE_MS));
+      else if (later.length === 1) wait(performance.now());
     };
+    const wait = (begun: number) => setTimeout(() => {
+      if (msSinceDrawing() < AFTER_PICTURE_MS && performance.now() - begun < MAX_BEHIND_MS) wait(begun);
+      else catchUp();
+    }, AFTER_PICTURE_MS);
     const events = ["focusin", "pointerdown", "keydown", "drop"] as const;
     for (const event of events) place.addEventListener(event, catchUp, true);
 

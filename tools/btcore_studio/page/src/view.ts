@@ -27,7 +27,7 @@ const MARKS: Record<string, string> = {
   1: "M-1.8-3.2L3.4 0L-1.8 3.2Z", 2: "M-3.6 .2L-1.1 2.8L3.6-2.8", 3: "M-3-3L3 3M3-3L-3 3",
   4: "M-3.6 2.4C-3-3 2-3.6 3.2 .8M.6 .4L3.3 1.4L4.2-1.4", stop: "M-1.8-3.2L-1.8 3.2M1.8-3.2L1.8 3.2",
 };
-const EMPTY = '<svg viewBox="0 0 100 100" width="100" height="100"><g></g></svg>';
+const EMPTY = "<svg><g></g></svg>";
 
 export const query = signal("");
 /** The keys of the nodes that match the query. */
@@ -66,6 +66,11 @@ export class View {
   /** The indices of the nodes with cards. */
   private cards: number[] = [];
   private svg: SVGSVGElement | null = null;
+  /**
+   * Has the size of the drawing. That of the SVG element follows from the zoom alone, because Chromium lays out
+   * all texts of an SVG element again whenever its size is set.
+   */
+  private readonly extent = document.createElement("div");
   private layer: Element | null = null;
   /** The edges whose ends may be visible. */
   private readonly edges = draw("path", { class: "edge" });
@@ -82,8 +87,10 @@ export class View {
     frame.addEventListener("scroll", later, { passive: true });
     const observer = new ResizeObserver(later);
     observer.observe(frame);
+    this.extent.setAttribute("role", "none");
+    frame.append(this.extent);
     this.ends.push(
-      () => { frame.removeEventListener("scroll", later); observer.disconnect(); },
+      () => { frame.removeEventListener("scroll", later); observer.disconnect(); this.extent.remove(); },
       effect(() => this.show(source.drawing.value)),
       effect(() => { void [source.selection.value, source.changes?.value, severities.value, live.value, liveIndex.value]; this.dressAll(); }),
       effect(() => this.search(query.value)),
@@ -111,6 +118,7 @@ export class View {
     if (!next) {
       this.svg?.remove();
       this.svg = null;
+      this.extent.removeAttribute("style");
       this.structure = new Structure([]);
       this.boxes = [];
       return;
@@ -167,6 +175,8 @@ export class View {
     const svg = template.content.firstElementChild as SVGSVGElement;
     svg.classList.add("picture");
     svg.setAttribute("role", "none");
+    svg.setAttribute("viewBox", "0 0 1 1");
+    svg.setAttribute("overflow", "visible");
     svg.querySelector(":scope > title")?.remove();
     const layer = svg.querySelector(":scope > g");
     if (!this.svg || !this.layer || !layer) {
@@ -178,11 +188,10 @@ export class View {
       this.groups.clear();
       // Chromium makes groups of items that have an element without a role above them.
       layer?.setAttribute("role", "none");
-      this.frame.append(svg);
+      this.extent.append(svg);
       return;
     }
     // The layer with the cards stays where it is, so that the cards keep their layout.
-    for (const name of ["viewBox", "width", "height"]) this.svg.setAttribute(name, svg.getAttribute(name)!);
     this.layer.setAttribute("transform", layer.getAttribute("transform") ?? "");
     for (const frame of this.layer.querySelectorAll(":scope > .frame")) frame.remove();
     this.layer.prepend(...layer.children);
@@ -248,8 +257,11 @@ export class View {
   }
 
   private resize(): void {
-    this.svg?.setAttribute("width", String(Math.round(this.size.width * this.zoom)));
-    this.svg?.setAttribute("height", String(Math.round(this.size.height * this.zoom)));
+    if (!this.svg) return;
+    for (const name of ["width", "height"] as const) {
+      set(this.svg, name, String(this.zoom));
+      this.extent.style[name] = `${Math.round(this.size[name] * this.zoom)}px`;
+    }
   }
 
   private refreshSoon(): void {
