@@ -369,12 +369,13 @@ def test_xml_bomb_and_includes_of_system_files(studio: Studio) -> None:
 
 
 def test_change_on_disk_reaches_the_language_server(studio: Studio) -> None:
-    (studio.folder / "part.xml").write_text(TREE.replace("Rounds", "Visit"))
     text = TREE.replace("<AlwaysSuccess/>", '<SubTree ID="Visit"/>').replace(
         "\n", '\n  <include path="part.xml"/>\n', 1
     )
     with studio.page() as page:
         initialize(page)
+        (studio.folder / "part.xml").write_text(TREE.replace("Rounds", "Visit"))
+        assert page.notification("btcore/files")
         open_document(page, studio.uri("tree.xml"), text)
 
         def messages() -> list[str]:
