@@ -242,19 +242,14 @@ class TreeServer:
                 self._clock.wait_until(self._clock.now() + IDLE_NS, self._wake)
         return goal
 
-    def _end_waits(self) -> None:
-        """End the waits for a goal and for the next tick: the time of a paused simulation stands still."""
-        self._wake.set()
-        if self.tree is not None:
-            self.tree.wake()
-
     def stop(self) -> None:
         """End `run` after the present tick; its goal is aborted. For signal handlers and other threads."""
         self._is_stopping = True
         if self.tree is not None:
-            self.tree.context.limit.interrupt()
-        # In a thread, since a signal handler may have interrupted code that holds the lock of an event.
-        threading.Thread(target=self._end_waits, daemon=True).start()
+            self.tree.interrupt()
+        # In a paused simulation no time passes, so that the wait for a goal would not end. In a thread, since
+        # a signal handler may have interrupted code that holds the lock of the event.
+        threading.Thread(target=self._wake.set, daemon=True).start()
 
     def close(self) -> None:
         """Abort waiting goals, and remove the action and the service. Further calls have no effect."""
