@@ -80,8 +80,8 @@ class TreeDocument(NamedTuple):
 class Tree:
     """A behavior tree that can be ticked, with its blackboards and clock.
 
-    `btcore.load` creates it. Call all methods on the thread that ticks, except `wake`, `interrupt` and the methods
-    of `hooks`, which are thread-safe.
+    `btcore.load` creates it. Call all methods on the thread that ticks, except `wake`, `interrupt` and the
+    methods of `hooks`, which are thread-safe.
 
     Attributes:
         id: The ID of the main tree.
@@ -491,7 +491,7 @@ class Tree:
 
     def __repr__(self) -> str:
         count = len(self.nodes)
-        return f"<Tree '{self.id}' of {count} node{'' if count == 1 else 's'}, {self.status.name}>"
+        return f"<Tree '{self.id}' of {counted(count, 'node')}, {self.status.name}>"
 
 
 # Functions, because calls of methods of `Tree` take longer (compiled).

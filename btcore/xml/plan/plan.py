@@ -13,6 +13,7 @@ from btcore.errors import ScriptError
 from btcore.fixes import SetFormat
 from btcore.registry.registry import Registry
 from btcore.script.program import compile_script
+from btcore.suggestions import counted
 from btcore.xml.define import Definitions, TreeDefinition, define
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.plan.tree_planner import PlanningContext, TreePlanner
@@ -123,7 +124,7 @@ def _compare_with_format_4(plans: Plans, every_tree: bool) -> Plans:
     avoided = len(errors) - len(as_format_4.diagnostics.errors)
     if avoided <= 0:
         return plans
-    count = "1 error" if avoided == 1 else f"{avoided} errors"
+    count = counted(avoided, "error")
     message = f"missing BTCPP_format: the document is read as format 3; format 4 avoids {count}"
     hint = 'write <root BTCPP_format="4">'
     document = sources.main_document
