@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
 from btcore.xml.read.element import Element
-from btcore.xml.read.tinyxml2_compat import OPAQUE, SPACE, START_TAG, WRITTEN_CHARACTER, decode
+from btcore.xml.read.tinyxml2_compat import SPACE, START_TAG, WRITTEN_CHARACTER, decode
 
 # More than XML allows, so that a name with a wrong character is found as a whole.
 _NAME: Final = r"[^\s<>/!?=\"'&]++"
+_WITHOUT_TAGS: Final = (("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>"), ("<!", ">"))
 _GAP: Final = re.compile(SPACE)
 _TAG: Final = re.compile(rf"<{SPACE}({_NAME})")
 _END_TAG: Final = re.compile(rf"<{SPACE}/{SPACE}({_NAME})?{SPACE}(>)?")
@@ -314,7 +315,7 @@ class _Scanner:
         end_tag = _END_TAG.match(text, at)
         if end_tag is not None:
             return self._read_end_tag(end_tag)
-        for opening, closing in (*OPAQUE, ("<!", ">")):
+        for opening, closing in _WITHOUT_TAGS:
             if text.startswith(opening, at):
                 closed_at = text.find(closing, at + len(opening))
                 end = len(text) if closed_at < 0 else closed_at + len(closing)
