@@ -105,7 +105,7 @@ def validate_plans(
         _check_loose_text(document, collector)
     if main is not None and names_main and not is_selected:
         check_unused_trees(plans, main, collector)
-    harmless = _HARMLESS_IN_FORMAT_3 if plans.dialect.format == 3 else _HARMLESS
+    harmless = _HARMLESS_IN_FORMAT_3 if plans.format == 3 else _HARMLESS
     if all(error.code in harmless for error in collector.errors):
         nodes_left = MAX_REPEATED_NODES + sum(tree.size for tree in plans.trees.values())
         for root in roots:
@@ -128,9 +128,9 @@ def _check_nodes(plans: Plans, results: ResultAnalysis, collector: DiagnosticCol
     for tree in plans.trees.values():
         reporter = NodeReporter(tree.definition.document, collector)
         for node in tree.node_plans():
-            check_child_count(node, plans.dialect.format, reporter)
+            check_child_count(node, plans.format, reporter)
             check_ignored_attributes(node, reporter)
-            check_port_literals(node, plans.dialect.format, reporter)
+            check_port_literals(node, plans.format, reporter)
             check_literals_of_class(node, reporter)
             check_missing_ports(node, reporter)
             check_script_results(node, enums, reporter)

@@ -160,7 +160,7 @@ class NodeCreator:
         self, plans: Plans, resources: Sequence[object], clock: Clock, blackboard: Blackboard | None = None
     ) -> None:
         self._plans = plans
-        self.format = plans.dialect.format
+        self.format = plans.format
         self._registry = registry = plans.registry
         # Most registries have no substitution rules; then the manifests of the plan are used as they are.
         self._rules = registry.substitutions

@@ -17,7 +17,6 @@ from btcore.suggestions import counted
 from btcore.xml.define import Definitions, TreeDefinition, define
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.plan.tree_planner import PlanningContext, TreePlanner
-from btcore.xml.read.dialect import Dialect
 from btcore.xml.read.document import MAX_COMPARISONS, CollectedDiagnostics, DiagnosticCollector, Document
 from btcore.xml.read.read import PackageResolver, read
 
@@ -62,9 +61,9 @@ class Plans(NamedTuple):
     diagnostics: CollectedDiagnostics
 
     @property
-    def dialect(self) -> Dialect:
-        """The rules of the XML format."""
-        return self.definitions.dialect
+    def format(self) -> int:
+        """The XML format, 3 or 4."""
+        return self.definitions.format
 
     @property
     def is_finite(self) -> bool:
