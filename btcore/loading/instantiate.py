@@ -165,8 +165,7 @@ class NodeCreator:
         # Most registries have no substitution rules; then the manifests of the plan are used as they are.
         self._rules = registry.substitutions
         self.enums = registry.types.enums
-        # A tree adds its own instances of TreeResource.
-        self._resources = resources.copy() if isinstance(resources, Resources) else Resources(resources)
+        self._resources = Resources(resources)  # to which the tree adds its own instances of TreeResource
         self.context = TreeContext(clock)
         self._scope_class = Blackboard
         if self.format == 3:

@@ -11,6 +11,7 @@ from btcore.blackboard.ports import UNSET
 from btcore.clock import NS_PER_S, Clock
 from btcore.json_text import load_json
 from btcore.loading.json_export import import_blackboard
+from btcore.loading.load import registry_or_standard
 from btcore.registry.resources import Resources
 from btcore.suggestions import did_you_mean
 from btcore.xml.plan.plan import plan_document
@@ -110,8 +111,8 @@ class TreeServer:
         self.session = session
         self.tree: Tree | None = None
         self._files = files
-        self._nodes = nodes if nodes is not None else Registry.standard()
-        self._resources = resources.copy() if isinstance(resources, Resources) else Resources(resources)
+        self._nodes = registry_or_standard(nodes)
+        self._resources = Resources(resources)
         self._resources.insert(0, session)
         self._robot = next(
             (resource for resource in resources if isinstance(resource, RecoverableRobot)), None
