@@ -196,13 +196,14 @@ class Scan:
         return [(start, end) for start, end in self.opaque if self.text.startswith("<!--", start)]
 
     def iter_text(self) -> Iterator[tuple[int, int, ScannedElement | None]]:
-        """Yield the start, the end and the parent of each text between tags, which may contain comments."""
+        """Yield the start, the end and the parent of each text between tags and comments."""
         start = 0
         parent: ScannedElement | None = None
         for index, (at, end, kind, _, _) in enumerate(self._markup):
+            yield start, at, parent
+            start = end
             if kind in ("start", "end"):
-                yield start, at, parent
-                start, parent = end, self._inside(index)
+                parent = self._inside(index)
         yield start, len(self.text), parent
 
     def element_at(self, offset: int) -> Place:
