@@ -24,7 +24,7 @@ from btcore_ros2.session import RosSession
 if TYPE_CHECKING:
     from btcore.xml.read.document import Document
 
-__all__ = ["TreeServer"]
+__all__ = ["LoadedTrees", "TreeServer"]
 
 PAYLOAD = "payload"
 """The key of the entry in which a tree finds the payload of its goal."""
@@ -72,7 +72,7 @@ class TreeServer:
     If a `RosRobot` among the resources fails, the goal in progress is aborted with the error. The server
     waits until the robot is available again, and then executes the goals that arrived meanwhile.
 
-    Subclasses may override the methods from `reject_reason` to `on_completed`.
+    Subclasses may override the methods from `read_trees` to `on_completed`.
 
     Args:
         session: The session, whose ROS node has the parameters `action_name` and `tick_frequency`.
@@ -119,7 +119,7 @@ class TreeServer:
         )
         self._clock = clock if clock is not None else session.clock
         self.blackboard = Blackboard(clock=self._clock)
-        self._trees = LoadedTrees(files, self._nodes)
+        self._trees = self.read_trees()
         for wanted in self._trees.check():
             if self._resources.first_of(wanted, "the trees") is UNSET:
                 raise RosError(f"the trees need a resource of the type {wanted.__name__}, and none is given")
@@ -155,6 +155,10 @@ class TreeServer:
         return sorted(self._trees.documents)
 
     # --- for subclasses
+
+    def read_trees(self) -> "LoadedTrees":
+        """Return the trees as they are now. Called when the server is created, and for each goal."""
+        return LoadedTrees(self._files, self._nodes)
 
     def reject_reason(self, tree_id: str, payload: str) -> str:
         """Return why a new goal is rejected, or "" to accept it; C++: `onGoalReceived`.
@@ -306,8 +310,8 @@ class TreeServer:
 
     def _create(self, tree_id: str, payload: str) -> Tree:
         """Create the tree of a goal from the files."""
-        self._read_parameters()
-        self._trees = trees = LoadedTrees(self._files, self._nodes)
+        self._period = self._read_period()
+        self._trees = trees = self.read_trees()
         self._release()
         tree = trees.create(tree_id, self._resources, Blackboard(self.blackboard), self._clock)
         tree.blackboard[PAYLOAD] = payload
@@ -315,10 +319,6 @@ class TreeServer:
             import_blackboard(tree.blackboard, _members(payload), tree.registry.types)
         self.on_tree_created(tree, payload)
         return tree
-
-    def _read_parameters(self) -> None:
-        """Read the ROS parameters that may have changed since the last goal."""
-        self._period = self._read_period()
 
     def _read_period(self) -> int:
         """Return the time (ns) between two ticks."""
