@@ -131,7 +131,11 @@ class LiteralProblem(NamedTuple):
     is_unchecked: bool = False
 
 
-def excerpt(source: str, line: int, column: int, width: int = 1, max_width: int = 100) -> str:
+MAX_EXCERPT: Final = 100
+"""The maximum number of characters of a line in a message; a longer line is cut."""
+
+
+def excerpt(source: str, line: int, column: int, width: int = 1) -> str:
     """Return a line of text with carets below the marked characters. Control characters are escaped.
 
     Args:
@@ -139,14 +143,13 @@ def excerpt(source: str, line: int, column: int, width: int = 1, max_width: int 
         line: The number of the line, from 1.
         column: The column of the first marked character, from 1; 0 = no marks.
         width: The number of marked characters.
-        max_width: The maximum number of characters shown; a longer line is cut.
     """
-    start = max(0, min(column - 1 - max_width // 3, len(source) - max_width))
-    shown = source[start : start + max_width].replace("\t", " ")
+    start = max(0, min(column - 1 - MAX_EXCERPT // 3, len(source) - MAX_EXCERPT))
+    shown = source[start : start + MAX_EXCERPT].replace("\t", " ")
     if not column:
         return f"   {line} |  {escape_controls(shown)}"
     first = column - 1 - start
-    last = first + max(1, min(width, max_width, len(source) - column + 1))
+    last = first + max(1, min(width, MAX_EXCERPT, len(source) - column + 1))
     before, marked, after = map(escape_controls, (shown[:first], shown[first:last], shown[last:]))
     gap = " " * (len(str(line)) + 3) + " |  "
     # Beyond the end of the line, a caret is below no character.

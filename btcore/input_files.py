@@ -81,6 +81,18 @@ def _too_large(limit: int, name: str) -> OSError:
     return OSError(errno.EFBIG, f"it is larger than {format_size(limit)}; {ENLARGE}", name)
 
 
+FileStamp = tuple[int, int, int]
+
+
+def file_stamp(path: Path, *, follow_symlinks: bool = True) -> FileStamp | None:
+    """Return a value that changes with the content of a file; None if there is no file."""
+    try:
+        status = path.stat(follow_symlinks=follow_symlinks)
+    except OSError:
+        return None
+    return status.st_mtime_ns, status.st_size, status.st_ino
+
+
 def real_path(path: str | os.PathLike[str]) -> Path:
     """Return the absolute path without symbolic links. Links that form a loop are kept."""
     return Path(os.path.realpath(path))  # Path.resolve() raises RuntimeError for a loop

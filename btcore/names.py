@@ -8,7 +8,6 @@ PLUGIN_FILE_PREFIX: Final = "btcore_plugin_"
 # Spaces, characters with a meaning in XML, paths or patterns, and control characters, as in BehaviorTree.CPP.
 FORBIDDEN: Final = frozenset(" \t\r\n<>&\"'/\\:*?|.") | {chr(code) for code in (*range(32), 127)}
 """The characters that are not allowed in an ID."""
-_RESERVED_IN_3: Final = frozenset({"ID", "name", "_description"})
 PRECONDITION_ATTRIBUTES: Final = ("_failureIf", "_successIf", "_skipIf", "_while")
 POSTCONDITION_ATTRIBUTES: Final = ("_onHalted", "_onFailure", "_onSuccess", "_post")
 SCRIPT_ATTRIBUTES: Final = (*PRECONDITION_ATTRIBUTES, *POSTCONDITION_ATTRIBUTES)
@@ -35,7 +34,7 @@ def port_name_error(name: str, format: int = 4) -> str:
     if name in ("name", "ID"):
         return "in the XML, this attribute identifies the node"
     if format == 3:
-        return "in the XML, this attribute describes the node" if name in _RESERVED_IN_3 else ""
+        return "in the XML, this attribute describes the node" if name == "_description" else ""
     character = forbidden_in(name)
     if character:
         return f"it contains {character!r}"

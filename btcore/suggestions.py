@@ -1,4 +1,4 @@
-"""Parts of messages: the name nearest to a mistyped name, enumerations of names, and numbers of children."""
+"""Parts of messages: the name nearest to a mistyped name, enumerations of names, and counts."""
 
 from collections.abc import Iterable
 from itertools import islice
@@ -62,6 +62,11 @@ def similar_file(path: Path, suffix: str) -> str | None:
 def child_count_text(count: int) -> str:
     """Return a number of children, such as `2 children`."""
     return "no child" if count == 0 else f"{count} children" if count > 1 else "1 child"
+
+
+def counted(count: int, noun: str, zero: str = "0") -> str:
+    """Return a number with a noun, which is given in the singular; *zero* is the word for 0."""
+    return f"{count or zero} {noun}{'' if count == 1 else 's'}"
 
 
 def join_names(names: Iterable[str], conjunction: str = "and", most: int = 8) -> str:

@@ -203,7 +203,7 @@ def test_monitor_client_imports_only_basic_modules_of_the_engine() -> None:
 
 
 def test_log_formats_of_the_monitor_need_no_extra() -> None:
-    assert third_party_imports("btcore_monitor.logs") <= {"lxml", "mypy_extensions"}
+    assert third_party_imports("btcore_monitor.logs") <= {"mypy_extensions"}
 
 
 def test_scene_messages_need_only_the_standard_library() -> None:

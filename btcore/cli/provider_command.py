@@ -16,6 +16,7 @@ from btcore.options import Options, from_values, required_option_names
 from btcore.registry.registry import Plugin, import_plugin
 from btcore.runs.available_providers import AvailableProviders, providers_in
 from btcore.runs.providers import Provider
+from btcore.runs.report import RunPrinter
 from btcore.runs.run import Run, TreelessProgram
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
 from btcore.suggestions import join_names
@@ -287,7 +288,7 @@ def create_run(
     )
 
 
-class _CommandPrinter:
+class _CommandPrinter(RunPrinter):
     """Prints the messages of a command's run, with the names of its options."""
 
     def __init__(self, ctx: click.Context) -> None:
@@ -296,8 +297,10 @@ class _CommandPrinter:
     def print_warning(self, message: str) -> None:
         terminal.print_warning(message)
 
-    def print_error(self, error: BtcoreError) -> None:
-        terminal.print_error(str(error))
+    def print_errors(self, errors: Sequence[BtcoreError]) -> bool:
+        for error in errors:
+            terminal.print_error(str(error))
+        return True
 
     def print_unused(self, settings_class: type[Settings], reason: str) -> None:
         own = [option.options_class for option in self._ctx.command.params if isinstance(option, FieldOption)]

@@ -16,6 +16,7 @@ from btcore.engine.watched_tick import tick_counts_of
 from btcore.errors import NodeExecutionError
 from btcore.runs.run import Run
 from btcore.runs.run_end import EndReason
+from btcore.suggestions import counted
 from btcore.tree.drawing import node_depths
 from btcore.tree.tree import Tree
 
@@ -84,7 +85,7 @@ def print_summary(name: str, run: Run) -> None:
 
 def _format_heading(name: str, run: Run) -> Text:
     result = terminal.format_status(run.status if run.error is None else None)
-    ticks = terminal.counted(run.tree.ticks, "tick")
+    ticks = counted(run.tree.ticks, "tick")
     duration = f"{run.elapsed_s:.1f} s, {ticks}, ×{_real_time_factor(run):.1f} real time"
     return Text.assemble(result, "  ", (name, "bold"), "  ", duration, END_REASON_TEXT[run.end_reason])
 

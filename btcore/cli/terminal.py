@@ -126,11 +126,6 @@ def node_symbol(symbol: str, kind: NodeType) -> Text:
     return Text(f"{sign} ", style=style)
 
 
-def counted(count: int, noun: str, zero: str = "0") -> str:
-    """Return a number with a noun, which is given in the singular; *zero* is the word for 0."""
-    return f"{count or zero} {noun}{'' if count == 1 else 's'}"
-
-
 def format_status(value: Status | None) -> Text:
     """Return the symbol and the name of a status, in its colour; None: a leaf raised an exception."""
     return Text("✘ RAISED", style="bold red") if value is None else Text(*status_label(value))

@@ -27,7 +27,7 @@ class EndlessTickCheck:
         self._results = results
         self._collector = collector
         # In format 3 a loop repeats within its own tick, so that no other node can halt it.
-        self._repeats_at_once = plans.dialect.format == 3
+        self._repeats_at_once = plans.format == 3
         # The results of _may_pause and _has_action, because many loops may contain the same nodes.
         self._pauses: dict[NodePlan, bool] = {}
         self._acts: dict[NodePlan, bool] = {}

@@ -1,6 +1,5 @@
 """Find all errors and warnings in a document: by planning it, and in a dry run of its trees."""
 
-import re
 from collections.abc import Collection
 from typing import Final
 
@@ -36,8 +35,6 @@ from btcore.xml.read.scan import ScannedElement
 _HARMLESS: Final = frozenset({UNDETERMINED_MAIN_TREE, FIRST_TICK_REFUSED})
 # In format 3 the tree is built; only the node that reads the text raises.
 _HARMLESS_IN_FORMAT_3: Final = _HARMLESS | {INCONVERTIBLE_TEXT}
-# Between elements, but not a text.
-_OPAQUE: Final = re.compile(r"<!--.*?-->|<!\[CDATA\[.*?\]\]>|<\?.*?\?>", re.DOTALL)
 
 MAX_REPEATED_NODES: Final = MAX_NODES
 """The maximum number of nodes that are dry-run again, because several uncalled trees call the same trees."""
@@ -105,7 +102,7 @@ def validate_plans(
         _check_loose_text(document, collector)
     if main is not None and names_main and not is_selected:
         check_unused_trees(plans, main, collector)
-    harmless = _HARMLESS_IN_FORMAT_3 if plans.dialect.format == 3 else _HARMLESS
+    harmless = _HARMLESS_IN_FORMAT_3 if plans.format == 3 else _HARMLESS
     if all(error.code in harmless for error in collector.errors):
         nodes_left = MAX_REPEATED_NODES + sum(tree.size for tree in plans.trees.values())
         for root in roots:
@@ -128,9 +125,9 @@ def _check_nodes(plans: Plans, results: ResultAnalysis, collector: DiagnosticCol
     for tree in plans.trees.values():
         reporter = NodeReporter(tree.definition.document, collector)
         for node in tree.node_plans():
-            check_child_count(node, plans.dialect.format, reporter)
+            check_child_count(node, plans.format, reporter)
             check_ignored_attributes(node, reporter)
-            check_port_literals(node, plans.dialect.format, reporter)
+            check_port_literals(node, plans.format, reporter)
             check_literals_of_class(node, reporter)
             check_missing_ports(node, reporter)
             check_script_results(node, enums, reporter)
@@ -142,8 +139,7 @@ def _check_loose_text(document: Document, collector: DiagnosticCollector) -> Non
     """Warn about each text between the elements of *document*, in its trees and between them."""
     lines = LineIndex(document.text)
     for start, end, parent in document.source_map.scan.iter_text():
-        # Comments and the like become spaces of the same length, so that offsets stay valid.
-        between = _OPAQUE.sub(lambda match: " " * len(match[0]), document.text[start:end])
+        between = document.text[start:end]
         text = " ".join(between.split())
         if text and _is_of_trees(parent):
             shown = text if len(text) <= 40 else f"{text[:39]}…"

@@ -28,7 +28,7 @@ from btcore.diagnostics import Diagnostic
 from btcore.errors import ConversionError, PortError, TreeError, UnknownNodeError, XmlSyntaxError
 from btcore.fixes import Fix
 from btcore.loading.instantiate import instantiate
-from btcore.loading.load import paused_garbage_collection
+from btcore.loading.load import paused_garbage_collection, registry_or_standard
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.suggestions import nearest_name, suggestion
@@ -101,7 +101,7 @@ class Builder:
     """
 
     def __init__(self, nodes: Registry | None = None) -> None:
-        self._nodes = nodes if nodes is not None else Registry.standard()
+        self._nodes = registry_or_standard(nodes)
 
     def __getattr__(self, id: str) -> Callable[..., NodeDraft]:
         if id.startswith("__"):
@@ -144,7 +144,7 @@ class Builder:
             **subtrees: The roots of the subtrees, by their IDs.
 
         Raises:
-            XmlSyntaxError: The tree has more than 2,000 levels.
+            XmlSyntaxError: The tree has more than `MAX_BUILDER_DEPTH` levels.
         """
         return _write(main, id, subtrees, _STEP)[0]
 
@@ -157,9 +157,10 @@ class Builder:
         resources: Sequence[object] = (),
         blackboard: Blackboard | None = None,
         clock: Clock | None = None,
+        tick_limit: float | None = None,
         **subtrees: NodeDraft,
     ) -> Tree:
-        """Build a tree, as `btcore.load` does. It can have 2,000 levels; a tree in a file can have 256.
+        """Build a tree, as `btcore.load` does. It can have more levels than a tree in a file.
 
         Args:
             main: The root of the main tree.
@@ -167,6 +168,7 @@ class Builder:
             resources: Objects that leaves require, selected by their types.
             blackboard: The blackboard of the main tree; by default a new blackboard.
             clock: The clock; by default the first of *resources* that is a clock, else the system clock.
+            tick_limit: As in `btcore.load`.
             **subtrees: The roots of the subtrees, by their IDs.
 
         Returns:
@@ -179,7 +181,7 @@ class Builder:
         document = _BuiltDocument(text, main.where[0], drafts)
         with paused_garbage_collection():
             plans = plan_document(document, self._nodes, id)
-            return instantiate(plans, resources, blackboard, clock)
+            return instantiate(plans, resources, blackboard, clock, tick_limit)
 
     def _describe(self, manifest: Manifest, /, *children: Any, **ports: object) -> NodeDraft:
         where = _caller()

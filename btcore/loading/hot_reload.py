@@ -6,6 +6,7 @@ from pathlib import Path
 
 from btcore.clock import POLL_INTERVAL_S
 from btcore.errors import BtcoreError
+from btcore.input_files import FileStamp, file_stamp
 from btcore.loading.instantiate import instantiate
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
@@ -38,7 +39,7 @@ class FileWatcher:
             return False
         self._next_check = now + POLL_INTERVAL_S
         stamps = _stamps(self._files)
-        if stamps is None:
+        if None in stamps.values():
             return False
         was_settling, self._is_settling = self._is_settling, stamps != self._stamps
         if self._is_settling:
@@ -55,13 +56,8 @@ class FileWatcher:
         return {self._path, *(Path(document.file) for document in documents if document.file)}
 
 
-def _stamps(files: set[Path]) -> dict[Path, tuple[int, int]] | None:
-    """Return the modification time (ns) and the size of each file, or None if one of them is missing."""
-    try:
-        stats = {path: path.stat() for path in files}
-    except OSError:
-        return None
-    return {path: (stat.st_mtime_ns, stat.st_size) for path, stat in stats.items()}
+def _stamps(files: set[Path]) -> dict[Path, FileStamp | None]:
+    return {path: file_stamp(path) for path in files}
 
 
 def rebuild_tree(tree: Tree, plans: Plans, resources: Sequence[object]) -> Tree:

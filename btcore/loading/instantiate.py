@@ -160,13 +160,12 @@ class NodeCreator:
         self, plans: Plans, resources: Sequence[object], clock: Clock, blackboard: Blackboard | None = None
     ) -> None:
         self._plans = plans
-        self.format = plans.dialect.format
+        self.format = plans.format
         self._registry = registry = plans.registry
         # Most registries have no substitution rules; then the manifests of the plan are used as they are.
         self._rules = registry.substitutions
         self.enums = registry.types.enums
-        # A tree adds its own instances of TreeResource.
-        self._resources = resources.copy() if isinstance(resources, Resources) else Resources(resources)
+        self._resources = Resources(resources)  # to which the tree adds its own instances of TreeResource
         self.context = TreeContext(clock)
         self._scope_class = Blackboard
         if self.format == 3:

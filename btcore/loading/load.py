@@ -112,20 +112,9 @@ def loads(
     Args:
         text: The XML. Paths of includes are relative to the working directory.
         more: Further XML texts, whose trees the first text may call.
-        nodes: As in `load`.
-        tree: As in `load`.
-        format: As in `load`.
-        packages: As in `load`.
-        confined: As in `load`; the folder of a text is the working directory.
-        resources: As in `load`.
-        blackboard: As in `load`.
-        clock: As in `load`.
-        tick_limit: As in `load`.
 
-    Raises:
-        TreeError: The texts have errors, see `TreeError`. It holds line and column of each.
-        TypeError: *nodes* is not a Registry, or *resources* is not a list.
-        ValueError: *tick_limit* is not a positive number.
+    The other parameters and the exceptions are those of `load`; the folder of a text is the working
+    directory.
 
     Examples:
         >>> import btcore
@@ -156,17 +145,8 @@ def make(
     Args:
         id: The ID of the tree.
         nodes: The registry of the tree. Whether includes are *confined* is an argument of its `add_trees`.
-        format: As in `load`.
-        packages: As in `load`.
-        resources: As in `load`.
-        blackboard: As in `load`.
-        clock: As in `load`.
-        tick_limit: As in `load`.
 
-    Raises:
-        TreeError: There is no such tree, or the registered documents have errors. It holds all of them.
-        TypeError: *nodes* is not a Registry, or *resources* is not a list.
-        ValueError: *tick_limit* is not a positive number.
+    The other parameters and the exceptions are those of `load`. An unknown tree is a TreeError, too.
 
     Examples:
         >>> import btcore

@@ -6,12 +6,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Final, NamedTuple
 
-from lxml import etree
-
 from btcore.clock import NS_PER_S
+from btcore.errors import XmlSyntaxError
 from btcore.logs.files import LogError
 from btcore.status import IDLE, NodeType, Status
 from btcore.xml.models.tree_nodes_model import TAG_OF
+from btcore.xml.read.element import Element, encoded
+from btcore.xml.read.read import parse_bytes
 
 STATUSES: Final = {int(status): status for status in Status}
 
@@ -150,19 +151,16 @@ def parse_nodes(xml: str | bytes, source: str) -> dict[int, RecordedNode]:
             writes it (src/xml_parsing.cpp).
         source: The name of the log, for errors.
     """
-    data = xml.encode("utf-8", "replace") if isinstance(xml, str) else xml
-    # A log may come from an untrusted source: no entities, DTDs or network access.
-    parser = etree.XMLParser(
-        encoding="utf-8", resolve_entities=False, no_network=True, load_dtd=False, huge_tree=True
-    )
+    data = encoded(xml) if isinstance(xml, str) else xml
     try:
-        root = etree.fromstring(data, parser)
-    except etree.XMLSyntaxError as error:
-        raise LogError(f"{source}: the tree in this log is not valid XML: {error.msg}") from None
+        root = parse_bytes(data, source).root
+    except XmlSyntaxError as error:
+        message = error.diagnostics[0].message
+        raise LogError(f"{source}: the tree in this log is not valid XML: {message}") from None
     # Reversed, so that the first of several trees with the same path is kept.
-    trees = {str(tree.get("_fullpath", "")): tree for tree in reversed(root.findall("BehaviorTree"))}
+    trees = {tree.get("_fullpath") or "": tree for tree in reversed(list(root.iterchildren("BehaviorTree")))}
     types = {
-        str(model.get("ID")): _TYPES[str(model.tag)]
+        model.get("ID"): _TYPES[model.tag]
         for models in root.iterchildren("TreeNodesModel")
         for model in models.iterchildren(*_TYPES)
     }
@@ -172,11 +170,11 @@ def parse_nodes(xml: str | bytes, source: str) -> dict[int, RecordedNode]:
 
 
 def _walk(
-    trees: dict[str, etree._Element], types: dict[str, NodeType], source: str
+    trees: dict[str, Element], types: dict[str | None, NodeType], source: str
 ) -> Iterator[RecordedNode]:
     """Yield the nodes depth first. Not recursive, since trees can be deeper than Python's recursion limit."""
     open_trees = dict(trees)
-    waiting = [(element, "") for element in _elements(open_trees.pop(""))]
+    waiting = [(element, "") for element in open_trees.pop("").children]
     seen: set[int] = set()
     while waiting:
         element, subtree = waiting.pop()
@@ -184,32 +182,28 @@ def _walk(
         if uid in seen:
             raise LogError(f"{source}: the tree in this log has two nodes with _uid {uid}")
         seen.add(uid)
-        tag = str(element.tag)
+        tag = element.tag
         prefix = f"{subtree}/" if subtree else ""
         if tag == "SubTree":
-            path = inside = str(element.get("_fullpath", ""))
+            path = inside = element.get("_fullpath") or ""
             # Each instance of a subtree is written once. In a damaged log a tree may contain itself: `pop`
             # prevents an endless loop.
-            below = _elements(open_trees.pop(path)) if path in open_trees else []
+            below = open_trees.pop(path).children if path in open_trees else []
             name = path.removeprefix(prefix).removesuffix(f"::{uid}")
             node_type = NodeType.SUBTREE
         else:
-            name, inside = str(element.get("name", tag)), subtree
+            name, inside = element.attributes.get("name", tag), subtree
             path = f"{prefix}{name}::{uid}" if name == tag else prefix + name
-            below = _elements(element)
+            below = element.children
             node_type = types.get(tag, NodeType.UNDEFINED)
         children = tuple(_uid(child, source) for child in below)
-        ports = {str(key): str(value) for key, value in element.attrib.items() if key not in _NOT_PORTS}
+        ports = {key: value for key, value in element.attributes.items() if key not in _NOT_PORTS}
         yield RecordedNode(uid, name, tag, node_type, path, children, ports)
         waiting += ((child, inside) for child in reversed(below))
 
 
-def _elements(parent: etree._Element) -> list[etree._Element]:
-    return list(parent.iterchildren(etree.Element))
-
-
-def _uid(element: etree._Element, source: str) -> int:
-    text = element.get("_uid", "")
+def _uid(element: Element, source: str) -> int:
+    text = element.get("_uid") or ""
     if not (text.isascii() and text.isdigit() and len(text) <= 10):
         raise LogError(f"{source}: the node <{element.tag}> in this log has the invalid _uid '{text}'")
     return int(text)

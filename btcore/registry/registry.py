@@ -8,7 +8,7 @@ from functools import cache
 from os import PathLike
 from pathlib import Path
 from types import ModuleType
-from typing import Any, NamedTuple, overload
+from typing import Any, NamedTuple
 
 from btcore import entry_points
 from btcore.engine.functions import MARK, camel_case
@@ -114,7 +114,7 @@ class Registry:
 
     # --- lookup
 
-    def manifests_of(self, format: int = 4) -> Mapping[str, Manifest]:
+    def manifests_of(self, format: int) -> Mapping[str, Manifest]:
         """Return the nodes that a tree of *format* (3 or 4) may use, by ID, sorted."""
         ids = sorted(self._nodes[format])
         return {id: manifest for id in ids if (manifest := self.get(id, format)) is not None}
@@ -208,40 +208,34 @@ class Registry:
             raise RegistrationError(f"no node is registered as '{id}'{hint}")
 
     def add_type(
-        self, python_type: type, from_text: Callable[[str], Any] | None = None, **arguments: Any
+        self,
+        python_type: type,
+        from_text: Callable[[str], Any] | None = None,
+        to_text: Callable[[Any], str] | None = None,
+        name: str | None = None,
     ) -> None:
         """Register a class as a type that ports can have.
 
         Args:
             python_type: The class of the values.
             from_text: Converts the text in the XML to a value.
-            arguments: The arguments *to_text* and *name* of TypeRegistry.add().
+            to_text: Converts a value to a text.
+            name: The name of the type in monitoring protocols and XML models; by default the class's name.
 
         Raises:
             RegistrationError: The class has a text form already, or another type has this name.
         """
-        self.types.add(python_type, from_text, **arguments)
+        self.types.add(python_type, from_text, to_text, name)
 
-    @overload
-    def add_enum(self, enum: type[Enum] | Mapping[str, int]) -> None: ...
-    @overload
-    def add_enum(self, enum: str, number: int) -> None: ...
-    def add_enum(self, enum: type[Enum] | Mapping[str, int] | str, number: int | None = None) -> None:
-        """Register an enum or a single name, which scripts and ports may then use.
+    def add_enum(self, enum: type[Enum] | Mapping[str, int]) -> None:
+        """Register an enum, whose names scripts and ports may then use.
 
         Args:
-            enum: The class, or a mapping of names to numbers, or a name: `add_enum("RED", 1)`.
-            number: The number of a name.
+            enum: The class, or a mapping of names to numbers: `add_enum({"RED": 1})`.
 
         Raises:
             RegistrationError: A name is registered with another number, or a value is not an integer.
         """
-        if isinstance(enum, str):
-            if number is None:
-                raise RegistrationError(f"the enum name {enum} has no number: add_enum({enum!r}, 1)")
-            enum = {enum: number}
-        elif number is not None:
-            raise RegistrationError(f"the number {number!r} needs a name: add_enum('RED', {number!r})")
         self.types.add_enum(enum)
 
     def add_trees(self, *sources: str | PathLike[str], confined: bool = False) -> None:

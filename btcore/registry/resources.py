@@ -5,7 +5,6 @@ A node class declares a resource as an annotated attribute without a value, such
 
 import inspect
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from functools import cached_property
 from typing import Any, Final, TypeGuard
 
 from btcore.blackboard.ports import UNSET
@@ -28,24 +27,21 @@ class Resources(list[object]):
 
     A leaf gets the object that was assigned to the type of its parameter, else the first that fits.
 
+    Args:
+        resources: The objects; from another `Resources`, also what was assigned.
+
     Attributes:
         missing_note: What messages say about a missing object: what to do, or why it is missing.
     """
 
-    missing_note = "pass it in resources=[…]"
-
-    # Made at its first use, so that loading a tree without resources calls no function of this file.
-    @cached_property
-    def _by_type(self) -> dict[Any, object]:
-        """The assigned and the found objects, by the types of the parameters; UNSET if none fits."""
-        return {}
-
-    def copy(self) -> "Resources":
-        """Return a copy, to which another tree adds its own instances of `TreeResource`."""
-        copied = Resources(self)
-        copied.missing_note = self.missing_note
-        copied._by_type.update(self._by_type)
-        return copied
+    def __init__(self, resources: Iterable[object] = ()) -> None:
+        super().__init__(resources)
+        # The assigned and the found objects, by the types of the parameters; UNSET if none fits.
+        self._by_type: dict[Any, object] = {}
+        self.missing_note = "pass it in resources=[…]"
+        if isinstance(resources, Resources):
+            self._by_type.update(resources._by_type)
+            self.missing_note = resources.missing_note
 
     def assign(self, resource_type: Any, resource: object) -> None:
         """Assign the object that leaves get for a type.

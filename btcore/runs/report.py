@@ -2,7 +2,8 @@
 
 import json
 import sys
-from typing import Protocol
+import warnings
+from collections.abc import Sequence
 
 from btcore.errors import BtcoreError
 from btcore.escaping import escape_controls
@@ -10,20 +11,20 @@ from btcore.runs.run_end import EndReason, RunEnd
 from btcore.runs.settings import Settings
 
 
-class RunPrinter(Protocol):
-    """What prints the messages of a run."""
+class RunPrinter:
+    """Prints the messages of a program's run; commands override the methods."""
 
     def print_warning(self, message: str) -> None:
         """Print a warning of a provider."""
-        ...
-
-    def print_error(self, error: BtcoreError) -> None:
-        """Print what a provider raised when it was closed."""
-        ...
+        print(f"warning: {escape_controls(message)}", file=sys.stderr)
 
     def print_unused(self, settings_class: type[Settings], reason: str) -> None:
         """Warn that the settings of a class have no effect: no provider uses them, for *reason*."""
-        ...
+        warnings.warn(f"{settings_class.__name__} have no effect: {reason}", stacklevel=4)
+
+    def print_errors(self, errors: Sequence[BtcoreError]) -> bool:
+        """Print what the providers raised when they were closed; return False to let the run raise it."""
+        return False
 
 
 class Report(dict[str, object]):
@@ -31,13 +32,13 @@ class Report(dict[str, object]):
 
     Args:
         run_end: The end of the run.
-        printer: Prints the warnings; without it, they go to stderr.
+        printer: Prints the warnings.
     """
 
     def __init__(self, run_end: RunEnd | None = None, printer: RunPrinter | None = None) -> None:
         super().__init__()
         self._run_end = run_end or RunEnd()
-        self._printer = printer
+        self._printer = printer or RunPrinter()
 
     @property
     def end_reason(self) -> EndReason | None:
@@ -46,10 +47,7 @@ class Report(dict[str, object]):
 
     def warn(self, message: str) -> None:
         """Print a warning."""
-        if self._printer is None:
-            print(f"warning: {escape_controls(message)}", file=sys.stderr)
-        else:
-            self._printer.print_warning(message)
+        self._printer.print_warning(message)
 
     def __setitem__(self, heading: str, values: object) -> None:
         """Set the results under *heading*.

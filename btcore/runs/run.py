@@ -1,7 +1,6 @@
 """Runs: trees with the providers of what their leaves need, from their opening to their end."""
 
 import time
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from itertools import chain
@@ -12,18 +11,17 @@ from typing import Self, TypeVar
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import NS_PER_S, Clock
 from btcore.engine.leaf import StatefulAction
-from btcore.errors import BtcoreError, NodeExecutionError, OutputError, ProviderError, TreeError
+from btcore.errors import NodeExecutionError, TreeError
 from btcore.exit_codes import ExitCode
 from btcore.loading.instantiate import create_leaf_tree, instantiate, resources_as_sequence
 from btcore.loading.load import paused_garbage_collection, registry_or_standard
 from btcore.registry.registry import Registry
 from btcore.registry.resources import Resources, TypeRef
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.choice import Choice
 from btcore.runs.opening import RunProviders
 from btcore.runs.providers import Provider
 from btcore.runs.report import Report, RunPrinter
-from btcore.runs.run_end import EndReason, RunEnd
+from btcore.runs.run_end import EndReason, RunEnd, join_errors
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
 from btcore.runs.tick_loop import OnTick, Reloader, TickLoop, Until
 from btcore.signals import EndingSignals
@@ -108,12 +106,14 @@ class Run:
         clock: The clock; default the clock of a provider, or the first of *resources* that is a clock;
             without one, the system's clock, or a simulated clock with `RunSettings.fast`.
         tick_limit: As in `btcore.load`.
-        printer: Prints the messages of the run. Without it, warnings go to stderr, and the errors of closed
+        printer: Prints the messages of the run. By default, warnings go to stderr, and the errors of closed
             providers are raised.
 
     Attributes:
         settings: The settings by their classes.
         run_settings: The `RunSettings`.
+        providers: The providers: which are used (`choice`), and what they raised when they were closed
+            (`errors`).
         report: The results that providers have added; complete after the end.
         elapsed_s: The duration of the ticking by the run's clock (s).
         wall_s: The duration of the ticking in real time (s).
@@ -164,12 +164,12 @@ class Run:
         self.settings = GivenSettings(settings)
         self.run_settings = self.settings.of(RunSettings)
         self._end = RunEnd()
-        self._printer = printer
-        self.report = Report(self._end, printer)
+        self._printer = printer or RunPrinter()
+        self.report = Report(self._end, self._printer)
         self.elapsed_s = 0.0
         self.wall_s = 0.0
         available = providers if isinstance(providers, AvailableProviders) else AvailableProviders(providers)
-        self._providers = RunProviders(
+        self.providers = RunProviders(
             available, self.settings, leaf_types, resources_as_sequence(resources), clock, self.report
         )
         self._loop = TickLoop(self.run_settings)
@@ -191,18 +191,18 @@ class Run:
         """
         if self.trees:
             raise RuntimeError("the run was entered already: call want() before 'with'")
-        self._providers.want(types, optional)
+        self.providers.want(types, optional)
         return self
 
     def find(self, type: Callable[..., T]) -> T | None:  # type[T] would exclude protocols
         """Return the object of a type among the resources, or None."""
-        return self._providers.find(type)  # type: ignore[arg-type, return-value]
+        return self.providers.find(type)  # type: ignore[arg-type, return-value]
 
     def __enter__(self) -> Self:
         try:
             self._enter()
         except Exception as error:
-            for closing_error in self.closing_errors:
+            for closing_error in self.providers.errors:
                 error.add_note(str(closing_error))
             raise
         return self
@@ -210,7 +210,7 @@ class Run:
     def _enter(self) -> None:
         with ExitStack() as stack:
             stack.enter_context(self._signals)
-            providers = self._providers
+            providers = self.providers
             providers.choose()
             providers.open_before_tree(stack)
             self._loop.trees = [self._create_tree(source) for source in self._sources]
@@ -219,10 +219,7 @@ class Run:
             providers.open_after_tree(self.tree, stack)
             stack.callback(self._halt)
             for settings_class, reason in providers.find_unused_settings().items():
-                if self._printer is None:
-                    warnings.warn(f"{settings_class.__name__} have no effect: {reason}", stacklevel=3)
-                else:
-                    self._printer.print_unused(settings_class, reason)
+                self._printer.print_unused(settings_class, reason)
             self._stack = stack.pop_all()
 
     @property
@@ -242,19 +239,14 @@ class Run:
         return self.trees[0]
 
     @property
-    def choice(self) -> Choice:
-        """The used providers."""
-        return self._providers.choice
-
-    @property
     def resources(self) -> Resources:
         """The objects for leaves; the object of a used provider comes before others of its type."""
-        return self._providers.resources
+        return self.providers.resources
 
     @property
     def clock(self) -> Clock:
         """The clock of the run."""
-        return self._providers.clock
+        return self.providers.clock
 
     def _create_tree(self, source: Plans | TreelessProgram) -> Tree:
         if isinstance(source, TreelessProgram):
@@ -263,7 +255,7 @@ class Run:
             with paused_garbage_collection():
                 return instantiate(source, self.resources, self._blackboard, self.clock, self._tick_limit)
         except TreeError as error:
-            for note in self._providers.explain_missing():
+            for note in self.providers.explain_missing():
                 error.add_note(note)
             raise
 
@@ -346,7 +338,7 @@ class Run:
         """Continue with *tree* in place of the first, which is halted already. The caller may tick it."""
         self._end.error = None
         self._loop.replace_tree(tree)
-        self._providers.replace_tree(tree)
+        self.providers.replace_tree(tree)
 
     @contextmanager
     def _keep_leaf_error(self) -> Iterator[None]:
@@ -406,24 +398,10 @@ class Run:
             # The first signal has ended the waits of the providers.
             self._end.signal = self._signals.number
         finally:
-            if self._printer is not None:
-                for closing_error in self.closing_errors:
-                    self._printer.print_error(closing_error)
-        if error is None and self.closing_errors and self._printer is None:
-            raise self._join_closing_errors()
-
-    @property
-    def closing_errors(self) -> list[BtcoreError]:
-        """What the providers raised when they were closed, such as `OutputError`."""
-        return self._providers.errors
-
-    def _join_closing_errors(self) -> BtcoreError:
-        """Return an `OutputError` if all errors are about incomplete outputs, otherwise another error."""
-        if len(self.closing_errors) == 1:
-            return self.closing_errors[0]
-        text = "; ".join(map(str, self.closing_errors))
-        are_outputs = all(isinstance(error, OutputError) for error in self.closing_errors)
-        return OutputError(text) if are_outputs else ProviderError(text)
+            errors = self.providers.errors
+            were_printed = self._printer.print_errors(errors)
+        if error is None and errors and not were_printed:
+            raise join_errors(errors)
 
     @property
     def status(self) -> Status:
@@ -446,7 +424,7 @@ class Run:
     @property
     def exit_code(self) -> ExitCode:
         """The exit code of a process for this run."""
-        return self._end.exit_code(self.status, self.closing_errors)
+        return self._end.exit_code(self.status, self.providers.errors)
 
     @property
     def missed_ticks(self) -> int:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Literal
 
-from btcore.errors import BtcoreError, NodeExecutionError, OutputError
+from btcore.errors import BtcoreError, NodeExecutionError, OutputError, ProviderError
 from btcore.exit_codes import ExitCode, code_of_signal
 from btcore.runs.tick_loop import LoopEnd
 from btcore.status import Status
@@ -11,6 +11,15 @@ from btcore.status import Status
 EndReason = Literal[LoopEnd, "raised", "program_error"]
 """Why a run ended: as its loop ended, because a leaf raised an exception, or because another exception left
 the `with` block of the run ("interrupted", if it is a KeyboardInterrupt or SystemExit)."""
+
+
+def join_errors(errors: Sequence[BtcoreError]) -> BtcoreError:
+    """Return an `OutputError` if all errors are about incomplete outputs, otherwise another error."""
+    if len(errors) == 1:
+        return errors[0]
+    text = "; ".join(map(str, errors))
+    are_outputs = all(isinstance(error, OutputError) for error in errors)
+    return OutputError(text) if are_outputs else ProviderError(text)
 
 
 class RunEnd:
@@ -63,7 +72,7 @@ class RunEnd:
         if self.error is not None:
             return ExitCode.LEAF_ERROR
         if closing_errors:
-            are_outputs = all(isinstance(error, OutputError) for error in closing_errors)
+            are_outputs = isinstance(join_errors(closing_errors), OutputError)
             return ExitCode.INCOMPLETE_OUTPUT if are_outputs else ExitCode.USER_ERROR
         if self.signal:
             return code_of_signal(self.signal)

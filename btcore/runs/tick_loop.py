@@ -213,12 +213,4 @@ class TickLoop:
         """
         self._is_stopping = True
         for tree in self.trees:
-            tree.context.limit.interrupt()
-        # In a thread, since the handler may have interrupted code that holds the locks that these calls need.
-        # The access to `hooks` takes a lock, too.
-        threading.Thread(target=self._end_waits, daemon=True).start()
-
-    def _end_waits(self) -> None:
-        self.trees[0].context.wake_up()
-        for tree in self.trees:
-            tree.hooks.ignore_breakpoints()
+            tree.interrupt()

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 from typing import NoReturn
 
 from btcore.status import IDLE, RUNNING, SKIPPED, Status
+from btcore.suggestions import counted
 from btcore.testing.harness import Harness
 from btcore.testing.trace import Trace, TraceStep, format_trace, format_tree
 
@@ -215,7 +216,7 @@ def _find_runs(trace: Trace, node: str) -> list[TraceStep]:
 
 def _format_tick_count(trace: Trace) -> str:
     count = sum(1 for step in trace if step.tick)
-    return f"{count} tick{'' if count == 1 else 's'}"
+    return counted(count, "tick")
 
 
 def _join(items: Sequence[str | Status]) -> str:

@@ -23,7 +23,7 @@ from hypothesis.strategies import DrawFn, SearchStrategy
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.format3 import Format3Blackboard
 from btcore.clock import SimClock
-from btcore.loading.load import loads
+from btcore.loading.load import loads, registry_or_standard
 from btcore.registry.manifest import Manifest
 from btcore.registry.mock_leaves import Outcomes
 from btcore.registry.registry import Registry
@@ -197,7 +197,7 @@ def trees(
         ...     tree.halt()
         ...     assert not any(node.status is RUNNING for node in tree)
     """
-    known = with_mock_leaves(nodes if nodes is not None else Registry.standard())
+    known = with_mock_leaves(registry_or_standard(nodes))
 
     def load(text: str) -> Tree:
         clock = SimClock()

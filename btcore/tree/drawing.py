@@ -8,6 +8,7 @@ from typing import IO, Final, TextIO, TypeVar
 from btcore.engine.node import TreeNode
 from btcore.escaping import escape_controls
 from btcore.status import IDLE, RUNNING, NodeType, Status
+from btcore.suggestions import counted
 
 T = TypeVar("T")
 
@@ -111,7 +112,7 @@ def draw_results(id: str, ticks: int, root: TreeNode, ascii: bool = False) -> li
         parts = node_label(node.name, node.config.id, node.spec.symbol, node.spec.node_type, ascii)
         return [*parts, ("  ", ""), _result(node, ascii)]
 
-    title = [(id, "bold"), (f"  {ticks} tick{'' if ticks == 1 else 's'}", "dim")]
+    title = [(id, "bold"), (f"  {counted(ticks, 'tick')}", "dim")]
     return draw_branches(root, lambda node: node.children, label, title, ascii)
 
 

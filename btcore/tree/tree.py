@@ -1,5 +1,6 @@
 """The class Tree: a loaded behavior tree, with methods to tick, halt and observe it."""
 
+import threading
 from collections.abc import Callable, Iterator, Sequence
 from math import inf
 from typing import TYPE_CHECKING, NamedTuple, NoReturn, SupportsIndex, TextIO, TypeVar
@@ -24,7 +25,7 @@ from btcore.engine.watched_tick import TickCounts, start_tick_counts
 from btcore.errors import BtcoreError, NodeError, NodeExecutionError
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
-from btcore.suggestions import did_you_mean
+from btcore.suggestions import counted, did_you_mean
 
 if TYPE_CHECKING:
     from btcore.tree.hooks import Hooks
@@ -79,8 +80,8 @@ class TreeDocument(NamedTuple):
 class Tree:
     """A behavior tree that can be ticked, with its blackboards and clock.
 
-    `btcore.load` creates it. Call all methods on the thread that ticks, except `wake` and the methods of
-    `hooks`, which are thread-safe.
+    `btcore.load` creates it. Call all methods on the thread that ticks, except `wake`, `interrupt` and the
+    methods of `hooks`, which are thread-safe.
 
     Attributes:
         id: The ID of the main tree.
@@ -341,6 +342,19 @@ class Tree:
         """End the wait between two ticks, so that the tree is ticked as soon as possible. Thread-safe."""
         self.context.wake_up()
 
+    def interrupt(self) -> None:
+        """End the tick in progress and the wait for the next as soon as possible.
+
+        From now on, ticks do not repeat nodes, and ignore breakpoints. A signal handler may call this method.
+        """
+        self.context.limit.interrupt()
+        # In a thread, since the handler may have interrupted code that holds the locks that this needs.
+        threading.Thread(target=self._end_waits, daemon=True).start()
+
+    def _end_waits(self) -> None:
+        self.wake()
+        self.hooks.ignore_breakpoints()
+
     # --- backups of the blackboards
 
     def backup_blackboards(self) -> list[Blackboard]:
@@ -477,7 +491,7 @@ class Tree:
 
     def __repr__(self) -> str:
         count = len(self.nodes)
-        return f"<Tree '{self.id}' of {count} node{'' if count == 1 else 's'}, {self.status.name}>"
+        return f"<Tree '{self.id}' of {counted(count, 'node')}, {self.status.name}>"
 
 
 # Functions, because calls of methods of `Tree` take longer (compiled).

@@ -21,7 +21,7 @@ from btcore.diagnostics import HintAndFixes
 from btcore.fixes import NameTree, Rename, SetFormat
 from btcore.names import model_port_name_error
 from btcore.suggestions import join_names, nearest_name, suggestion
-from btcore.xml.read.dialect import DIALECTS, PORT_TAGS, Dialect
+from btcore.xml.read.dialect import PORT_TAGS
 from btcore.xml.read.document import CollectedDiagnostics, DiagnosticCollector, Document
 from btcore.xml.read.element import EXAMPLE, Element
 from btcore.xml.read.read import Sources
@@ -53,7 +53,7 @@ class Definitions(NamedTuple):
 
     Attributes:
         sources: The documents.
-        dialect: The rules of the main document's format, which apply to all documents.
+        format: The format of the main document, 3 or 4, whose rules apply to all documents.
         is_format_assumed: Whether the main document is read as format 3, because no format is stated.
         requested_tree: The ID of the main tree, if it was requested.
         all: The definitions in the order of the documents.
@@ -66,7 +66,7 @@ class Definitions(NamedTuple):
     """
 
     sources: Sources
-    dialect: Dialect
+    format: int
     is_format_assumed: bool
     requested_tree: str | None
     all: tuple[TreeDefinition, ...]
@@ -97,7 +97,7 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
                 main_document, UNKNOWN_FORMAT, message, main_document.root, attribute="BTCPP_format",
                 hint=hint, fixes=[SetFormat(4), SetFormat(3)],
             )  # fmt: skip
-    dialect = DIALECTS[format or 4]
+    format = format or 4
     are_complete = not collector.errors
     definitions: list[TreeDefinition] = []
     by_id: dict[str, TreeDefinition] = {}
@@ -114,7 +114,7 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
         only_child = len(root.children) == 1
         for element in root.iterchildren("BehaviorTree"):
             id = element.get("ID")
-            if not id and not only_child and dialect.checks_names:
+            if not id and not only_child and format == 4:
                 message = "missing ID of the <BehaviorTree>"
                 hint = 'write <BehaviorTree ID="…">'
                 collector.report(document, TREE_WITHOUT_ID, message, element, hint=hint, fixes=[NameTree()])
@@ -126,17 +126,18 @@ def define(sources: Sources, tree_id: str | None = None, format: int | None = No
             definitions.append(definition)
             earlier = by_id.setdefault(id, definition)
             if earlier is not definition:
-                replaces = dialect.last_tree_wins or earlier.document in sources.shared_documents
+                # In format 3 the first of several trees with the same ID is used.
+                replaces = format == 4 or earlier.document in sources.shared_documents
                 if replaces:
                     by_id[id] = definition
                 _warn_duplicate(definition, earlier, replaces, collector)
     main = None
     if main_document.root.tag == "root":
         main = _find_main(main_document, tree_id, definitions, by_id, are_complete, collector)
-    models = _read_subtree_models(sources.documents, dialect, collector)
+    models = _read_subtree_models(sources.documents, format, collector)
     return Definitions(
         sources=sources,
-        dialect=dialect,
+        format=format,
         is_format_assumed=is_format_assumed,
         requested_tree=tree_id,
         all=tuple(definitions),
@@ -215,13 +216,13 @@ def tree_hint(name: str, known: Iterable[str]) -> HintAndFixes:
 
 
 def _read_subtree_models(
-    documents: Iterable[Document], dialect: Dialect, collector: DiagnosticCollector
+    documents: Iterable[Document], format: int, collector: DiagnosticCollector
 ) -> dict[str, dict[str, str | None]]:
     """Return the ports that subtree models declare. Models of other nodes are ignored."""
     models_by_id: dict[str, dict[str, str | None]] = {}
     for document in documents:
         sections = list(document.root.iterchildren("TreeNodesModel"))
-        if dialect.format == 4 and len(sections) > 1:
+        if format == 4 and len(sections) > 1:
             message = "second <TreeNodesModel> in the document"
             hint = "move its models into the first <TreeNodesModel>"
             collector.report(document, DUPLICATE_MODELS, message, sections[1], hint=hint)
@@ -240,7 +241,7 @@ def _read_subtree_models(
                         message = f"the model of '{id}' has more than {MAX_MODEL_PORTS:,} ports"
                         collector.report(document, TREE_TOO_LARGE, message, model, attribute="ID")
                         break
-                    _add_model_port(document, port, ports, dialect, collector)
+                    _add_model_port(document, port, ports, format, collector)
     return models_by_id
 
 
@@ -248,7 +249,7 @@ def _add_model_port(
     document: Document,
     port: Element,
     ports: dict[str, str | None],
-    dialect: Dialect,
+    format: int,
     collector: DiagnosticCollector,
 ) -> None:
     name = port.get("name")
@@ -256,7 +257,7 @@ def _add_model_port(
         message = f"missing name of the <{port.tag}>"
         collector.report(document, MISSING_ID, message, port, hint=f'write <{port.tag} name="…"/>')
         return
-    error = model_port_name_error(name) if dialect.checks_names else ""
+    error = model_port_name_error(name) if format == 4 else ""
     if error:
         message = f"invalid port name '{name}' in the model of a subtree: {error}"
         collector.report(document, INVALID_NAME, message, port, attribute="name")

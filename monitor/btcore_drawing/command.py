@@ -50,7 +50,7 @@ def show(
         raise click.UsageError(f"{picture_option} and {option} cannot be used together.")
     path = find_source(source)
     plans = TreeReader(path, options).read_plans()
-    main, format = plans.main_tree, plans.dialect.format
+    main, format = plans.main_tree, plans.format
     assert main is not None, "a document without a main tree has errors"
     if list_keys:
         rows = trace_dataflow(plans)

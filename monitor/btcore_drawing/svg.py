@@ -9,6 +9,7 @@ from btcore.errors import BtcoreError
 from btcore.escaping import escape_text
 from btcore.extras import install_command
 from btcore.status import NodeType
+from btcore.suggestions import counted
 from btcore_drawing.diagram import DiagramNode
 from btcore_drawing.layout import Box, Line, lay_out
 from btcore_drawing.node_card import NODE_TYPE_COLOURS, Card, card_of, text_width
@@ -168,7 +169,7 @@ def draw_diagram(
     add(root, False)
     layout = lay_out(boxes, aspect=1.2, comfort=_WIDEST, is_quick=len(boxes) > _MAX_SEARCHED)
     count = len(nodes) + sum(node.hidden for node in nodes)
-    about = f"format {format} · {count} node{'' if count == 1 else 's'}"
+    about = f"format {format} · {counted(count, 'node')}"
     used = {node.type for node in nodes}
     node_types = [node_type for node_type in NODE_TYPE_COLOURS if node_type in used]
     title_width = text_width(title, 19, bold=True)

@@ -11,6 +11,7 @@ from btcore.blackboard.ports import UNSET
 from btcore.clock import NS_PER_S, Clock
 from btcore.json_text import load_json
 from btcore.loading.json_export import import_blackboard
+from btcore.loading.load import registry_or_standard
 from btcore.registry.resources import Resources
 from btcore.suggestions import did_you_mean
 from btcore.xml.plan.plan import plan_document
@@ -23,7 +24,7 @@ from btcore_ros2.session import RosSession
 if TYPE_CHECKING:
     from btcore.xml.read.document import Document
 
-__all__ = ["TreeServer"]
+__all__ = ["LoadedTrees", "TreeServer"]
 
 PAYLOAD = "payload"
 """The key of the entry in which a tree finds the payload of its goal."""
@@ -71,7 +72,7 @@ class TreeServer:
     If a `RosRobot` among the resources fails, the goal in progress is aborted with the error. The server
     waits until the robot is available again, and then executes the goals that arrived meanwhile.
 
-    Subclasses may override the methods from `reject_reason` to `on_completed`.
+    Subclasses may override the methods from `read_trees` to `on_completed`.
 
     Args:
         session: The session, whose ROS node has the parameters `action_name` and `tick_frequency`.
@@ -110,15 +111,15 @@ class TreeServer:
         self.session = session
         self.tree: Tree | None = None
         self._files = files
-        self._nodes = nodes if nodes is not None else Registry.standard()
-        self._resources = resources.copy() if isinstance(resources, Resources) else Resources(resources)
+        self._nodes = registry_or_standard(nodes)
+        self._resources = Resources(resources)
         self._resources.insert(0, session)
         self._robot = next(
             (resource for resource in resources if isinstance(resource, RecoverableRobot)), None
         )
         self._clock = clock if clock is not None else session.clock
         self.blackboard = Blackboard(clock=self._clock)
-        self._trees = LoadedTrees(files, self._nodes)
+        self._trees = self.read_trees()
         for wanted in self._trees.check():
             if self._resources.first_of(wanted, "the trees") is UNSET:
                 raise RosError(f"the trees need a resource of the type {wanted.__name__}, and none is given")
@@ -154,6 +155,10 @@ class TreeServer:
         return sorted(self._trees.documents)
 
     # --- for subclasses
+
+    def read_trees(self) -> "LoadedTrees":
+        """Return the trees as they are now. Called when the server is created, and for each goal."""
+        return LoadedTrees(self._files, self._nodes)
 
     def reject_reason(self, tree_id: str, payload: str) -> str:
         """Return why a new goal is rejected, or "" to accept it; C++: `onGoalReceived`.
@@ -242,19 +247,14 @@ class TreeServer:
                 self._clock.wait_until(self._clock.now() + IDLE_NS, self._wake)
         return goal
 
-    def _end_waits(self) -> None:
-        """End the waits for a goal and for the next tick: the time of a paused simulation stands still."""
-        self._wake.set()
-        if self.tree is not None:
-            self.tree.wake()
-
     def stop(self) -> None:
         """End `run` after the present tick; its goal is aborted. For signal handlers and other threads."""
         self._is_stopping = True
         if self.tree is not None:
-            self.tree.context.limit.interrupt()
-        # In a thread, since a signal handler may have interrupted code that holds the lock of an event.
-        threading.Thread(target=self._end_waits, daemon=True).start()
+            self.tree.interrupt()
+        # In a paused simulation no time passes, so that the wait for a goal would not end. In a thread, since
+        # a signal handler may have interrupted code that holds the lock of the event.
+        threading.Thread(target=self._wake.set, daemon=True).start()
 
     def close(self) -> None:
         """Abort waiting goals, and remove the action and the service. Further calls have no effect."""
@@ -310,8 +310,8 @@ class TreeServer:
 
     def _create(self, tree_id: str, payload: str) -> Tree:
         """Create the tree of a goal from the files."""
-        self._read_parameters()
-        self._trees = trees = LoadedTrees(self._files, self._nodes)
+        self._period = self._read_period()
+        self._trees = trees = self.read_trees()
         self._release()
         tree = trees.create(tree_id, self._resources, Blackboard(self.blackboard), self._clock)
         tree.blackboard[PAYLOAD] = payload
@@ -319,10 +319,6 @@ class TreeServer:
             import_blackboard(tree.blackboard, _members(payload), tree.registry.types)
         self.on_tree_created(tree, payload)
         return tree
-
-    def _read_parameters(self) -> None:
-        """Read the ROS parameters that may have changed since the last goal."""
-        self._period = self._read_period()
 
     def _read_period(self) -> int:
         """Return the time (ns) between two ticks."""

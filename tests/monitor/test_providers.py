@@ -222,7 +222,7 @@ try:
     with run:
         run.tick_to_end()
 except NodeExecutionError:
-    print(run.end_reason, *run.closing_errors)
+    print(run.end_reason, *run.providers.errors)
 """
 
 

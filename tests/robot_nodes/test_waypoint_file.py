@@ -104,7 +104,7 @@ def test_a_robot_without_waypoints_on_its_map_gets_none(tmp_path: Path) -> None:
         assert waypoints is not None
         assert (waypoints.places, waypoints.source) == ({}, "the robot's map")
         assert "write them to the file" in waypoints.remedy
-        assert [provider.name for provider in run.choice.order] == ["waypoints"]
+        assert [provider.name for provider in run.providers.choice.order] == ["waypoints"]
 
 
 class Rover(Robot):

@@ -26,6 +26,7 @@ from rclpy.parameter import Parameter
 import btcore
 from btcore import Status
 from btcore.cli.main import main
+from btcore.tree.hooks import Hook
 from btcore_monitor.events import TreeEvent
 from btcore_monitor.watch.feed import Feed
 from btcore_recorder import Replay
@@ -554,6 +555,21 @@ def test_trees_of_the_past_are_collected(session: RosSession, tmp_path: Path) ->
             assert status == GoalStatus.STATUS_SUCCEEDED, result["return_message"]
         assert len(Hear.alive) <= COLLECT_GOALS + 1
     assert session.wait_for(lambda: not list(session.node.subscriptions), LIMIT_S)
+
+
+def test_the_end_of_a_server_releases_a_tick_at_a_breakpoint(session: RosSession, tmp_path: Path) -> None:
+    stopped = threading.Event()
+
+    class StoppingServer(TreeServer):
+        def on_tree_created(self, tree: btcore.Tree, payload: str) -> None:
+            tree.hooks.subscribe(lambda hook: stopped.set())
+            tree.hooks.insert(Hook(1))
+
+    file = tmp_path / "quick.xml"
+    file.write_text('<root BTCPP_format="4"><BehaviorTree ID="Quick"><AlwaysSuccess/></BehaviorTree></root>')
+    with StoppingServer(session, [file], action_name="stop") as server, running(server) as client:
+        client.send("stop", EXECUTE_TREE, {"target_tree": "Quick"})
+        assert stopped.wait(LIMIT_S)
 
 
 def test_missing_folder_contents(session: RosSession, tmp_path: Path) -> None:

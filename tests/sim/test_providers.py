@@ -196,10 +196,10 @@ def test_nothing_of_the_simulator_is_opened_for_another_robot() -> None:
         assert isinstance(run.find(Robot), Rover)
     run = Run(TreelessProgram("Look"), settings=[ARENA], providers=[rover]).want(Robot)
     with run.want(WorldPlaces, OccupancyMap, optional=True):
-        assert [provider.name for provider in run.choice.order] == ["rover"]
+        assert [provider.name for provider in run.providers.choice.order] == ["rover"]
         assert run.find(WorldPlaces) is run.find(OccupancyMap) is None
     assert run.report == {}
     given = Rover()
     run = Run(TreelessProgram("Look"), settings=[ARENA], resources=[given]).want(Robot)
     with run.want(WorldPlaces, optional=True):
-        assert [provider.name for provider in run.choice.order] == []
+        assert [provider.name for provider in run.providers.choice.order] == []

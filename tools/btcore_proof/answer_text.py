@@ -4,7 +4,7 @@ from typing import Final
 
 from btcore.escaping import escape_controls
 from btcore.status import Status
-from btcore.suggestions import join_names
+from btcore.suggestions import counted, join_names
 from btcore.tree.drawing import Fragment
 from btcore_proof.counterexample import Counterexample, RunTick
 from btcore_proof.prover import PROVED, REFUTED, Answer
@@ -49,7 +49,7 @@ def _lines_of_run(run: Counterexample) -> list[Line]:
             if number == _SHOWN or number == run.cycle:
                 end = run.cycle if run.cycle is not None and number < run.cycle <= last - _SHOWN else None
                 count = (last - _SHOWN + 1 if end is None else end) - number
-                lines.append([(f"         … {count} tick{'' if count == 1 else 's'} …", "dim")])
+                lines.append([(f"         … {counted(count, 'tick')} …", "dim")])
             continue
         lines += _lines_of_tick(number + 1, tick)
     if run.cycle is not None:
@@ -66,7 +66,7 @@ def _drawing(run: Counterexample) -> list[Line]:
         hidden = 0 if was_ticked else hidden + 1
         if hidden > 1:
             lines.pop()
-        shown = line if was_ticked else [(f"… {hidden} node{'' if hidden == 1 else 's'} not ticked", "dim")]
+        shown = line if was_ticked else [(f"… {counted(hidden, 'node')} not ticked", "dim")]
         lines.append([("           ", ""), *shown])
     return lines
 

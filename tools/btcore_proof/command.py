@@ -25,6 +25,7 @@ from btcore.exit_codes import ExitCode
 from btcore.field_options import pass_options
 from btcore.registry.mock_leaves import MockAction
 from btcore.registry.registry import Registry
+from btcore.suggestions import counted
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
 from btcore_proof.answer_text import lines_of_answer
@@ -280,7 +281,7 @@ def _print(report: Report) -> None:
             console.print(Text.assemble(*line), soft_wrap=True)
     states = report.answers[0].states
     console.print(
-        Text(f"{terminal.counted(states, 'state')}, {report.transitions:,} ticks run", style="dim"),
+        Text(f"{counted(states, 'state')}, {report.transitions:,} ticks run", style="dim"),
         soft_wrap=True,
     )
 

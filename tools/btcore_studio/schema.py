@@ -21,7 +21,7 @@ from btcore.registry.registry import Registry
 from btcore.status import NodeType, Status
 from btcore.values import BOOL, DOUBLE, INT, INT64, NODE_STATUS, UINT, UINT64, EnumType, ValueType
 from btcore.xml.models.tree_nodes_model import TAG_OF
-from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, PORT_TAGS
+from btcore.xml.read.dialect import CONTROLS_WITH_CHILDREN_IN_3, EXPLICIT_TAGS, PORT_TAGS, SUBTREE_TAGS
 
 __all__ = ["write_schema"]
 
@@ -106,7 +106,7 @@ def write_schema(registry: Registry, format: int = 4) -> str:
     _simple_types(schema)
     _groups(schema, format)
     nodes = schema.add("group", name="nodeGroup").add("choice")
-    subtrees = DIALECTS[format].subtree_tags
+    subtrees = SUBTREE_TAGS[format]
     for id, manifest in manifests.items():
         if _TAG.match(id) and id not in EXPLICIT_TAGS and id not in subtrees:
             nodes.add("element", name=id, type=f"{id}Type")
@@ -182,8 +182,7 @@ def _number_of_children(manifest: Manifest, format: int) -> tuple[int, int | Non
     if manifest.type is not NodeType.CONTROL:
         return 0, 0
     # Format 3 requires children of some control nodes only.
-    needed = DIALECTS[format].controls_requiring_children
-    may_be_empty = least == 1 and needed is not None and manifest.id not in needed
+    may_be_empty = least == 1 and format == 3 and manifest.id not in CONTROLS_WITH_CHILDREN_IN_3
     return (0 if may_be_empty else least), most
 
 

@@ -111,7 +111,7 @@ def _run(command: Sequence[str]) -> Result:
         report = json.loads(json.dumps(results_as_data(session.run)))
         finished = session.run
         if finished.exit_code == ExitCode.USER_ERROR:  # of a provider that was closed
-            fault = "; ".join(map(str, finished.closing_errors))
+            fault = "; ".join(map(str, finished.providers.errors))
             return _fault_result(ExitCode.USER_ERROR, fault, has_begun=True)
         failed_at = finished.error.path if finished.error is not None else finder.find(finished.tree)
         return {"code": finished.exit_code, "report": report, "failed_at": failed_at, "fault": None}

@@ -15,6 +15,7 @@ from btcore.cli import terminal
 from btcore.exit_codes import ExitCode
 from btcore.script.program import Program
 from btcore.signals import EndingSignals
+from btcore.suggestions import counted
 from btcore_sweep import table
 from btcore_sweep.definition import Episode, SweepDefinition, format_combination
 from btcore_sweep.sweep_folder import Record, SweepFolder
@@ -151,7 +152,7 @@ class _Bar(Progress):
         """
         self._failed += not success
         state = f"[red]{self._failed} ✘[/] " if self._failed else ""
-        state += f"[dim]{terminal.counted(workers, 'worker')}[/]"
+        state += f"[dim]{counted(workers, 'worker')}[/]"
         self.update(self._task, advance=1, state=state)
 
     def warn(self, warnings: Iterable[str]) -> None:

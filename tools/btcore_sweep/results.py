@@ -10,6 +10,7 @@ from rich.text import Text
 from btcore.cli import files, terminal
 from btcore.exit_codes import ExitCode, code_of_signal
 from btcore.script.program import Program
+from btcore.suggestions import counted
 from btcore_sweep.charts import percent
 from btcore_sweep.definition import Episode
 from btcore_sweep.episode_runner import ExecutionSummary
@@ -164,7 +165,7 @@ def _print_summary(data: ReportData, execution: ExecutionSummary, results: Path,
         if len(statistics.failed) > _MAX_SHOWN:
             console.print(f"  … and {len(statistics.failed) - _MAX_SHOWN} more, in the report", style="dim")
     if execution.deaths:
-        died = terminal.counted(execution.deaths, "worker")
+        died = counted(execution.deaths, "worker")
         terminal.print_warning(f"{died} died; their episodes were run again, except those with status KILLED")
     console.print()
     if execution.signal:
@@ -179,7 +180,7 @@ def _print_summary(data: ReportData, execution: ExecutionSummary, results: Path,
 def _duration_text(execution: ExecutionSummary) -> str:
     if not execution.episodes:
         return ""
-    workers = terminal.counted(execution.workers, "worker")
+    workers = counted(execution.workers, "worker")
     return f"; {execution.episodes} run in {execution.wall:.1f} s on {workers}"
 
 

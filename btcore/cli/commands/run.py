@@ -20,6 +20,7 @@ from btcore.options import from_values, option
 from btcore.runs.run import Run
 from btcore.runs.settings import GivenSettings, RunSettings
 from btcore.runs.tick_loop import Until
+from btcore.suggestions import counted
 from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import Plans
 
@@ -159,7 +160,7 @@ class RunSession:
                 with suppress(NodeExecutionError):  # it is printed after the summary
                     run.tick_to_end(self._options.until, on_tick=progress.on_tick, reloader=self._reloads)
             if count := run.missed_ticks:
-                missed = f"{terminal.counted(count, 'tick')} {'was' if count == 1 else 'were'} missed"
+                missed = f"{counted(count, 'tick')} {'was' if count == 1 else 'were'} missed"
                 terminal.print_warning(
                     f"{missed}, because the previous tick took longer than {1000 / settings.rate:g} ms; use "
                     "a lower --rate"

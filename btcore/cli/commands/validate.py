@@ -19,6 +19,7 @@ from btcore.exit_codes import ExitCode
 from btcore.field_options import pass_options
 from btcore.input_files import read_file, real_path
 from btcore.lint.validate import validate_document
+from btcore.suggestions import counted
 from btcore.xml.edit.quick_fixes import FixMaker, fix_text
 from btcore.xml.read.read import parse_file
 
@@ -160,9 +161,9 @@ def _print(
     mark = Text("✔ ", style="bold green") if valid else Text("✘ ", style="bold red")
     error_count = sum(item.is_error for item in diagnostics)
     counts = {"file": len(paths), "error": error_count, "warning": len(diagnostics) - error_count}
-    parts = [terminal.counted(count, noun, zero="no") for noun, count in counts.items()]
+    parts = [counted(count, noun, zero="no") for noun, count in counts.items()]
     if fix_count:
-        parts.append(f"{terminal.counted(fix_count, 'problem')} fixed")
+        parts.append(f"{counted(fix_count, 'problem')} fixed")
     console.print(mark.append(", ".join(parts), style="bold"))
     fixable = {item.file for item in diagnostics if item.file and any(fix.is_safe for fix in item.fixes)}
     # --fix does not change other files, which these include.

@@ -24,7 +24,7 @@ class UnknownNameHints:
     def __init__(self, definitions: Definitions, registry: Registry, collector: DiagnosticCollector) -> None:
         self._registry = registry
         self._collector = collector
-        self._format = definitions.dialect.format
+        self._format = definitions.format
         self._trees = definitions.by_id
         # The files that declare nodes in their TreeNodesModel, by ID.
         self._declaring_files = {

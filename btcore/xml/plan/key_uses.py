@@ -171,7 +171,7 @@ class TreeKeys:
 
     def __init__(self, plans: Plans) -> None:
         self._plans = plans
-        self._format = plans.dialect.format
+        self._format = plans.format
         self._enums = plans.registry.types.enums
         self._known: dict[str, set[str] | None] = {}
 

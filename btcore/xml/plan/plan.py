@@ -13,10 +13,10 @@ from btcore.errors import ScriptError
 from btcore.fixes import SetFormat
 from btcore.registry.registry import Registry
 from btcore.script.program import compile_script
+from btcore.suggestions import counted
 from btcore.xml.define import Definitions, TreeDefinition, define
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.plan.tree_planner import PlanningContext, TreePlanner
-from btcore.xml.read.dialect import Dialect
 from btcore.xml.read.document import MAX_COMPARISONS, CollectedDiagnostics, DiagnosticCollector, Document
 from btcore.xml.read.read import PackageResolver, read
 
@@ -61,9 +61,9 @@ class Plans(NamedTuple):
     diagnostics: CollectedDiagnostics
 
     @property
-    def dialect(self) -> Dialect:
-        """The rules of the XML format."""
-        return self.definitions.dialect
+    def format(self) -> int:
+        """The XML format, 3 or 4."""
+        return self.definitions.format
 
     @property
     def is_finite(self) -> bool:
@@ -123,7 +123,7 @@ def _compare_with_format_4(plans: Plans, every_tree: bool) -> Plans:
     avoided = len(errors) - len(as_format_4.diagnostics.errors)
     if avoided <= 0:
         return plans
-    count = "1 error" if avoided == 1 else f"{avoided} errors"
+    count = counted(avoided, "error")
     message = f"missing BTCPP_format: the document is read as format 3; format 4 avoids {count}"
     hint = 'write <root BTCPP_format="4">'
     document = sources.main_document

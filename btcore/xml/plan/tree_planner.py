@@ -55,7 +55,7 @@ from btcore.values import BOOL, ValueType
 from btcore.values.types import literals_of
 from btcore.xml.define import Definitions, TreeDefinition, tree_hint
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
-from btcore.xml.read.dialect import EXPLICIT_TAGS, Dialect
+from btcore.xml.read.dialect import CONTROLS_WITH_CHILDREN_IN_3, EXPLICIT_TAGS, SUBTREE_TAGS
 from btcore.xml.read.document import DiagnosticCollector
 from btcore.xml.read.element import Element
 
@@ -128,7 +128,7 @@ class PlanningContext:
 
     def __init__(self, definitions: Definitions, registry: Registry, collector: DiagnosticCollector) -> None:
         self.definitions = definitions
-        self.dialect: Dialect = definitions.dialect
+        self.format = definitions.format
         self.collector = collector
         self.leaf_tags: set[str] = set()
         self._registry = registry
@@ -146,13 +146,13 @@ class PlanningContext:
 
     def manifest(self, id: str) -> Manifest | None:
         """Return the manifest of a node; None if it is unknown."""
-        return self._registry.get(id, self.dialect.format)
+        return self._registry.get(id, self.format)
 
     def binding_cache(self, id: str) -> _BindingCache | None:
         """Return the cache for the bindings of a node; None if the node is unknown."""
         if id not in self._binding_caches:
             manifest = self.manifest(id)
-            cache = None if manifest is None else _BindingCache(manifest, self.dialect.format)
+            cache = None if manifest is None else _BindingCache(manifest, self.format)
             self._binding_caches[id] = cache
         return self._binding_caches[id]
 
@@ -187,7 +187,7 @@ class TreePlanner:
         self._definition = definition
         self._context = context
         self._definitions = context.definitions
-        self._dialect = context.dialect
+        self._format = context.format
         self._collector = context.collector
         self._report = partial(context.collector.report, definition.document)
 
@@ -196,7 +196,6 @@ class TreePlanner:
     def outline(self) -> None:
         """Find the nodes, and check the structure of the tree."""
         definition, leaf_tags = self._definition, self._context.leaf_tags
-        ignoring_tags = self._dialect.tags_with_ignored_children
         items: list[_Item] = []
         # Ignored nodes are checked, as in BehaviorTree.CPP, but not planned.
         ignored: set[_Item] = set()
@@ -215,7 +214,7 @@ class TreePlanner:
                 continue
             children = [_Item(child, depth, index) for child in self._check_element(element, depth)]
             pending += reversed(children)
-            if element.tag in ignoring_tags or item in ignored:
+            if self._ignores_children(element.tag) or item in ignored:
                 ignored.update(children)
             elif not item.depth:  # a tree has one root: further roots are an error, and ignored
                 ignored.update(children[1:])
@@ -223,8 +222,7 @@ class TreePlanner:
 
     def _check_element(self, element: Element, child_depth: int) -> list[Element]:
         """Check the tag, the number of the children and their depth. Return the children to check next."""
-        tag, children, dialect = element.tag, element.children, self._dialect
-        needing = dialect.controls_requiring_children
+        tag, children, format = element.tag, element.children, self._format
         if children:
             children = element.node_children()
             if len(children) != len(element.children):
@@ -233,7 +231,7 @@ class TreePlanner:
                     self._report(CAPITALISED_ROOT, message, obsolete, hint="remove it", fixes=removal)
         if tag == "BehaviorTree":
             self._check_tree(element, children)
-        elif tag in dialect.subtree_tags:
+        elif tag in SUBTREE_TAGS[format]:
             self._check_call(tag, element, children)
         elif tag in EXPLICIT_TAGS:
             self._check_explicit(tag, element, children)
@@ -242,16 +240,19 @@ class TreePlanner:
             self._report(UNKNOWN_NODE, f"unknown node <{tag}>", element, *advice)
         elif manifest.type in _LEAF_PHRASES:
             self._context.leaf_tags.add(tag)
-            if dialect.checks_leaf_children:
+            if format == 4:  # format 3 ignores them
                 self._check_child_count(manifest, manifest.type, element, children)
-        elif needing is None or tag in needing or manifest.type is NodeType.DECORATOR:
+        elif format == 4 or tag in CONTROLS_WITH_CHILDREN_IN_3 or manifest.type is NodeType.DECORATOR:
             self._check_child_count(manifest, manifest.type, element, children)
         limit = self._definition.document.max_depth
         if children and child_depth > limit:
             hint = "split the tree into subtrees"
             self._report(TOO_DEEP, f"elements are nested more than {limit:,} deep", element, hint=hint)
             return []
-        return [] if tag in dialect.tags_with_unchecked_children else children
+        return [] if tag == "SubTree" and format == 3 else children
+
+    def _ignores_children(self, tag: str) -> bool:
+        return tag == "SubTreePlus" and self._format == 3
 
     def _check_explicit(self, tag: str, element: Element, children: list[Element]) -> None:
         id = element.get("ID") or ""
@@ -264,7 +265,7 @@ class TreePlanner:
             advice = self._context.name_hints.for_node(id)
             self._report(UNKNOWN_NODE, f"unknown node '{id}'", element, *advice, attribute="ID")
             return
-        node_type = manifest.type if self._dialect.type_from_id else EXPLICIT_TAGS[tag]
+        node_type = manifest.type if self._format == 4 else EXPLICIT_TAGS[tag]  # 3: the tag decides
         self._check_child_count(manifest, node_type, element, children)
 
     def _check_child_count(
@@ -301,7 +302,7 @@ class TreePlanner:
     def _check_asynchronous(self, children: list[Element]) -> None:
         # W106 covers other asynchronous children, whose results must be inferred.
         found = [child for child in children if child.tag == "AsyncSequence"]
-        if len(found) > 1 and self._dialect.format == 4:
+        if len(found) > 1 and self._format == 4:
             message = "second AsyncSequence in a ReactiveSequence, which can have only one"
             hint = "only one child can be RUNNING at a time"
             self._report(SEVERAL_ASYNC_SEQUENCES, message, found[1], hint=hint)
@@ -309,7 +310,7 @@ class TreePlanner:
     def _check_tree(self, element: Element, children: list[Element]) -> None:
         id = element.get("ID") or ""
         label = f"the tree '{id}'" if id else "the tree"
-        if self._dialect.checks_names and id:
+        if self._format == 4 and id:
             self._check_not_a_node(id, element)
             if not FORBIDDEN.isdisjoint(id):
                 message = f"invalid tree ID '{id}': {forbidden_in(id)!r} is not allowed"
@@ -324,16 +325,16 @@ class TreePlanner:
 
     def _check_call(self, tag: str, element: Element, children: list[Element]) -> None:
         id = element.get("ID") or ""
-        if element.get("ID") is None or (not id and self._dialect.format == 4):
+        if element.get("ID") is None or (not id and self._format == 4):
             message = f"the ID of the tree is missing in <{tag}>"
             others = (tree_id for tree_id in self._definitions.by_id if tree_id != self._definition.id)
             fixes = [SetAttributes({"ID": other}) for other in islice(others, MAX_SUGGESTED_TREES)]
             hint = f'write <{tag} ID="…"/>'
             self._report(MISSING_ID, message, element, attribute="ID", hint=hint, fixes=fixes)
-        elif self._dialect.checks_names:
+        elif self._format == 4:
             self._check_not_a_node(id, element)
         hint = "move them into the <BehaviorTree> that it calls, or remove them"
-        if children and tag in self._dialect.tags_with_ignored_children:
+        if children and self._ignores_children(tag):
             message = f'the children of <{tag} ID="{id}"> are ignored'
             self._report(UNREACHABLE_CHILD, message, children[0], hint=hint)
         elif children:
@@ -352,7 +353,7 @@ class TreePlanner:
     def plan(self) -> TreePlan:
         """Return the plan of the tree, without unknown nodes and calls of unknown trees, which are errors."""
         tree_plan = TreePlan(self._definition)
-        subtree_tags = self._dialect.subtree_tags
+        subtree_tags = SUBTREE_TAGS[self._format]
         plans: list[NodePlan | None] = [None]  # the <BehaviorTree> has no plan
         for item in self._items[1:]:
             element = item.element
@@ -393,7 +394,7 @@ class TreePlanner:
             else:
                 others[key] = text
         if others:
-            if self._dialect.has_conditions:
+            if self._format == 4:
                 node_plan.conditions = {key: others.pop(key) for key in SCRIPT_ATTRIBUTES if key in others}
             node_plan.attributes = self._select_attributes(node_plan, others)
         if cache.defaults and len(bindings) < len(cache.ports):
@@ -403,19 +404,17 @@ class TreePlanner:
 
     def _select_attributes(self, node_plan: NodePlan, others: Mapping[str, str]) -> dict[str, str]:
         """Return those of *others*, which are no ports, that are attributes of a node; report the rest."""
-        dialect, element = self._dialect, node_plan.element
+        format, element = self._format, node_plan.element
         attributes = {}
         for key, text in others.items():
             if key == "ID":
-                if dialect.requires_explicit_tag_for_id and element.tag not in EXPLICIT_TAGS:
+                if format == 4 and element.tag not in EXPLICIT_TAGS:
                     rule = 'only explicit tags such as <Action ID="…"> have one'
                     message = f"unexpected ID in <{node_plan.id}>: {rule}"
                     hint = 'to name the node, write name="…"'
                     fixes = [RenameAttribute("name"), RemoveAttribute()]
                     self._report(UNEXPECTED_ID, message, element, hint, fixes, attribute=key)
-            elif key in dialect.comment_attributes or (
-                dialect.allows_non_port_attributes and not is_port_name(key)
-            ):
+            elif not is_port_name(key) if format == 4 else key == "_description":
                 attributes[key] = text
             else:
                 message = f"<{node_plan.id}> has no port '{key}'"
@@ -424,7 +423,7 @@ class TreePlanner:
         return attributes
 
     def _check_name(self, node_plan: NodePlan, text: str) -> None:
-        if self._dialect.checks_names and not _CONTROL_CHARACTERS.isdisjoint(text):
+        if self._format == 4 and not _CONTROL_CHARACTERS.isdisjoint(text):
             message = f"control character in the name {text!r}"
             self._report(CONTROL_CHARACTER_IN_NAME, message, node_plan.element, attribute="name")
 
@@ -432,8 +431,8 @@ class TreePlanner:
         self, node_plan: NodePlan, port: Port, text: str, by_text: dict[str, Binding]
     ) -> Binding:
         """Return the binding of *port* to *text*, and cache it in *by_text* unless it is an error."""
-        binding = (Input if port.reads else Binding)(port, text, self._dialect.format)
-        error = _literal_error(binding) if self._dialect.checks_literals else ""
+        binding = (Input if port.reads else Binding)(port, text, self._format)
+        error = _literal_error(binding) if self._format == 4 else ""  # 3: when a leaf reads the port
         if error:
             self._report_literal(node_plan, binding, error)
         else:
@@ -462,7 +461,7 @@ class TreePlanner:
             advice = self._context.name_hints.for_node(tag)
             self._report(UNKNOWN_NODE, f"unknown node <{tag}>", element, *advice)
             return None
-        format, definitions = self._dialect.format, self._definitions
+        format, definitions = self._format, self._definitions
         node_plan = NodePlan(element, tag, manifest)
         id = element.get("ID") or ""
         model = definitions.subtree_models.get(id, {})

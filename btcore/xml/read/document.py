@@ -14,7 +14,7 @@ from btcore.input_files import real_path
 from btcore.xml.read.element import Element, ElementPart
 
 if TYPE_CHECKING:
-    # Imported where it is used: a correct document with one-line tags does not need it.
+    # Imported where it is used: most correct documents do not need it.
     from btcore.xml.read.positions import SourceMap
 
 MAX_COMPARISONS: Final = 50_000
@@ -53,7 +53,6 @@ class Document:
         text: The text as the user wrote it.
         file: Name of the file in messages, or "".
         warnings: A warning for everything that BehaviorTree.CPP accepts, but other XML tools reject.
-        knows_lines: Whether every element has its line number.
         max_depth: Maximum depth of elements below a `<BehaviorTree>`.
         confined_to: The folder that must contain all included files; None means that any file is allowed.
         unsaved: Texts that replace the content of included files, by their `real_path`.
@@ -68,7 +67,6 @@ class Document:
         text: str,
         file: str,
         warnings: Sequence[Diagnostic] = (),
-        knows_lines: bool = False,
         confined: bool = False,
         source_map: "SourceMap | None" = None,
     ) -> None:
@@ -77,7 +75,6 @@ class Document:
         self.file = file
         self.warnings = list(warnings)
         self._source_map = source_map
-        self.knows_lines = knows_lines
         self.confined_to = real_path(self.folder) if confined else None
 
     @property
@@ -99,7 +96,7 @@ class Document:
 
     def line(self, element: Element) -> int:
         """Return the line (from 1) in which *element* begins."""
-        return element.line if self.knows_lines else self.source_map.line(element)
+        return element.line or self.source_map.line(element)
 
     def diagnostic(
         self,

@@ -43,6 +43,9 @@ MAX_ATTRIBUTES: Final = 5_000_000
 """Maximum number of attributes of a document."""
 
 _ROOT_TAG: Final = re.compile(rb"<root\b", re.IGNORECASE)
+# Expat replaces line breaks and tabs in values by spaces; tinyxml2 keeps them. The pattern may also match
+# outside of a tag, which costs time only.
+_BREAK_IN_VALUE: Final = re.compile(r"""=\s*+(?:"[^"\n\r\t]*+|'[^'\n\r\t]*+)[\n\r\t]""")
 _BYTE_ORDER_MARKS: Final = (
     (b"\xff\xfe\x00\x00", "UTF-32"),
     (b"\x00\x00\xfe\xff", "UTF-32"),
@@ -71,29 +74,13 @@ def parse_text(text: str, file: str = "", *, confined: bool = False) -> Document
     zero = text.find("\0")
     if zero >= 0:
         raise _syntax_error(NOT_XML, "invalid XML: the text contains a NUL character", text, zero, file)
-    escaped = text
-    if not _has_one_line_tags(text):
-        from btcore.xml.read.tinyxml2_compat import escape_line_breaks
-
-        escaped = escape_line_breaks(text)
-    plain = parse_with_expat(encoded(escaped))
+    plain = None if _BREAK_IN_VALUE.search(text) else parse_with_expat(encoded(text))
     if plain is not None:
-        return Document(plain, text, file, knows_lines=escaped is text, confined=confined)
+        return Document(plain, text, file, confined=confined)
     from btcore.xml.read.tinyxml2_parser import parse_as_tinyxml2
 
     root, warnings = parse_as_tinyxml2(text, file)
     return Document(root, text, file, warnings, confined=confined)
-
-
-def _has_one_line_tags(text: str) -> bool:
-    """Return True only if no tag contains a line break or a tab. May return False for such a text, too."""
-    if any(odd in text for odd in "\t\r'") or ("!" in text and "<!" in text):
-        return False
-    # Searching for one character is much faster than for two, so the rare "?" narrows the search.
-    if text.rfind("<?", 0, text.rfind("?") + 1) > 0:
-        return False
-    # With these counts, every line break follows a ">", and every ">" ends a tag.
-    return text.count("\n") == text.count(">\n") and text.count("<") == text.count(">")
 
 
 def parse_file(

@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from typing import Final, Literal, NamedTuple
 
 from btcore.xml.read.element import Element
-from btcore.xml.read.tinyxml2_compat import OPAQUE, SPACE, START_TAG, WRITTEN_CHARACTER, decode
+from btcore.xml.read.tinyxml2_compat import SPACE, START_TAG, WRITTEN_CHARACTER, decode
 
 # More than XML allows, so that a name with a wrong character is found as a whole.
 _NAME: Final = r"[^\s<>/!?=\"'&]++"
+_WITHOUT_TAGS: Final = (("<!--", "-->"), ("<![CDATA[", "]]>"), ("<?", "?>"), ("<!", ">"))
 _GAP: Final = re.compile(SPACE)
 _TAG: Final = re.compile(rf"<{SPACE}({_NAME})")
 _END_TAG: Final = re.compile(rf"<{SPACE}/{SPACE}({_NAME})?{SPACE}(>)?")
@@ -195,13 +196,14 @@ class Scan:
         return [(start, end) for start, end in self.opaque if self.text.startswith("<!--", start)]
 
     def iter_text(self) -> Iterator[tuple[int, int, ScannedElement | None]]:
-        """Yield the start, the end and the parent of each text between tags, which may contain comments."""
+        """Yield the start, the end and the parent of each text between tags and comments."""
         start = 0
         parent: ScannedElement | None = None
         for index, (at, end, kind, _, _) in enumerate(self._markup):
+            yield start, at, parent
+            start = end
             if kind in ("start", "end"):
-                yield start, at, parent
-                start, parent = end, self._inside(index)
+                parent = self._inside(index)
         yield start, len(self.text), parent
 
     def element_at(self, offset: int) -> Place:
@@ -314,7 +316,7 @@ class _Scanner:
         end_tag = _END_TAG.match(text, at)
         if end_tag is not None:
             return self._read_end_tag(end_tag)
-        for opening, closing in (*OPAQUE, ("<!", ">")):
+        for opening, closing in _WITHOUT_TAGS:
             if text.startswith(opening, at):
                 closed_at = text.find(closing, at + len(opening))
                 end = len(text) if closed_at < 0 else closed_at + len(closing)

@@ -48,7 +48,7 @@ def parse_as_tinyxml2(text: str, file: str) -> tuple[Element, list[Diagnostic]]:
         file: Name of the file in messages, or "".
 
     Returns:
-        The first outermost element, without lines, and a warning for whatever other XML tools reject.
+        The first outermost element, and a warning for whatever other XML tools reject.
     """
     return _Parser(text, file).parse()
 
@@ -186,7 +186,7 @@ class _Parser:
         if tag.start(2) > at + 1:
             fix = _rewrite(tag[0], f"<{tag[2]}")
             self._warn(at, tag.end() - at, "white space between '<' and the name", f"write <{tag[2]}", *fix)
-        element = Element(tag[2], attributes, 0)
+        element = Element(tag[2], attributes, self._lines.line(at))
         if self._open:
             self._open[-1][0].children.append(element)
         elif self._root is None:

@@ -11,7 +11,7 @@ import click
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
-from btcore.suggestions import join_names
+from btcore.suggestions import counted, join_names
 from btcore_ros2.errors import RosError
 from btcore_ros2.message_packages.definitions import (
     MessagePackage,
@@ -124,7 +124,7 @@ def _install(packages: Sequence[MessagePackage], force: bool, folder: Path | Non
                 click.echo(f"{package.name}: no wheel in {folder} fits, so one is built", err=True)
             _build(package, versions[package.name], folder)
         count = len(package.interfaces)
-        interfaces = "1 interface" if count == 1 else f"{count} interfaces"
+        interfaces = counted(count, "interface")
         click.echo(f"{package.name}: {interfaces} installed{origin} in {time.monotonic() - start:.0f} s")
 
 

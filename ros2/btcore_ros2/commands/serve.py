@@ -95,7 +95,7 @@ def serve(
     ros, ros_robot = settings.of(RosSettings), settings.find(RosRobotSettings)
     with open_session(ros, ros_robot, NODE_NAME, arguments) as session:
         source = _TreeSource(ctx, session, trees, plugins)
-        wanted = LoadedTrees(source.read_files(), source.nodes).check()
+        wanted = source.read_trees().check()
         uses_parameter = _set_port(settings, session)
         run = create_run(ctx, TreelessProgram("Waiting"), settings, resources=[session]).want(*wanted)
         with _explain_port(uses_parameter), run:
@@ -121,14 +121,7 @@ class _TreeSource:
 
     Attributes:
         session: The session.
-        nodes: The nodes that the trees may use; `read_nodes` changes them.
-
-    Raises:
-        RosError: The parameter `plugins` is invalid.
-        RegistrationError: A plugin cannot be loaded.
     """
-
-    nodes: Registry
 
     def __init__(
         self, ctx: click.Context, session: RosSession, trees: Sequence[Path], plugins: Sequence[str]
@@ -138,25 +131,23 @@ class _TreeSource:
         self._trees = trees
         self._plugins = plugins
         self._further_plugins: Sequence[str] | None = None
-        self.read_nodes()
+        self._nodes: Registry  # of the installed libraries, of the options and of the parameter `plugins`
 
-    def read_files(self) -> Sequence[Path]:
-        """Return the files and folders.
+    def read_trees(self) -> LoadedTrees:
+        """Return the trees as they are now.
 
         Raises:
-            RosError: The parameter is not given, or names a package or folder that does not exist.
+            RosError: A parameter is not given, or names a package, folder or plugin that cannot be used.
+            RegistrationError: A plugin cannot be loaded.
+            TreeError: A file cannot be read or is not valid XML.
         """
-        return self._trees or _find_files(
-            declare_parameter(self.session.node, "behavior_trees", [], check=_find_files)
-        )
-
-    def read_nodes(self) -> Registry:
-        """Return the nodes of the installed libraries, of the options and of the parameter `plugins`."""
-        further: Sequence[str] = declare_parameter(self.session.node, "plugins", [])
+        node = self.session.node
+        further: Sequence[str] = declare_parameter(node, "plugins", [])
         if further != self._further_plugins:
-            self.nodes = load_nodes(self._ctx, [*self._plugins, *_usable(further)])
+            self._nodes = load_nodes(self._ctx, [*self._plugins, *_usable(further)])
             self._further_plugins = further
-        return self.nodes
+        files = self._trees or _find_files(declare_parameter(node, "behavior_trees", [], check=_find_files))
+        return LoadedTrees(files, self._nodes)
 
 
 class PublishedTreeServer(TreeServer):
@@ -170,18 +161,11 @@ class PublishedTreeServer(TreeServer):
     def __init__(self, source: _TreeSource, run: Run) -> None:
         self._source = source
         self._run_of_trees = run
-        super().__init__(
-            source.session,
-            source.read_files(),
-            nodes=source.nodes,
-            resources=run.resources,
-            clock=run.clock,
-        )
+        super().__init__(source.session, (), resources=run.resources, clock=run.clock)
 
-    def _read_parameters(self) -> None:
-        super()._read_parameters()
-        self._files = self._source.read_files()
-        self._nodes = self._source.read_nodes()
+    def read_trees(self) -> LoadedTrees:
+        """Return the trees of the source."""
+        return self._source.read_trees()
 
     def on_tree_created(self, tree: Tree, payload: str) -> None:
         """Publish *tree* instead of the previous tree; clients stay connected."""

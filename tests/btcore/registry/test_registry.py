@@ -699,17 +699,13 @@ def test_base_classes_of_the_engine_are_not_registered() -> None:
         assert kind.__name__ not in Registry.standard()
 
 
-def test_single_enum_name_is_registered_with_its_number() -> None:
+def test_enum_name_is_registered_with_its_number() -> None:
     nodes = Registry.standard()
-    nodes.add_enum("RED", 1)
-    nodes.add_enum("RED", 1)
+    nodes.add_enum({"RED": 1})
+    nodes.add_enum({"RED": 1})
     assert status_of('<ScriptCondition code="RED == 1"/>', nodes) is Status.SUCCESS
     with pytest.raises(RegistrationError, match="RED is 1 already, not 2"):
-        nodes.add_enum("RED", 2)
-    with pytest.raises(RegistrationError, match="GREEN has no number"):
-        nodes.add_enum("GREEN")  # type: ignore[call-overload]
-    with pytest.raises(RegistrationError, match="the number 1 needs a name"):
-        nodes.add_enum({"GREEN": 2}, 1)  # type: ignore[call-overload]
+        nodes.add_enum({"RED": 2})
 
 
 def test_an_output_of_a_function_may_be_renamed() -> None:

@@ -112,7 +112,7 @@ def test_a_given_required_option_selects_its_provider_and_excludes_what_needs_th
     ) as run:
         assert list(run.resources)[:1] == [7]
         assert run.find(WorldMap) is None
-        assert "because real provides the Robot" in next(iter(run.choice.problems.values()))
+        assert "because real provides the Robot" in next(iter(run.providers.choice.problems.values()))
 
 
 def test_a_provider_that_takes_the_settings_of_another_replaces_it() -> None:
@@ -153,7 +153,7 @@ def test_a_provider_that_takes_more_given_settings_replaces_a_provider_whose_nee
 
     both = [BagSettings("drive.mcap"), RealSettings("tiago")]
     with run_with(arm, real_with_arm, recorded, want=[Arm, Robot], settings=both) as run:
-        assert [provider.name for provider in run.choice.order] == ["arm", "recorded"]
+        assert [provider.name for provider in run.providers.choice.order] == ["arm", "recorded"]
 
 
 def test_providers_that_need_each_other_are_shown_as_a_chain() -> None:
@@ -443,7 +443,7 @@ def test_random_providers_open_after_their_needs_and_close_in_reverse(
             found = run.find(TYPES[index])
             assert found is None or isinstance(found, TYPES[index])
             if found is None:  # only if there is a reason
-                assert run.choice.problems
+                assert run.providers.choice.problems
         if raises:
             raise KeyError("body")
     opened = [number for action, number in log if action == "open"]
@@ -460,6 +460,21 @@ def test_an_installed_provider_comes_before_the_default_of_the_core() -> None:
 
     with run_with(want=["random.Random"], installed={"dice": dice}) as run:
         assert run.resources == ["dice"]
+
+
+def test_a_provider_of_the_user_comes_before_an_installed_one() -> None:
+    own = Arm()
+
+    @provider
+    def own_arm() -> Arm:
+        return own
+
+    @provider
+    def installed_arm() -> Arm:
+        return Arm()
+
+    with run_with(own_arm, want=[Arm], installed={"installed_arm": installed_arm}) as run:
+        assert run.resources == [own]
 
 
 def test_a_provider_that_needs_what_is_opened_after_the_tree_is_opened_after_it() -> None:

@@ -172,7 +172,7 @@ def test_all_incomplete_outputs_are_named() -> None:
     run = Run(program(), providers=[disk, other], resources=[Torch()], settings=[LampSettings()])
     with pytest.raises(OutputError, match="recording is incomplete; the picture is missing"), run:
         run.tick_to_end()
-    assert [str(error) for error in run.closing_errors] == [
+    assert [str(error) for error in run.providers.errors] == [
         "the recording is incomplete",
         "the picture is missing",
     ]
@@ -183,7 +183,7 @@ def test_an_incomplete_output_does_not_hide_the_exception_of_the_run() -> None:
     run = Run(program(), providers=[disk], settings=[LampSettings()])
     with pytest.raises(ValueError, match="of the program"), run:
         raise ValueError("of the program")
-    assert [str(error) for error in run.closing_errors] == ["the recording is incomplete"]
+    assert [str(error) for error in run.providers.errors] == ["the recording is incomplete"]
 
 
 def test_a_program_logs_its_tree(tmp_path: Path) -> None:
@@ -423,7 +423,7 @@ def test_a_leaf_that_raises_at_the_end_does_not_hide_an_incomplete_output(tmp_pa
     run = Run(write_tree(tmp_path, "<Watch/>"), nodes=nodes, providers=[recorder]).want(Torch)
     with pytest.raises(btcore.NodeExecutionError, match="stuck"), run:
         run.step()
-    assert list(map(str, run.closing_errors)) == ["the recording is incomplete"]
+    assert list(map(str, run.providers.errors)) == ["the recording is incomplete"]
     assert (run.end_reason, run.exit_code) == ("raised", 3)
 
 

@@ -306,7 +306,7 @@ def test_early_unlock_lets_the_next_tick_pass_once(rig: HookRig, ticking: type[T
     run.end()
 
 
-@pytest.mark.parametrize("way", ["remove", "remove_all", "disable", "ignore_breakpoints", "insert disabled"])
+@pytest.mark.parametrize("way", ["remove", "remove_all", "disable", "interrupt", "insert disabled"])
 def test_ending_breakpoint_continues_tick_unchanged(rig: HookRig, ticking: type[Ticking], way: str) -> None:
     hooks, uid = rig.tree.hooks, rig.uid("first")
     hooks.insert(Hook(uid, desired_status=Status.FAILURE))
@@ -318,8 +318,8 @@ def test_ending_breakpoint_continues_tick_unchanged(rig: HookRig, ticking: type[
         hooks.remove_all()
     elif way == "disable":
         hooks.enable_all(False)
-    elif way == "ignore_breakpoints":
-        hooks.ignore_breakpoints()
+    elif way == "interrupt":
+        rig.tree.interrupt()
     else:
         hooks.insert(Hook(uid, enabled=False, desired_status=Status.FAILURE))
     assert run.end() is Status.SUCCESS

@@ -96,7 +96,7 @@ def test_time_at_a_breakpoint_does_not_count_for_the_tick_limit() -> None:
 @pytest.mark.parametrize("format", [3, 4])
 def test_interruption_ends_an_endless_tick_between_two_nodes(format: int) -> None:
     tree = limited(ENDLESS["nested"], format, limit=None)
-    timer = threading.Timer(LIMIT, tree.context.limit.interrupt)
+    timer = threading.Timer(LIMIT, tree.interrupt)
     timer.start()
     assert tree.tick_once() is Status.RUNNING
     assert tree.node("loop").status is Status.RUNNING
@@ -108,7 +108,7 @@ def test_tick_limit_can_be_lifted_after_an_error() -> None:
     with pytest.raises(NodeExecutionError, match="tick limit"):
         tree.tick_once()
     tree.tick_limit = None
-    timer = threading.Timer(4 * LIMIT, tree.context.limit.interrupt)
+    timer = threading.Timer(4 * LIMIT, tree.interrupt)
     began = time.monotonic()
     timer.start()
     assert tree.tick_once() is Status.RUNNING

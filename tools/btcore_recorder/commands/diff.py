@@ -10,7 +10,7 @@ from btcore.clock import NS_PER_S
 from btcore.exit_codes import ExitCode
 from btcore.logs import Recording, read_log
 from btcore.logs.recording import format_transition
-from btcore.suggestions import join_names
+from btcore.suggestions import counted, join_names
 from btcore_recorder.divergence import Divergence, Step, find_divergence, steps
 
 
@@ -111,7 +111,7 @@ def _find_missing_nodes(recording: Recording, other: Recording) -> list[str]:
 def _format_headline(divergence: Divergence) -> str:
     count = divergence.common
     first, second = divergence.first, divergence.second
-    headline = f"the runs differ after {terminal.counted(count, 'common transition', zero='no')}"
+    headline = f"the runs differ after {counted(count, 'common transition', zero='no')}"
     if first is None or second is None:
         shorter, longer = ("A", "B") if first is None else ("B", "A")
         return f"{headline}: {shorter} ends, {longer} continues"

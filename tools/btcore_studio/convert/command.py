@@ -14,6 +14,7 @@ from btcore.diagnostics import Diagnostic
 from btcore.exit_codes import ExitCode
 from btcore.field_options import pass_options
 from btcore.input_files import read_file
+from btcore.suggestions import counted
 from btcore.xml.read.read import parse_file
 from btcore_studio.convert.convert import Conversion
 from btcore_studio.convert.convert import convert as converted
@@ -94,7 +95,7 @@ def _print_summary(result: Conversion) -> None:
     if manual := _count(result.changes, "manual step"):
         counts.append(f"{manual} to convert manually")
     if result.remaining:
-        counts.append(f"the result has {terminal.counted(len(result.remaining), 'error')}")
+        counts.append(f"the result has {counted(len(result.remaining), 'error')}")
     mark.append(", ".join(counts), style="bold")
     console = terminal.stderr_console()
     console.print()

@@ -18,7 +18,7 @@ from btcore.registry.registry import Registry
 from btcore.xml.define import parse_format
 from btcore.xml.edit.editor import Edit, apply_edits
 from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.dialect import DIALECTS
+from btcore.xml.read.dialect import SUBTREE_TAGS
 from btcore.xml.read.document import Document, sort_diagnostics
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import parse_text
@@ -101,7 +101,7 @@ def _convert_trees(changes: ConversionChanges) -> None:
             element, parent = pending.pop()
             if element.tag == "Root":
                 continue
-            if element.tag in DIALECTS[3].subtree_tags:
+            if element.tag in SUBTREE_TAGS[3]:
                 convert_subtree(changes, element, names)
             else:
                 convert_node(changes, element, parent)

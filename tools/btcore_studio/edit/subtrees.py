@@ -29,7 +29,7 @@ def extract_subtree(plans: Plans, element: Element, id: str) -> list[Edit]:
             attribute.
     """
     tree, node = _find(plans, element)
-    if plans.dialect.format != 4:
+    if plans.format != 4:
         raise EditError("in format 3, a SubTree element changes when the nodes of its tree are halted")
     if id in plans.definitions.by_id:
         raise EditError(f"there is a tree '{id}' already")
@@ -87,7 +87,7 @@ def inline_subtree(plans: Plans, element: Element) -> Edit:
     """
     tree, node = _find(plans, element)
     call = node.subtree_call
-    if call is None or call.tree_id not in plans.trees or plans.dialect.format != 4:
+    if call is None or call.tree_id not in plans.trees or plans.format != 4:
         raise EditError(f"<{element.tag}> does not call a tree of a document in format 4")
     called = plans.trees[call.tree_id]
     if called.root is None:

@@ -6,7 +6,7 @@ from typing import Final
 
 from btcore.names import is_port_name
 from btcore.xml.edit.editor import DocumentEditor, Edit, EditError
-from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS
+from btcore.xml.read.dialect import EXPLICIT_TAGS, SUBTREE_TAGS
 from btcore.xml.read.scan import ScannedElement
 
 # `_skipIf` of a disabled node; the original condition is in the parentheses.
@@ -31,7 +31,7 @@ class TreeEditor(DocumentEditor):
         """
         names = dict.fromkeys(item.name for item in element.attributes)
         removed = [name for name in names if is_port_name(name) and name not in ports]
-        if element.tag in DIALECTS[3].subtree_tags:  # also the tag of format 4
+        if element.tag in SUBTREE_TAGS[3]:  # also the tag of format 4
             removed = [name for name in names if name == "ID" or name in removed]
         edits = [self.remove_attribute(element, name) for name in removed]
         if element.tag in EXPLICIT_TAGS:

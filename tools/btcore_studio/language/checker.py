@@ -10,6 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final
 
+from btcore.input_files import FileStamp, file_stamp
 from btcore_studio.language.diagnostics import Report, merge, report_from_data
 from btcore_studio.language.node_models import NodeModel
 from btcore_studio.language.project import (
@@ -125,7 +126,7 @@ class Checker:
         # The reports of each root about each file, and the version of the file that was checked.
         self._found: dict[DocumentKey, dict[DocumentKey, tuple[int | None, list[Report]]]] = {}
         self._read: dict[DocumentKey, set[Path]] = {}
-        self._sources: dict[Path, int] = {}
+        self._sources: dict[Path, FileStamp | None] = {}
         self._shown: set[str] = set()
         # The problems of node libraries by file.
         self._library_problems: dict[Path, list[Report]] = {}
@@ -380,12 +381,5 @@ class Checker:
         return worker
 
 
-def _stamps(files: Iterable[Path]) -> dict[Path, int]:
-    """Return the time of the last change of each file (ns); 0 for a missing file."""
-    stamps: dict[Path, int] = {}
-    for file in files:
-        try:
-            stamps[file] = file.stat().st_mtime_ns
-        except OSError:
-            stamps[file] = 0
-    return stamps
+def _stamps(files: Iterable[Path]) -> dict[Path, FileStamp | None]:
+    return {file: file_stamp(file) for file in files}

@@ -16,7 +16,7 @@ from btcore.status import NodeType
 from btcore.values import BOOL, ValueType
 from btcore.values.types import literals_of
 from btcore.xml.models.tree_nodes_model import quoted
-from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, PORT_TAGS
+from btcore.xml.read.dialect import EXPLICIT_TAGS, PORT_TAGS, SUBTREE_TAGS
 from btcore.xml.read.scan import Place, ScannedAttribute, ScannedElement
 from btcore_studio.language.descriptions import (
     CONDITION_ATTRIBUTES,
@@ -279,7 +279,7 @@ class _Completion:
                 kind = _KIND_OF_NODE[manifest.type]
                 detail = manifest.type.name.lower()
                 yield _Item(manifest.id, kind, 1, detail, node_markdown(manifest), _node_snippet(manifest))
-        for tag in sorted(DIALECTS[self.format].subtree_tags):
+        for tag in sorted(SUBTREE_TAGS[self.format]):
             yield _Item(tag, Kind.Module, 1, "call of a tree", snippet=f'{tag} ID="$1"/>$0')
             for id, is_visible in self._tree_ids():
                 ports = self._inputs(id)

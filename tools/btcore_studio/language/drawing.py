@@ -19,7 +19,7 @@ from btcore.status import NodeType
 from btcore.xml.define import TreeDefinition
 from btcore.xml.plan.plan import MAX_DEPTH, TreeSize
 from btcore.xml.plan.tree_plan import SubtreeCall
-from btcore.xml.read.dialect import EXPLICIT_TAGS
+from btcore.xml.read.dialect import EXPLICIT_TAGS, SUBTREE_TAGS
 from btcore.xml.read.document import Document
 from btcore.xml.read.element import Element
 from btcore_drawing.diagram import DiagramNode
@@ -61,7 +61,7 @@ def draw_document(project: Project, source: SourceDocument, params: DrawingParam
     """
     reading = read_trees(project, source)
     tree = shown_tree(reading, params.tree)
-    id, format = "" if tree is None else tree.id, reading.definitions.dialect.format
+    id, format = "" if tree is None else tree.id, reading.definitions.format
     root = None if tree is None else diagram_of_tree(reading, tree)
     if root is None:
         return Drawing(id, format, "", [], {}, tree_summaries(reading), reading.broken)
@@ -166,7 +166,7 @@ def tree_summaries(reading: TreeReading) -> list[TreeSummary]:
     definitions = reading.definitions
     callers: dict[str, dict[str, None]] = {}
     for tree in definitions.by_id.values():
-        for call in tree.element.iter(*definitions.dialect.subtree_tags):
+        for call in tree.element.iter(*SUBTREE_TAGS[definitions.format]):
             callers.setdefault(call.get("ID") or "", {})[tree.id] = None
     main = main_tree_of(reading)
     trees = sorted(definitions.by_id.values(), key=lambda tree: tree.document is not reading.document)
@@ -190,9 +190,9 @@ def child_limits(reading: TreeReading, tag: str, id: str) -> tuple[int, int | No
         id: The ID of the node.
     """
     definitions = reading.definitions
-    manifest = reading.nodes.get(id, definitions.dialect.format)
+    manifest = reading.nodes.get(id, definitions.format)
     is_guessed = id in reading.missing and tag not in EXPLICIT_TAGS
-    if tag in definitions.dialect.subtree_tags:
+    if tag in SUBTREE_TAGS[definitions.format]:
         return 0, 0
     if manifest is None or is_guessed:
         return 0, None
@@ -298,12 +298,12 @@ def _card_of(node: DiagramNode) -> Card:
 def _diagram_node(reading: TreeReading, item: _Pending, uid: int) -> tuple[_ShownNode, TreeDefinition | None]:
     """Return a node without children, and the tree that it calls, if there is that tree."""
     definitions, element = reading.definitions, item.element
-    is_call = element.tag in definitions.dialect.subtree_tags
+    is_call = element.tag in SUBTREE_TAGS[definitions.format]
     if is_call:
         look = _look_of(reading, element)  # it also follows from the model of the tree
     else:
         looks = _LOOKS.setdefault(reading.nodes, {})
-        written = (definitions.dialect.format, element.tag, *element.attributes.items())
+        written = (definitions.format, element.tag, *element.attributes.items())
         known = looks.get(written)
         if known is None:
             if len(looks) >= MAX_ROWS:
@@ -328,9 +328,9 @@ def _diagram_node(reading: TreeReading, item: _Pending, uid: int) -> tuple[_Show
 
 def _look_of(reading: TreeReading, element: Element) -> _Look:
     definitions = reading.definitions
-    format = definitions.dialect.format
+    format = definitions.format
     tag, attributes = element.tag, element.attributes
-    is_call = tag in definitions.dialect.subtree_tags
+    is_call = tag in SUBTREE_TAGS[definitions.format]
     id = (attributes.get("ID") or tag) if tag in EXPLICIT_TAGS else tag
     manifest = reading.nodes.get(id, format)
     name, called = attributes.get("name"), ""
@@ -349,7 +349,7 @@ def _look_of(reading: TreeReading, element: Element) -> _Look:
         ]
     node_type = manifest.type if manifest is not None else NodeType.UNDEFINED
     conditions: dict[str, str] = {}
-    if definitions.dialect.has_conditions:
+    if definitions.format == 4:
         conditions = {key: attributes[key] for key in SCRIPT_ATTRIBUTES if key in attributes}
     return _Look(
         id,

@@ -245,7 +245,7 @@ class _Draft:
     @property
     def format(self) -> int:
         """The XML format."""
-        return self.reading.definitions.dialect.format
+        return self.reading.definitions.format
 
     def marks(self, diagnostic: Diagnostic) -> bool:
         """Return whether a diagnostic about the present text marks the tag of an element to select."""
@@ -639,7 +639,7 @@ class _Operation:
     def _toggle(self, nodes: Sequence[_Target], disables: bool) -> None:
         changed = [node for node in nodes if is_disabled(node.element.get("_skipIf")) is not disables]
         for draft, elements in _by_draft(nodes):
-            if not draft.reading.definitions.dialect.has_conditions:
+            if draft.reading.definitions.format != 4:
                 raise EditError("format 3 has no condition `_skipIf`: convert the document to format 4 first")
             draft.select(elements)
         for draft, elements in _by_draft(changed or nodes):

@@ -9,7 +9,7 @@ from btcore.registry.nodes_without_code import is_mock
 from btcore.suggestions import did_you_mean
 from btcore.xml.edit.editor import DocumentEditor, Edit, EditError, apply_edits, escape_value
 from btcore.xml.models.tree_nodes_model import TAG_OF
-from btcore.xml.read.dialect import EXPLICIT_TAGS, PORT_TAGS
+from btcore.xml.read.dialect import EXPLICIT_TAGS, PORT_TAGS, SUBTREE_TAGS
 from btcore.xml.read.scan import ScannedElement
 from btcore.xml.read.tinyxml2_compat import decode
 from btcore_studio.language.descriptions import is_mandatory
@@ -48,9 +48,9 @@ def new_element(reading: TreeReading, id: str) -> NewElement:
         EditError: There is no node or tree *id*.
     """
     definitions = reading.definitions
-    format = definitions.dialect.format
+    format = definitions.format
     manifest = reading.nodes.get(id, format)
-    if manifest is not None and id not in definitions.dialect.subtree_tags:
+    if manifest is not None and id not in SUBTREE_TAGS[definitions.format]:
         required = {
             port.name: _new_text(port)
             for port in manifest.ports.values()
@@ -87,7 +87,7 @@ def _attribute(name: str, text: str) -> str:
 
 def uses_explicit_tag(reading: TreeReading, manifest: Manifest) -> bool:
     """Return whether most nodes like that of *manifest* have explicit tags such as `<Action ID="…">`."""
-    format = reading.definitions.dialect.format
+    format = reading.definitions.format
     explicit = compact = 0
     for tree in reading.document.root.iterchildren("BehaviorTree"):
         for element in tree.iter():

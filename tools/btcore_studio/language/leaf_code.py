@@ -92,7 +92,7 @@ def leaf_of(project: Project, source: SourceDocument, id: str) -> Leaf:
         EditError: There is no such node, it has code, or Python code cannot have its ports.
     """
     reading = read_trees(project, source)
-    manifest = reading.nodes.get(id, reading.definitions.dialect.format)
+    manifest = reading.nodes.get(id, reading.definitions.format)
     if manifest is None or manifest.type not in _BASES:
         raise EditError(f"there is no node '{id}': write its model first")
     if not is_mock(manifest.cls):

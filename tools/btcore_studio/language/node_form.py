@@ -9,6 +9,7 @@ from btcore.registry.nodes_without_code import is_mock
 from btcore.status import NodeType
 from btcore.values.types import literals_of
 from btcore.xml.plan.key_uses import NON_KEY_ATTRIBUTES
+from btcore.xml.read.dialect import SUBTREE_TAGS
 from btcore.xml.read.scan import ScannedElement
 from btcore_studio.language.descriptions import (
     CONDITION_ATTRIBUTES,
@@ -55,7 +56,7 @@ class _Form:
         self._project = project
         self._reading = reading
         self._element = element
-        self._format = reading.definitions.dialect.format
+        self._format = reading.definitions.format
         symbols = file_symbols(project, reading.source)
         offset = tree.start + reading.source.mark_length
         self._tree = next((known for known in symbols.trees if known.element.start == offset), None)
@@ -68,7 +69,7 @@ class _Form:
         element, manifest = self._element, self._manifest
         fields = [self._field("name", "name", about=_NAME)]
         fields += self._call_fields() if is_call(element) else self._port_fields()
-        if self._reading.definitions.dialect.has_conditions:
+        if self._reading.definitions.format == 4:
             fields += [
                 self._field(name, "condition", about=CONDITION_ATTRIBUTES[name], is_script=True)
                 for name in SCRIPT_ATTRIBUTES
@@ -144,7 +145,7 @@ class _Form:
         own = self._manifest.type if self._manifest is not None else NodeType.UNDEFINED
         manifests = self._reading.nodes.manifests_of(self._format).values()
         for manifest in sorted(manifests, key=lambda manifest: (manifest.type is not own, manifest.id)):
-            if manifest.id not in definitions.dialect.subtree_tags:
+            if manifest.id not in SUBTREE_TAGS[definitions.format]:
                 _, most = child_limits(self._reading, manifest.id, manifest.id)
                 if most is None or count <= most:
                     yield manifest.id

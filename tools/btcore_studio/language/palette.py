@@ -5,7 +5,7 @@ from btcore.registry.manifest import Manifest
 from btcore.registry.nodes_without_code import is_mock
 from btcore.values import ANY
 from btcore.xml.models.model_file import model_elements
-from btcore.xml.read.dialect import PORT_TAGS
+from btcore.xml.read.dialect import PORT_TAGS, SUBTREE_TAGS
 from btcore.xml.read.element import Element
 from btcore_drawing.symbols import symbol_path
 from btcore_studio.language.descriptions import type_name
@@ -27,12 +27,12 @@ def palette_of(project: Project, source: SourceDocument) -> Palette:
         source: The document.
     """
     reading = read_trees(project, source)
-    dialect = reading.definitions.dialect
+    format = reading.definitions.format
     models = {model.get("ID"): model for model in reversed(model_elements(reading.document))}
     nodes = [
         _node_item(reading, manifest, models.get(id))
-        for id, manifest in reading.nodes.manifests_of(dialect.format).items()
-        if id not in dialect.subtree_tags
+        for id, manifest in reading.nodes.manifests_of(format).items()
+        if id not in SUBTREE_TAGS[format]
     ]
     return Palette([*nodes, *_tree_items(reading)])
 

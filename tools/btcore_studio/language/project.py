@@ -12,7 +12,7 @@ from lsprotocol import types
 from pygls import uris
 
 from btcore.errors import TreeError
-from btcore.input_files import read_file, real_path
+from btcore.input_files import FileStamp, file_stamp, read_file, real_path
 from btcore.registry.registry import Registry
 from btcore.xml.edit.editor import Edit
 from btcore.xml.read.document import Document
@@ -155,7 +155,7 @@ class Project:
         self.registry = Registry.standard()
         self.models: dict[str, NodeModel] = {}
         self._open: dict[str, SourceDocument] = {}
-        self._on_disk: dict[Path, tuple[tuple[int, int], SourceDocument]] = {}
+        self._on_disk: dict[Path, tuple[FileStamp | None, SourceDocument]] = {}
         self._files: list[Path] | None = None
         self._reports: dict[DocumentKey, tuple[int | None, list[Report]]] = {}
 
@@ -216,8 +216,7 @@ class Project:
             if document.path == path:
                 return document
         try:
-            state = path.stat()
-            stamp = (state.st_mtime_ns, state.st_size)
+            stamp = file_stamp(path)
             known = self._on_disk.get(path)
             if known is not None and known[0] == stamp:
                 return known[1]

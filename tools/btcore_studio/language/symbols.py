@@ -23,10 +23,10 @@ from btcore.xml.plan.key_uses import (
     port_uses,
 )
 from btcore.xml.plan.tree_plan import SubtreeCall
-from btcore.xml.read.dialect import DIALECTS, EXPLICIT_TAGS, PORT_TAGS
+from btcore.xml.read.dialect import EXPLICIT_TAGS, PORT_TAGS, SUBTREE_TAGS
 from btcore.xml.read.scan import Scan, ScannedAttribute, ScannedElement, value_offsets
 
-_CALL_TAGS: Final = DIALECTS[3].subtree_tags
+_CALL_TAGS: Final = SUBTREE_TAGS[3]
 
 
 class KeyForm(enum.Enum):

@@ -71,7 +71,7 @@ class TreeReading:
         self.sources = read(self.document, [*project.registry.documents, *_documents_around(project, source)])
         self._entry_format = self._format_of_entry(project)
         self.definitions = define(self.sources, format=self._entry_format)
-        format = self.definitions.dialect.format
+        format = self.definitions.format
         self.nodes, self.missing = _nodes_for(project.registry, self.sources, format)
         self.files = {document: self._source_of(project, document) for document in self.sources.documents}
         self._parsed: dict[ScannedElement, Element] = {}

@@ -16,6 +16,7 @@ from websockets.exceptions import ConnectionClosed
 
 from btcore.documentation_site import documentation_url
 from btcore.errors import BtcoreError
+from btcore.input_files import file_stamp
 from btcore.json_text import load_json
 from btcore_studio.compare.comparison import Comparison, compare
 from btcore_studio.language.live import LiveExtension
@@ -30,7 +31,7 @@ from btcore_studio.language.project import (
 )
 from btcore_studio.language.server import create_server
 from btcore_studio.language.studio_protocol import TextEdit
-from btcore_studio.page_server.shared_files import SharedFiles, StaleTextError, stamp_of
+from btcore_studio.page_server.shared_files import SharedFiles, StaleTextError
 from btcore_studio.page_server.timeline import RecordedRun
 from btcore_studio.served_folder import RefusedError
 
@@ -201,11 +202,11 @@ class StudioSession:
 
     async def _check_disk(self) -> None:
         compared = [version.file for version in self.shown.versions or () if version.file is not None]
-        stamps = [stamp_of(file) for file in compared]
+        stamps = [file_stamp(file) for file in compared]
         while True:
             await asyncio.sleep(CHECK_INTERVAL_S)
             self.files.check_disk()
-            before, stamps = stamps, [stamp_of(file) for file in compared]
+            before, stamps = stamps, [file_stamp(file) for file in compared]
             if stamps != before:
                 for page in self._pages:
                     page.notify("btcore/compared", {})
@@ -242,7 +243,7 @@ class StudioSession:
         """Return the files of the folder, with a value that changes with the content."""
         stamps: dict[Path, object] = {}
         for path in find_files([self.files.folder], (*SUFFIXES, ".py"), MAX_FILES):
-            stamp = stamp_of(path, follow_symlinks=False)
+            stamp = file_stamp(path, follow_symlinks=False)
             if stamp is not None:
                 stamps[path] = stamp
         return stamps

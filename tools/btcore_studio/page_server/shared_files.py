@@ -14,7 +14,7 @@ from typing import Final, Protocol
 
 from pygls import uris
 
-from btcore.input_files import read_error, read_file, real_path
+from btcore.input_files import file_stamp, read_error, read_file, real_path
 from btcore.output_files import write_file
 from btcore.xml.edit.editor import Edit, EditError, apply_edits
 from btcore_studio.edit.text_edits import difference, rebase_edits
@@ -191,7 +191,7 @@ class SharedFiles:
             except UnicodeDecodeError:
                 raise RefusedError(f"'{name}' is not UTF-8: convert it first") from None
             text = self._texts[path] = SharedText(path, file_uri(path), content, data, content)
-            text.read_stamp = text.seen_stamp = stamp_of(path)
+            text.read_stamp = text.seen_stamp = file_stamp(path)
             self._show_files()
         text.pages.add(page)
         if text.conflict is not None:
@@ -260,7 +260,7 @@ class SharedFiles:
         except OSError as error:
             raise RefusedError(f"'{name}' can't be written: {read_error(error)}") from None
         text.disk, text.base, text.is_deleted = data, text.text, False
-        text.read_stamp = text.seen_stamp = stamp_of(text.path)
+        text.read_stamp = text.seen_stamp = file_stamp(text.path)
         self._show_files()
         return True
 
@@ -292,7 +292,7 @@ class SharedFiles:
         """Take the changes of other programs. Call this regularly."""
         has_taken = False
         for text in self._texts.values():
-            stamp = stamp_of(text.path)
+            stamp = file_stamp(text.path)
             is_settled, text.seen_stamp = stamp == text.seen_stamp, stamp
             if is_settled and stamp != text.read_stamp:
                 has_taken = True
@@ -334,7 +334,7 @@ class SharedFiles:
 
     def _take_disk(self, text: SharedText) -> None:
         """Take a change of the file on disk: as edits, merged with unsaved changes, or as a conflict."""
-        stamp = stamp_of(text.path)
+        stamp = file_stamp(text.path)
         text.is_deleted = stamp is None
         data = text.disk if text.is_deleted else self._read(text.path)
         text.read_stamp = stamp
@@ -501,12 +501,3 @@ def _decode(data: bytes) -> str:
 def _conflict(text: SharedText) -> dict[str, object]:
     assert text.conflict is not None
     return {"uri": text.uri, "text": text.conflict.removeprefix(_BOM).decode(errors="replace")}
-
-
-def stamp_of(path: Path, *, follow_symlinks: bool = True) -> object:
-    """Return a value that changes with the content of the file; None if there is no file."""
-    try:
-        state = path.stat(follow_symlinks=follow_symlinks)
-    except OSError:
-        return None
-    return state.st_mtime_ns, state.st_size, state.st_ino
