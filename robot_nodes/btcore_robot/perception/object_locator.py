@@ -16,7 +16,7 @@ from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import CameraImage, CameraInfo, Phase, Robot
 from btcore_robot.transform_filter import TransformFilter
 from btcore_robot.transforms import TransformTree
-from btcore_scene import BoundingBox, MovingScene, StaticScene
+from btcore_scene import BoundingBox, MovingScene, SceneSource
 
 __all__ = ["BoundingBox3D", "ObjectLocator", "depth_to_points", "detect_boxes"]
 
@@ -120,7 +120,7 @@ def _box(cloud: NDArray[np.float64], frame: str, stamp: int) -> BoundingBox3D:
     return BoundingBox3D(frame, (x, y, z), (length, width, height), stamp)
 
 
-class ObjectLocator(Lifecycle):
+class ObjectLocator(Lifecycle, SceneSource):
     """While active, detect objects within *colours* in the robot's camera images and locate them in *frame*.
 
     Images are requested only while the locator is active. An image waits until *transforms* knows the
@@ -171,10 +171,6 @@ class ObjectLocator(Lifecycle):
             return
         camera = self.transforms.lookup(self.frame, image.frame, image.stamp)
         self.boxes = tuple(detect_boxes(image, camera_info, self.colours, self.frame, camera))
-
-    def static_scene(self) -> StaticScene:
-        """Return an empty scene: everything moves."""
-        return StaticScene()
 
     def moving_scene(self) -> MovingScene:
         """Return the boxes of the objects in the newest image."""
