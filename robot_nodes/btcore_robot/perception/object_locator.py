@@ -121,7 +121,7 @@ def _box(cloud: NDArray[np.float64], frame: str, stamp: int) -> BoundingBox3D:
 
 
 class ObjectLocator(Lifecycle, SceneSource):
-    """While active, detect objects within *colours* in the robot's camera images and locate them in *frame*.
+    """While active, detect wooden objects in the robot's camera images and locate them in *frame*.
 
     Images are requested only while the locator is active. An image waits until *transforms* knows the
     camera's pose at its stamp. `configure` returns False for a robot without a camera.
@@ -130,17 +130,13 @@ class ObjectLocator(Lifecycle, SceneSource):
         robot: The robot.
         transforms: The transform tree.
         frame: The frame of the results.
-        colours: The colours of the objects.
     """
 
-    def __init__(
-        self, robot: Robot, transforms: TransformTree, frame: str = "map", colours: ColourRange = WOOD
-    ) -> None:
+    def __init__(self, robot: Robot, transforms: TransformTree, frame: str = "map") -> None:
         super().__init__()
         self.robot = robot
         self.transforms = transforms
         self.frame = frame
-        self.colours = colours
         self.boxes: Sequence[BoundingBox3D] = ()
         """The boxes of the objects in the newest image, the largest first."""
         self._stop_steps: Callable[[], None] | None = None
@@ -170,7 +166,7 @@ class ObjectLocator(Lifecycle, SceneSource):
         if image is None or camera_info is None:
             return
         camera = self.transforms.lookup(self.frame, image.frame, image.stamp)
-        self.boxes = tuple(detect_boxes(image, camera_info, self.colours, self.frame, camera))
+        self.boxes = tuple(detect_boxes(image, camera_info, WOOD, self.frame, camera))
 
     def moving_scene(self) -> MovingScene:
         """Return the boxes of the objects in the newest image."""
