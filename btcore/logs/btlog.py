@@ -28,7 +28,7 @@ from btcore.logs.recording import (
     parse_nodes,
     truncation_message,
 )
-from btcore.status import Transition
+from btcore.status import Status, Transition
 from btcore.tree.tree import Tree
 
 MAGIC: Final = b"BTCPP4-FileLogger2"
@@ -62,10 +62,13 @@ class BtLogWriter:
                 f"{_gaps_file(path)}: cannot remove the gaps of the previous log: {error}"
             ) from None
 
-    def append(self, records: Iterable[tuple[int, int, int]]) -> None:
-        """Append transitions, given as (time since the start in µs, UID, status)."""
+    def append(self, records: Iterable[tuple[int, int, Status, Status]]) -> None:
+        """Append transitions, given as (time since the start in µs, UID, previous, status).
+
+        The file does not contain the previous statuses.
+        """
         data = bytearray()
-        for since, uid, status in records:
+        for since, uid, _, status in records:
             data += _RECORD.pack(since & 0xFFFFFFFF, since >> 32, uid, status)
             self._count += 1
         write_whole(self._file, bytes(data))
@@ -115,7 +118,8 @@ class BtLog(Log):
         """Append the transitions *changes* to the file."""
         start = self.start
         self._file.append(
-            ((stamp - start) // NS_PER_US, uid, status) for _, stamp, _, uid, _, status in changes
+            ((stamp - start) // NS_PER_US, uid, previous, status)
+            for _, stamp, _, uid, previous, status in changes
         )
 
     def release(self) -> None:

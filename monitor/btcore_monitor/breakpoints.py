@@ -289,7 +289,7 @@ class BreakpointClient(Closeable):
                 fails.
         """
         desired = NO_STATUS if status is None else _to_status_text(status)
-        hooks = self._find_hooks(pattern, BREAKPOINT)
+        hooks = self._find_breakpoints(pattern)
         if not hooks:
             raise BreakpointError(f"there is no breakpoint at '{pattern}': {self._format_hooks()}")
         for hook in hooks:
@@ -408,7 +408,7 @@ class BreakpointClient(Closeable):
             BreakpointError: A tick takes longer than *timeout*, or a request fails.
         """
         root = self.tree.root
-        breakpoints = self._find_hooks(root.path, BREAKPOINT)
+        breakpoints = self._find_breakpoints(root.path)
         if not any(hook.enabled for hook in breakpoints if hook.position == PRE):
             self._set([RequestedHook(root.path, WireHook(root.uid))])
             self._wait_for_breakpoint(timeout)
@@ -445,10 +445,13 @@ class BreakpointClient(Closeable):
         """Return a hook for each node of the current tree that matches *request*."""
         return [request.hook._replace(uid=node.uid) for node in find_nodes(self.tree, request.pattern)]
 
-    def _find_hooks(self, pattern: str, *modes: int) -> list[WireHook]:
-        """Return the hooks of matching nodes that have one of *modes* (by default, any mode)."""
+    def _find_hooks(self, pattern: str) -> list[WireHook]:
+        """Return the hooks of matching nodes."""
         uids = {node.uid for node in find_nodes(self.tree, pattern)}
-        return [hook for hook in self.hooks() if hook.uid in uids and (not modes or hook.mode in modes)]
+        return [hook for hook in self.hooks() if hook.uid in uids]
+
+    def _find_breakpoints(self, pattern: str) -> list[WireHook]:
+        return [hook for hook in self._find_hooks(pattern) if hook.mode == BREAKPOINT]
 
     def _format_hooks(self) -> str:
         paths = list(dict.fromkeys(self.path_of(hook.uid) for hook in self.hooks()))

@@ -6,9 +6,10 @@ Statuses and entries come from a `Feed`, so from any robot. Breakpoints need Gro
 import json
 import time
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Annotated, Any, Final, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, Final
 
 from btcore.options import option
+from btcore.runs.live_state import LiveState
 from btcore.runs.settings import Settings
 from btcore_monitor.environment_checks import check_installed
 from btcore_monitor.key_options import KeyOptions
@@ -16,7 +17,7 @@ from btcore_monitor.wire.groot2 import DEFAULT_ADDRESS
 
 if TYPE_CHECKING:
     from btcore_monitor.breakpoints import BreakpointClient
-    from btcore_monitor.events import Event, ObservedNode, ObservedTree
+    from btcore_monitor.events import Event, ObservedTree
     from btcore_monitor.keys import ClientKeys
 
 _PACKAGES: Final = ("zmq", "msgpack", "lxml")
@@ -25,36 +26,6 @@ _CONNECT_TIMEOUT_S: Final = 2.0
 _MAX_ENTRIES: Final = 1_000
 _MAX_VALUE: Final = 200
 """Maximum number of characters of a value."""
-
-
-class RobotState(NamedTuple):
-    """The state of a running tree.
-
-    Attributes:
-        connection: "waiting", "connected", "lost" or "ended".
-        detail: A sentence about the connection; after the end of the run, also the result of the tree.
-        nodes: The nodes of the tree in pre-order.
-        trees: The ID of the called tree by the uid of each SubTree node.
-        statuses: The number of the status of each node by its uid.
-        results: The number of the last status of each node other than idle and running, by its uid.
-        entries: The entries of the blackboards as (path of the subtree, key, value as text).
-        breakpoints: The uids of the nodes with a breakpoint of this connection.
-        stopped_at: The uid of the node before which the tree waits, or 0.
-        problem: Why the last breakpoint could not be set, or "".
-        raised_at: The uid of the node that raised the last error, or 0.
-    """
-
-    connection: str = "waiting"
-    detail: str = ""
-    nodes: "tuple[ObservedNode, ...]" = ()
-    trees: Mapping[int, str] = {}
-    statuses: Mapping[int, int] = {}
-    results: Mapping[int, int] = {}
-    entries: tuple[tuple[str, str, str], ...] = ()
-    breakpoints: frozenset[int] = frozenset()
-    stopped_at: int = 0
-    problem: str = ""
-    raised_at: int = 0
 
 
 class RobotExtension(KeyOptions, Settings):
@@ -119,14 +90,14 @@ class RobotConnection:
         self._feed = Feed(address, record=False, keys=keys)
         self._keys = keys
         self._robot: BreakpointClient | None = None
-        self._state = RobotState()
+        self._state = LiveState()
         self._statuses: dict[int, int] = {}
         self._results: dict[int, int] = {}
         self._last_root_status = 0
         self._error = ""
         self._has_new_status = False
 
-    def poll(self, timeout: float) -> RobotState:
+    def poll(self, timeout: float) -> LiveState:
         """Return the state after *timeout* s, the same object if nothing has changed.
 
         Raises:
@@ -207,7 +178,7 @@ class RobotConnection:
         self._results = {}
         connection, detail = self._state.connection, self._state.detail
         calls = {node.uid: tree.subtrees.get(node.path, "") for node in tree.nodes if node.type == "subtree"}
-        self._state = RobotState(connection, detail, tree.nodes, calls)
+        self._state = LiveState(connection, detail, tree.nodes, calls)
 
     # --- breakpoints
 

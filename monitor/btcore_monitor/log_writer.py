@@ -53,7 +53,7 @@ class LogWriter:
         """The number of gaps. Transitions that the robot never sends do not count."""
         self._trees = 0
         self._tree_id = ""
-        self._logs: list[_BtLog | _SqliteLog | _Bag] = []
+        self._logs: list[_FileLog | _SqliteLog] = []
         self._statuses: dict[int, int] = {}
         self._start = 0
         self._next: int | None = None
@@ -103,7 +103,7 @@ class LogWriter:
         self._trees += 1
         for path in self.paths:
             file = numbered_file(path, self._trees)
-            self._logs.append(_FORMATS.get(file.suffix, _SqliteLog)(file, event))
+            self._logs.append((_FileLog if file.suffix in (BTLOG, BAG) else _SqliteLog)(file, event))
             self.files.append(file)
 
     def _write_change(self, event: TransitionEvent) -> None:
@@ -142,38 +142,15 @@ class LogWriter:
             log.gap(reason)
 
 
-class _BtLog:
-    """A `.btlog` file. It has the same methods as `_SqliteLog`."""
+class _FileLog:
+    """A `.btlog` file or a bag. Transitions are kept until `flush`."""
 
     def __init__(self, path: Path, event: TreeEvent) -> None:
-        self._file = BtLogWriter(path, write_fulltree(event.tree), event.wall // NS_PER_US)
-        self._rows: list[tuple[int, int, int]] = []
-
-    def add(self, since: int, uid: int, previous: Status, status: Status) -> None:
-        self._rows.append((since, uid, status))
-
-    def gap(self, reason: str) -> None:
-        self.flush()
-        self._file.gap(reason)
-
-    def flush(self) -> None:
-        rows, self._rows = self._rows, []
-        if rows:
-            self._file.append(rows)
-
-    def close(self) -> None:
-        try:
-            self.flush()
-        finally:
-            self._file.close()
-
-
-class _Bag:
-    """A bag. It has the same methods as `_SqliteLog`."""
-
-    def __init__(self, path: Path, event: TreeEvent) -> None:
+        xml, start = write_fulltree(event.tree), event.wall // NS_PER_US
         names = {node.uid: node.name for node in event.tree.nodes}
-        self._file = BagWriter(path, write_fulltree(event.tree), names, event.wall // NS_PER_US)
+        self._file: BtLogWriter | BagWriter
+        is_bag = path.suffix == BAG
+        self._file = BagWriter(path, xml, names, start) if is_bag else BtLogWriter(path, xml, start)
         self._rows: list[tuple[int, int, Status, Status]] = []
 
     def add(self, since: int, uid: int, previous: Status, status: Status) -> None:
@@ -191,7 +168,8 @@ class _Bag:
     def close(self) -> None:
         try:
             self.flush()
-            self._file.finish()
+            if isinstance(self._file, BagWriter):
+                self._file.finish()
         finally:
             self._file.close()
 
@@ -223,9 +201,6 @@ class _SqliteLog:
         finally:
             self._file.close()
 
-
-_FORMATS: Final[Mapping[str, type[_BtLog | _SqliteLog | _Bag]]] = {BTLOG: _BtLog, BAG: _Bag}
-"""The logs by extension; SQLite has several extensions."""
 
 WRITE_ERRORS: Final = (OSError, sqlite3.Error)
 """The exceptions that are raised if a file becomes unwritable, for example because the disk is full."""

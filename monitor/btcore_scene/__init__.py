@@ -423,8 +423,8 @@ class SceneSource(Protocol):
     """
 
     def static_scene(self) -> StaticScene:
-        """Return the part of the scene that does not change."""
-        ...
+        """Return the part of the scene that does not change; by default, everything may change."""
+        return StaticScene()
 
     def moving_scene(self) -> MovingScene:
         """Return the part of the scene that moved or changed."""

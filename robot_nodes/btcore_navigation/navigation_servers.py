@@ -1,5 +1,6 @@
 """The protocol by which Nav2's tree nodes use a navigation: goals, requests, poses and topics."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
@@ -173,9 +174,13 @@ class NavigationServers(Protocol):
 
     def distance_to(self, place: Pose2D) -> float:
         """Return the robot's distance (m) from *place* in the frame map; inf if its pose is unknown."""
+        here = self.pose()
+        return math.inf if here is None else math.hypot(place.x - here.x, place.y - here.y)
 
     def remaining(self, path: NavPath) -> float:
         """Return the remaining length (m) of *path*; 0 if the robot's pose is unknown."""
+        here = self.pose()
+        return path.remaining(here.x, here.y) if here is not None else 0.0
 
     def odometry(self) -> Odometry | None:
         """Return the newest odometry, or None before the first message."""

@@ -20,7 +20,7 @@ from btcore_navigation.navigate_goal import (
     WaypointStatus,
 )
 from btcore_navigation.navigation_servers import AnyGoalHandle, NavigationServers
-from btcore_navigation.nodes.action_node import RECOVERIES, BtActionNode, BtServiceNode
+from btcore_navigation.nodes.action_node import RECOVERIES, ServerNode
 from btcore_navigation.nodes.decorators import GoalUpdater
 from btcore_navigation.path import NavPath, empty_path
 from btcore_navigation.planner import THROUGH_OFFSET, PlannerError
@@ -297,10 +297,8 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, tuple[WaypointStatu
             resources = [self.servers, *self._resources]
             tree = btcore.load(path, nodes=self._nodes, resources=resources, clock=self._clock)
             # No warning for a failure that a retry may resolve; the final reason is in the goal's result.
-            for action in tree.find(BtActionNode):
-                action.level = logging.INFO
-            for service in tree.find(BtServiceNode):
-                service.level = logging.INFO
+            for node in tree.find(ServerNode):
+                node.level = logging.INFO
             self._trees[path] = tree
         return self._trees[path]
 

@@ -1,6 +1,5 @@
 """The servers of a robot in this process, as a resource for Nav2's tree nodes."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, Protocol, cast
@@ -29,7 +28,6 @@ from btcore_navigation.navigation_servers import (
     PathCheck,
     ReinitializeLocalization,
 )
-from btcore_navigation.path import NavPath
 from btcore_navigation.planner import PlannerServer
 from btcore_navigation.smoother import SmootherServer
 from btcore_robot.robot import Odometry, Pose2D, Robot
@@ -125,11 +123,6 @@ class Servers(NavigationServers):
         """Return the robot's estimated pose in the frame map; None if unknown."""
         return self.localiser.pose()
 
-    def distance_to(self, place: Pose2D) -> float:
-        """Return the robot's distance (m) from *place* in the frame map; inf if its pose is unknown."""
-        here = self.pose()
-        return math.inf if here is None else math.hypot(place.x - here.x, place.y - here.y)
-
     def costmap(self, service: str) -> GlobalCostmap | LocalCostmap:
         """Return the costmap that a service belongs to.
 
@@ -138,11 +131,6 @@ class Servers(NavigationServers):
                 "local" belongs to the local costmap, every other name to the global costmap.
         """
         return self.local_costmap if "local" in service else self.global_costmap
-
-    def remaining(self, path: NavPath) -> float:
-        """Return the remaining length (m) of *path*; 0 if the robot's pose is unknown."""
-        here = self.pose()
-        return path.remaining(here.x, here.y) if here is not None else 0.0
 
     @property
     def by_action(self) -> dict[str, ActionServer[Any, Any, Any]]:

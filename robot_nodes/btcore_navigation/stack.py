@@ -139,53 +139,15 @@ class Navigation:
             allow_unknown=parameters.planner.allow_unknown,
             place_name=self._place_name,
         )
-        tree, local, behaviours = self.transforms, self.local_costmap, parameters.behaviours
-        sensors, radius = self.sensors, local_parameters.robot_radius
-        self.servers = Servers(
-            robot,
-            tree,
-            self.localiser,
-            self.global_costmap,
-            local,
-            PlannerServer(planner, self.estimate),
-            ControllerServer(
-                robot,
-                tree,
-                local,
-                parameters.controller,
-                hold=self.must_wait,
-                sensors=sensors,
-                robot_radius=radius,
-            ),
-            SpinBehaviour(robot, tree, local, behaviours, sensors, radius),
-            BackUpBehaviour(robot, tree, local, behaviours, sensors, radius),
-            DriveOnHeadingBehaviour(robot, tree, local, behaviours, sensors, radius),
-            WaitBehaviour(),
-            AssistedTeleopBehaviour(robot, tree, local, behaviours, sensors, radius),
-            SmootherServer(planner),
-            parameters.navigator.goal_reached_tol,
-        )
+        self.servers = self._create_servers(planner)
         self._outcomes: list[GoalOutcome] = []
         named = parameters.navigator
-        nodes = navigation_nodes(named.plugin_lib_names)
-
-        def navigator(file: str, default: str, through: bool) -> Navigator:
-            return Navigator(
-                self.servers,
-                _existing_tree(file, trees / TREES / default),
-                nodes,
-                clock=robot.clock,
-                resources=[robot],
-                through=through,
-                on_end=self._outcomes.append,
-                hold=self.goals_wait,
-                keep_waiting=self.keep_waiting,
-                check_goal=planner.check_goal,
-                slowest=_DETOUR_SPEED * min(parameters.controller.max_vel_x, robot.base_info.v_max),
-            )
-
-        self.navigate_to_pose = navigator(named.default_nav_to_pose_bt_xml, TO_POSE, False)
-        self.navigate_through_poses = navigator(named.default_nav_through_poses_bt_xml, THROUGH_POSES, True)
+        self._nodes = navigation_nodes(named.plugin_lib_names)
+        to_pose = _existing_tree(named.default_nav_to_pose_bt_xml, trees / TREES / TO_POSE)
+        through_poses = _existing_tree(named.default_nav_through_poses_bt_xml, trees / TREES / THROUGH_POSES)
+        self.navigate_to_pose = self._create_navigator(planner, to_pose, through=False)
+        self.navigate_through_poses = self._create_navigator(planner, through_poses, through=True)
+        # Navigators need the servers of the other actions, and their trees may use both navigators.
         self.servers.navigators = {
             "navigate_to_pose": self.navigate_to_pose,
             "navigate_through_poses": self.navigate_through_poses,
@@ -254,6 +216,52 @@ class Navigation:
         parameters = self.parameters.global_costmap
         track_unknown = parameters.track_unknown_space
         return GlobalCostmap(self.map, **costmap_arguments(parameters), track_unknown=track_unknown)
+
+    def _create_servers(self, planner: Planner) -> Servers:
+        """Create the servers of all actions but those of the navigators."""
+        robot, tree, costmap, parameters = self.robot, self.transforms, self.local_costmap, self.parameters
+        sensors, radius = self.sensors, parameters.local_costmap.robot_radius
+        motion = robot, tree, costmap, parameters.behaviours, sensors, radius
+        return Servers(
+            robot,
+            tree,
+            self.localiser,
+            self.global_costmap,
+            costmap,
+            PlannerServer(planner, self.estimate),
+            ControllerServer(
+                robot,
+                tree,
+                costmap,
+                parameters.controller,
+                hold=self.must_wait,
+                sensors=sensors,
+                robot_radius=radius,
+            ),
+            SpinBehaviour(*motion),
+            BackUpBehaviour(*motion),
+            DriveOnHeadingBehaviour(*motion),
+            WaitBehaviour(),
+            AssistedTeleopBehaviour(*motion),
+            SmootherServer(planner),
+            parameters.navigator.goal_reached_tol,
+        )
+
+    def _create_navigator(self, planner: Planner, tree: Path, *, through: bool) -> Navigator:
+        """Create a navigator with the default tree *tree*."""
+        return Navigator(
+            self.servers,
+            tree,
+            self._nodes,
+            clock=self.robot.clock,
+            resources=[self.robot],
+            through=through,
+            on_end=self._outcomes.append,
+            hold=self.goals_wait,
+            keep_waiting=self.keep_waiting,
+            check_goal=planner.check_goal,
+            slowest=_DETOUR_SPEED * min(self.parameters.controller.max_vel_x, self.robot.base_info.v_max),
+        )
 
     def must_wait(self) -> bool:
         """Return whether the robot has to stand because its pose is uncertain."""

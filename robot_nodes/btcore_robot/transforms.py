@@ -316,20 +316,14 @@ class FrameBroadcaster:
     Args:
         robot: The robot.
         tree: The transform tree.
-        odom: The name of the odometry frame.
-        base: The name of the frame of the base.
     """
 
     RATE = 50.0
     """The rate (Hz) at which `step` should run."""
 
-    def __init__(
-        self, robot: Robot, tree: TransformTree, odom: str = ODOM_FRAME, base: str = BASE_FRAME
-    ) -> None:
+    def __init__(self, robot: Robot, tree: TransformTree) -> None:
         self._robot = robot
         self._tree = tree
-        self._odom = odom
-        self._base = base
         self._wrote_fixed = False
 
     def step(self, now: int) -> None:
@@ -339,7 +333,7 @@ class FrameBroadcaster:
         """
         odometry = self._robot.odometry()
         base = Transform.from_pose(odometry.pose)
-        frame = TransformStamped(self._base, self._odom, base.position, base.quaternion, odometry.stamp)
+        frame = TransformStamped(BASE_FRAME, ODOM_FRAME, base.position, base.quaternion, odometry.stamp)
         self._tree.set(frame)
         moving = self._robot.moving_frames()
         for frame in moving:

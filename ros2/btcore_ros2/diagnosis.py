@@ -45,8 +45,9 @@ class Finding:
     remedy: str = ""
 
 
-def examine_machine(environment: Mapping[str, str] = os.environ) -> Iterator[Finding]:
+def examine_machine() -> Iterator[Finding]:
     """Yield the findings about the installation and the environment variables. ROS 2 is not imported."""
+    environment = os.environ
     installation = find_installation(environment)
     yield _check_installation(installation)
     yield Finding("ok", "Python", platform.python_version())

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from btcore import SystemClock
 from btcore.clock import NS_PER_S
-from btcore_robot.robot import Phase, RobotClock, Schedule
+from btcore_robot.robot import Phase, Robot, RobotClock, Schedule
 from btcore_robot.schedule import RealTimeSchedule
 from btcore_ros2.errors import RosError
 from btcore_ros2.installation import check_installation
@@ -36,7 +36,7 @@ SHORT_WAIT_NS = 50_000_000
 """The time (ns) for which `wait_for` drains every 0.1 ms, and then every ms."""
 
 DRAIN_RATE = 200.0
-"""The rate (Hz) of `drain` while the tree waits for its next tick."""
+"""The rate (Hz) of `drain` while a program waits on a clock."""
 
 MAX_DOMAIN = 232
 """The last domain of DDS. Those above 101 may share ports with other programs on Linux."""
@@ -203,6 +203,11 @@ class RosSession:
         finally:
             self._draining_thread = None
         self._drained = time.monotonic_ns()
+
+    def drain_during(self, robot: Robot) -> None:
+        """Drain while *robot* waits on its clock, if that is not the session's clock."""
+        if robot.clock is not self.clock:
+            robot.schedule.add_task(DRAIN_RATE, Phase.SENSORS, lambda now: self.drain())
 
     def refresh(self) -> None:
         """Drain unless that happened within the last millisecond. Leaves call it at each tick."""

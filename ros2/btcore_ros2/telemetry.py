@@ -33,6 +33,8 @@ MAX_WAITING: Final = 1000
 CLOSE_S: Final = 0.5
 """How long (s) `RosTelemetry.close` waits until subscribers have received the last messages."""
 
+_NAME: Final = "btcore_telemetry"
+
 _OK: Final = b"\0"
 _WARN: Final = b"\1"
 _ERROR: Final = b"\2"
@@ -56,7 +58,6 @@ class RosTelemetry(AttachedObserver):
         tree: The tree to watch.
         topics: What is published.
         arguments: Arguments of the ROS node in the form of `--ros-args`.
-        name: The name of the ROS node.
 
     Raises:
         RosError: ROS 2 or the package of a message is not installed, or a topic is unknown.
@@ -74,11 +75,10 @@ class RosTelemetry(AttachedObserver):
         topics: Collection[TelemetryTopic] = TOPICS,
         *,
         arguments: Sequence[str] = (),
-        name: str = "btcore_telemetry",
     ) -> None:
         check_topics(topics)
         super().__init__(tree)
-        self._session = RosSession(name, arguments=arguments)
+        self._session = RosSession(_NAME, arguments=arguments)
         self._publishers: list[Any] = []
         self._tasks: list[Callable[[], None]] = []
         self._stop = threading.Event()
@@ -92,7 +92,7 @@ class RosTelemetry(AttachedObserver):
             self._open_diagnostics()
         if "rosout" in topics:
             self._open_rosout()
-        self._thread = threading.Thread(target=self._publish, name=name, daemon=True)
+        self._thread = threading.Thread(target=self._publish, name=_NAME, daemon=True)
         self._thread.start()
         self.attach()
 

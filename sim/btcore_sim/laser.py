@@ -42,15 +42,15 @@ _UPRIGHT = 0.9999  # cosine of the greatest tilt (0.8°) at which an object is t
 class RayCaster:
     """Intersects horizontal rays with upright boxes, cylinders and prisms.
 
-    Each of the two arrays *boxes* and *rounds* (the cylinders) has a column for each object and eight rows: x
-    and y of the middle, half the length and half the width, cosine and sine of the yaw, lowest and highest z
-    (lengths in m). The array *sides* has a column for each side of the prisms and six rows: x and y of the
-    first and of the second point, lowest and highest z; the prism is on the left of the side.
+    Each of the two arrays *boxes* and *cylinders* has a column for each object and eight rows: x and y of the
+    middle, half the length and half the width, cosine and sine of the yaw, lowest and highest z (lengths in
+    m). The array *sides* has a column for each side of the prisms and six rows: x and y of the first and of
+    the second point, lowest and highest z; the prism is on the left of the side.
     """
 
-    def __init__(self, boxes: Floats, rounds: Floats, sides: Floats) -> None:
+    def __init__(self, boxes: Floats, cylinders: Floats, sides: Floats) -> None:
         self._boxes = boxes
-        self._rounds = rounds
+        self._cylinders = cylinders
         self._sides = sides
 
     @classmethod
@@ -82,11 +82,11 @@ class RayCaster:
             for side in item.sides():
                 ends = [(x + cos * px - sin * py, y + sin * px + cos * py) for px, py in side]
                 columns["prism"].append((*ends[0], *ends[1], z, z + high))
-        boxes, rounds, sides = (
+        boxes, cylinders, sides = (
             np.array(rows, dtype=np.float64).reshape(-1, count).T.copy()
             for rows, count in zip(columns.values(), (8, 8, 6), strict=True)
         )
-        return cls(boxes, rounds, sides)
+        return cls(boxes, cylinders, sides)
 
     def distances(self, x: float, y: float, z: float, angles: Floats) -> Floats:
         """Return the lengths of horizontal rays.
@@ -102,23 +102,25 @@ class RayCaster:
             an object.
         """
         distances = np.full(len(angles), np.inf)
-        ways = np.cos(angles), np.sin(angles)
-        boxes = self._boxes[:, (self._boxes[6] <= z) & (z <= self._boxes[7])]
-        if boxes.shape[1]:
-            _against_boxes(boxes, x, y, angles, ways, distances)
-        rounds = self._rounds[:, (self._rounds[6] <= z) & (z <= self._rounds[7])]
-        if rounds.shape[1]:
-            _against_rounds(rounds, x, y, angles, ways, distances)
-        sides = self._sides[:, (self._sides[4] <= z) & (z <= self._sides[5])]
-        if sides.shape[1]:
-            _against_sides(sides, x, y, angles, ways, distances)
+        directions = np.cos(angles), np.sin(angles)
+        for first_hits, objects in (
+            (_box_hits, self._boxes),
+            (_cylinder_hits, self._cylinders),
+            (_side_hits, self._sides),
+        ):
+            crossed = objects[:, (objects[-2] <= z) & (z <= objects[-1])]
+            if crossed.shape[1]:
+                rays, lengths = first_hits(crossed, x, y, angles, directions)
+                np.minimum.at(distances, rays, lengths)
         return distances
 
 
-def _against_boxes(
-    boxes: Floats, x: float, y: float, angles: Floats, ways: tuple[Floats, Floats], distances: Floats
-) -> None:
-    """Shorten *distances* to the nearest box; *ways* are the cosines and the sines of *angles*."""
+# The following functions return pairs of a ray (its index) and its length up to an object, inf without a hit.
+
+
+def _box_hits(
+    boxes: Floats, x: float, y: float, angles: Floats, directions: tuple[Floats, Floats]
+) -> tuple[NDArray[np.intp], Floats]:
     half_x, half_y, cos, sin = boxes[2], boxes[3], boxes[4], boxes[5]
     to_x, to_y = boxes[0] - x, boxes[1] - y
     # The bearings of the corners relative to the middle's bearing. The extremes bound the rays that can hit.
@@ -132,7 +134,7 @@ def _against_boxes(
     # Seen from outside, a convex outline covers less than half a turn around the bearing of its middle.
     low[inside], high[inside] = -math.pi, math.pi
     rays, objects = _pairs(np.arctan2(to_y, to_x) + low, high - low, angles)
-    dx, dy = ways[0][rays], ways[1][rays]
+    dx, dy = directions[0][rays], directions[1][rays]
     cos, sin = cos[objects], sin[objects]
     near, far = _slab(local_x[objects], cos * dx + sin * dy, half_x[objects])
     near_y, far_y = _slab(local_y[objects], cos * dy - sin * dx, half_y[objects])
@@ -140,49 +142,46 @@ def _against_boxes(
     np.minimum(far, far_y, out=far)
     np.maximum(near, 0.0, out=near)
     near[far < near] = np.inf
-    np.minimum.at(distances, rays, near)
+    return rays, near
 
 
-def _against_rounds(
-    rounds: Floats, x: float, y: float, angles: Floats, ways: tuple[Floats, Floats], distances: Floats
-) -> None:
-    """Shorten *distances* to the nearest cylinder; *ways* are the cosines and the sines of *angles*."""
-    to_x, to_y, radius = rounds[0] - x, rounds[1] - y, rounds[2]
+def _cylinder_hits(
+    cylinders: Floats, x: float, y: float, angles: Floats, directions: tuple[Floats, Floats]
+) -> tuple[NDArray[np.intp], Floats]:
+    to_x, to_y, radius = cylinders[0] - x, cylinders[1] - y, cylinders[2]
     distance = np.hypot(to_x, to_y)
     half = np.where(distance > radius, np.arcsin(radius / np.maximum(distance, radius)), math.pi)
     rays, objects = _pairs(np.arctan2(to_y, to_x) - half, 2.0 * half, angles)
-    dx, dy = ways[0][rays], ways[1][rays]
+    dx, dy = directions[0][rays], directions[1][rays]
     along = to_x[objects] * dx + to_y[objects] * dy
     across = to_x[objects] * dy - to_y[objects] * dx
     half_chord_squared = radius[objects] ** 2 - across**2
     half_chord = np.sqrt(np.maximum(half_chord_squared, 0.0))
     near = np.maximum(along - half_chord, 0.0)
     near[(half_chord_squared < 0.0) | (along + half_chord < 0.0)] = np.inf
-    np.minimum.at(distances, rays, near)
+    return rays, near
 
 
-def _against_sides(
-    sides: Floats, x: float, y: float, angles: Floats, ways: tuple[Floats, Floats], distances: Floats
-) -> None:
-    """Shorten *distances* to the nearest side of a prism; *ways* are the cosines and sines of *angles*."""
+def _side_hits(
+    sides: Floats, x: float, y: float, angles: Floats, directions: tuple[Floats, Floats]
+) -> tuple[NDArray[np.intp], Floats]:
     x0, y0, x1, y1 = sides[0] - x, sides[1] - y, sides[2] - x, sides[3] - y
     cross = x0 * y1 - y0 * x1
     # The winding number around the origin of the rays: each prism that contains the origin adds 1.
     up, down = (y0 <= 0.0) & (y1 > 0.0) & (cross > 0.0), (y0 > 0.0) & (y1 <= 0.0) & (cross < 0.0)
     if np.count_nonzero(up) > np.count_nonzero(down):
-        distances[:] = 0.0
-        return
+        return np.arange(len(angles)), np.zeros(len(angles))
     turn = np.arctan2(cross, x0 * x1 + y0 * y1)
     begin = np.arctan2(y0, x0) + np.minimum(turn, 0.0)
     rays, objects = _pairs(begin, np.abs(turn), angles)
-    dx, dy = ways[0][rays], ways[1][rays]
+    dx, dy = directions[0][rays], directions[1][rays]
     ex, ey = (x1 - x0)[objects], (y1 - y0)[objects]
     # The ray t·d meets the line through the side at t = (p × e) / (d × e). The angles already chose the rays.
     across = dx * ey - dy * ex
     near = np.full(len(rays), np.inf)
     np.divide(cross[objects], across, out=near, where=np.abs(across) > _PARALLEL)
     near[near < 0.0] = np.inf
-    np.minimum.at(distances, rays, near)
+    return rays, near
 
 
 def _pairs(start: Floats, width: Floats, angles: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -141,6 +141,7 @@ class WorldObject:
         """
         if self.kind == "prism":
             return float(self.distances(np.array(x), np.array(y)))
+        # Numbers instead of arrays: numpy takes 40 times as long for a single point.
         dx, dy = x - self.position[0], y - self.position[1]
         if self.kind == "cylinder":
             return max(0.0, math.hypot(dx, dy) - self.size[0] / 2)

@@ -8,9 +8,10 @@ from pathlib import Path
 import pytest
 
 import btcore
+from btcore.runs.live_state import LiveState
 from btcore_monitor.errors import MonitorError
 from btcore_monitor.keys import ClientKeys, RobotKeys, create_keys
-from btcore_monitor.live_extension import RobotConnection, RobotExtension, RobotState
+from btcore_monitor.live_extension import RobotConnection, RobotExtension
 from btcore_monitor.serve import serve
 from btcore_monitor.watch.address import AddressError
 
@@ -39,7 +40,7 @@ def connection(tree: btcore.Tree) -> Iterator[RobotConnection]:
         yield connection
 
 
-def until(connection: RobotConnection, holds: Callable[[RobotState], object]) -> RobotState:
+def until(connection: RobotConnection, holds: Callable[[LiveState], object]) -> LiveState:
     for _ in range(200):
         state = connection.poll(0.05)
         if holds(state):

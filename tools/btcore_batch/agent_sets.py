@@ -60,7 +60,7 @@ class AgentSets:
         self._last, self._last_mask = agents, mask
         return mask
 
-    def from_mask(self, mask: Mask) -> int:
+    def from_mask(self, mask: Mask) -> AgentSet:
         """Return the set of the agents for which *mask*, an array of bools, is True."""
         return int.from_bytes(np.packbits(mask, None, "little").tobytes(), "little")
 
@@ -68,7 +68,7 @@ class AgentSets:
         """Return the indices of the set *agents*, ascending."""
         return np.flatnonzero(self.mask(agents))
 
-    def from_user_mask(self, mask: object) -> int:
+    def from_user_mask(self, mask: object) -> AgentSet:
         """Return the set of the agents that a user's *mask* selects; None selects all agents.
 
         Raises:
@@ -93,7 +93,7 @@ class Counters:
     """
 
     def __init__(self) -> None:
-        self.planes: list[int] = []
+        self.planes: list[AgentSet] = []
 
     def add(self, agents: AgentSet) -> None:
         """Increment the counts of *agents*."""
@@ -115,7 +115,7 @@ class Counters:
         while planes and not planes[-1]:
             planes.pop()
 
-    def below(self, limit: int, agents: AgentSet) -> int:
+    def below(self, limit: int, agents: AgentSet) -> AgentSet:
         """Return those of *agents* whose count is less than *limit*."""
         if limit <= 0:
             return 0
@@ -130,7 +130,7 @@ class Counters:
                 same ^= same & plane
         return less
 
-    def equal(self, number: int, agents: AgentSet) -> int:
+    def equal(self, number: int, agents: AgentSet) -> AgentSet:
         """Return those of *agents* whose count is *number*."""
         if number.bit_length() > len(self.planes):
             return 0
@@ -170,7 +170,7 @@ class UnaryCounters:
             if not agents:
                 return
 
-    def at_least(self, number: int) -> int:
+    def at_least(self, number: int) -> AgentSet:
         """Return the agents whose count is *number* or more; -1 (all bits set, all agents) for 0 or less."""
         return -1 if number <= 0 else self.levels[number - 1] if number <= len(self.levels) else 0
 
@@ -210,7 +210,7 @@ class Timer:
         self.waiting |= agents
         self.wake_ups |= agents
 
-    def due(self, agents: AgentSet, now: int) -> int:
+    def due(self, agents: AgentSet, now: int) -> AgentSet:
         """Return those of *agents* that wait for a deadline which has passed at *now* (ns)."""
         return self._past(agents & self.waiting, now)
 
@@ -223,13 +223,13 @@ class Timer:
         """Cancel the deadlines of *agents*, but not the wake-ups."""
         self.waiting ^= self.waiting & agents
 
-    def take_due_wake_ups(self, now: int) -> int:
+    def take_due_wake_ups(self, now: int) -> AgentSet:
         """Return the agents whose wake-up is due at *now* (ns), and remove their wake-ups."""
         due = self._past(self.wake_ups, now)
         self.wake_ups ^= due
         return due
 
-    def _past(self, agents: AgentSet, now: int) -> int:
+    def _past(self, agents: AgentSet, now: int) -> AgentSet:
         if not agents or now < self._first:
             return 0
         return self.agent_sets.from_mask(self._deadlines <= now) & agents

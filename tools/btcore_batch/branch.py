@@ -136,15 +136,15 @@ class Switch(BatchNode):
             results = merge_results(results, child_results)
         return results
 
-    def _chosen(self, agents: AgentSet) -> list[int]:
+    def _chosen(self, agents: AgentSet) -> list[AgentSet]:
         """Return, for each child, those of *agents* for which it is chosen."""
         chosen = [0] * len(self.children)
-        groups: list[tuple[tuple[Any, ...], int]] = [((), agents)]
+        groups: list[tuple[tuple[Any, ...], AgentSet]] = [((), agents)]
         for port in (self.variable, *self.cases):
             groups = [
                 ((*values, value), subgroup)
                 for values, group in groups
-                for value, subgroup in port.groups_or(group, None)
+                for value, subgroup in port.groups(group, None)
             ]
         for values, group in groups:
             index = self._choices.get(values)

@@ -139,7 +139,7 @@ class Column:
         """The declared type."""
         return self.entry.declared
 
-    def integers_among(self, agents: AgentSet) -> int:
+    def integers_among(self, agents: AgentSet) -> AgentSet:
         """Return those of *agents* whose number counts as an integer."""
         if self.values is not None and self.values.dtype == np.int64:
             return agents

@@ -14,9 +14,6 @@ from btcore_batch.columns import ColumnTable
 class NodeLike(Protocol):
     """The interface of `BatchNode`, for modules that cannot import node.py because it imports them."""
 
-    path: str
-    id: str
-    where: str
     config: NodeConfig
     board: Blackboard
     context: "BatchContext"
@@ -45,7 +42,7 @@ class BatchContext:
         self.columns = columns
         self.resources = resources
         self.raised = 0
-        self.errors: dict[tuple[str, str, type, str], tuple[NodeExecutionError, int]] = {}
+        self.errors: dict[tuple[str, str, type, str], tuple[NodeExecutionError, AgentSet]] = {}
         self.woken = 0
         self.timers: list[Timer] = []
 
@@ -62,20 +59,21 @@ class BatchContext:
         if not agents:
             return
         self.raised |= agents
-        key = node.path, doing, type(cause), str(cause)
+        config = node.config
+        key = config.path, doing, type(cause), str(cause)
         known = self.errors.get(key)
         if known is not None:
             self.errors[key] = known[0], known[1] | agents
             return
-        error = NodeExecutionError(node.path, node.id, cause, doing, node.where)
+        error = NodeExecutionError(config.path, config.id, cause, doing, config.where)
         error.__cause__ = cause
         place: NodeLike | None = node
         while place is not None:
-            error.backtrace.insert(0, place.path)
+            error.backtrace.insert(0, place.config.path)
             place = place.parent
         self.errors[key] = error, agents
 
-    def take_wake_ups(self, agents: AgentSet) -> int:
+    def take_wake_ups(self, agents: AgentSet) -> AgentSet:
         """Return those of *agents* that a node or a due timer has woken, and remove their wake-ups."""
         now = self.clock.now()
         for timer in self.timers:

@@ -201,7 +201,7 @@ def _is_of(value_type: ValueType, value: BatchValue, agents: AgentSet) -> bool:
     )
 
 
-def _reject_other_types(column: Column, objects: Values, agents: AgentSet, fail: FailureCallback) -> int:
+def _reject_other_types(column: Column, objects: Values, agents: AgentSet, fail: FailureCallback) -> AgentSet:
     """Return those of *agents* whose value is of the column's type; call *fail* for the others."""
     declared = column.declared
     for index in column.agent_sets.indices(agents):

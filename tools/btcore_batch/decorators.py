@@ -96,7 +96,7 @@ class RunOnce(BatchDecorator):
         completed = agents & (self._succeeded | self._failed)
         if completed:
             # A port that cannot be read counts as true, as in the ordinary engine.
-            for skips, group in self.then_skip.groups_or(completed, True):
+            for skips, group in self.then_skip.groups(completed, True):
                 if skips is False:
                     success |= group & self._succeeded
                     failure |= group & self._failed
@@ -171,7 +171,7 @@ class RepeatedNode(BatchDecorator):
             (done, stopped, running, skipped) if continues_on_success else (stopped, done, running, skipped)
         )
 
-    def _read_limits(self, agents: AgentSet) -> int:
+    def _read_limits(self, agents: AgentSet) -> AgentSet:
         """Read the limits. Return those of *agents* that have a limit."""
         if self.limit.is_literal:
             self._limits = self.limit.literal
@@ -185,7 +185,7 @@ class RepeatedNode(BatchDecorator):
     def _update_limits(self, agents: AgentSet) -> None:
         """Read the limits of *agents* again after the child has completed. The default does nothing."""
 
-    def _below_limit(self, agents: AgentSet) -> int:
+    def _below_limit(self, agents: AgentSet) -> AgentSet:
         """Return those of *agents* whose count is below the limit."""
         if not agents:
             return 0
@@ -215,6 +215,6 @@ class RetryUntilSuccessful(RepeatedNode):
 
     def _update_limits(self, agents: AgentSet) -> None:
         if not self.limit.is_literal:
-            for limit, group in self.limit.groups_or(agents, None):
+            for limit, group in self.limit.groups(agents, None):
                 if limit is not None:
                     np.copyto(self._limits, limit, where=self.context.agent_sets.mask(group))

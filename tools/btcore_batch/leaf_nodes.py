@@ -205,29 +205,26 @@ class StatefulNode(LeafNode):
         results: Results = (self.success & agents, self.failure & agents, 0, 0)
         starting = agents ^ stored
         if starting:
-            results = merge_results(results, self._call(self.instance.on_start, starting))
+            returned = self._call(self.instance.on_start, starting)
+            results = merge_results(results, self.results(returned, starting))
         if going:
-            results = merge_results(results, self._call(self.instance.on_running, going))
+            returned = self._call(self.instance.on_running, going)
+            results = merge_results(results, self.results(returned, going))
         return results
 
-    def _call(self, method: Callable[[Mask], object], agents: AgentSet) -> Results:
+    def _call(self, method: Callable[[Mask], object], agents: AgentSet, doing: str = "ticking") -> object:
+        """Return the result of *method*. It is None if *method* raised; `results` adds no second error."""
         for port in self._ports:
             port.agents = agents
         try:
-            returned = method(self.context.agent_sets.mask(agents))
+            return method(self.context.agent_sets.mask(agents))
         except Exception as error:
-            self.context.fail(self, agents, error)
-            return NO_RESULTS
-        return self.results(returned, agents)
+            self.context.fail(self, agents, error, doing)
+            return None
 
     def halt(self, agents: AgentSet) -> None:
         """Call `on_halted` for the agents for which the node is RUNNING, and store IDLE."""
         running = self.running & agents
         if running:
-            for port in self._ports:
-                port.agents = running
-            try:
-                self.instance.on_halted(self.context.agent_sets.mask(running))
-            except Exception as error:
-                self.context.fail(self, running, error, "being halted")
+            self._call(self.instance.on_halted, running, "being halted")
         self.reset(agents)

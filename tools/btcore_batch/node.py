@@ -15,12 +15,11 @@ from btcore.diagnostics import Diagnostic
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import TreeError
-from btcore.status import NodeType
 from btcore_batch.agent_sets import AgentSet
 from btcore_batch.context import BatchContext, NodeLike
 from btcore_batch.script import BatchProgram
 
-Results: TypeAlias = tuple[int, int, int, int]
+Results: TypeAlias = tuple[AgentSet, AgentSet, AgentSet, AgentSet]
 """The sets of the agents with the results SUCCESS, FAILURE, RUNNING and SKIPPED, in this order.
 
 Agents for which a node has raised an exception are in no set.
@@ -60,8 +59,6 @@ class BatchNode:
         id: The ID of the node's class.
         uid: The number of the node in the tree, from 1.
         path: The path of the node.
-        where: The file and line of the node in the XML.
-        type: The type of the node.
         parent: The parent, or None for the root.
         conditions: The pre- and postconditions, or None without any.
     """
@@ -75,8 +72,6 @@ class BatchNode:
         self.id = config.id
         self.uid = config.uid
         self.path = config.path
-        self.where = config.where
-        self.type: NodeType = node.spec.node_type
         self.parent: NodeLike | None = None
         self.context = context
         self.board = context.columns.scopes[id(node._blackboard)]
@@ -127,7 +122,7 @@ class BatchNode:
         self.store(results[0], results[1], results[2])
         return results
 
-    def store(self, success: int, failure: int, running: AgentSet) -> None:
+    def store(self, success: AgentSet, failure: AgentSet, running: AgentSet) -> None:
         """Store the results of a tick. The statuses of agents in none of the sets do not change.
 
         Args:
@@ -152,11 +147,11 @@ class BatchNode:
         if self.failure:
             self.failure ^= self.failure & agents
 
-    def not_idle(self, agents: AgentSet) -> int:
+    def not_idle(self, agents: AgentSet) -> AgentSet:
         """Return those of *agents* for which the node is not IDLE."""
         return agents & (self.running | self.success | self.failure)
 
-    def drop_failed(self, agents: AgentSet) -> int:
+    def drop_failed(self, agents: AgentSet) -> AgentSet:
         """Return those of *agents* for which no node has raised in this tick."""
         raised = self.context.raised
         return agents ^ (agents & raised) if raised else agents
@@ -215,7 +210,7 @@ class BatchDecorator(BatchNode):
 
 
 def status_array(
-    context: BatchContext, success: int, failure: int, running: AgentSet, skipped: AgentSet
+    context: BatchContext, success: AgentSet, failure: AgentSet, running: AgentSet, skipped: AgentSet
 ) -> NDArray[np.uint8]:
     """Return the status of each agent as an integer, shape (agents,); IDLE for agents in no set."""
     agent_sets = context.agent_sets
@@ -255,7 +250,9 @@ class BatchConditions:
         self.run_postconditions(node, success, failure)
         return success, failure, running, skipped
 
-    def check_preconditions(self, node: BatchNode, agents: AgentSet) -> tuple[int, int, int, int]:
+    def check_preconditions(
+        self, node: BatchNode, agents: AgentSet
+    ) -> tuple[AgentSet, AgentSet, AgentSet, AgentSet]:
         """Return the agents with SUCCESS, FAILURE and SKIPPED due to a pre-condition, and those to tick."""
         success = failure = skipped = 0
         idle = agents ^ node.not_idle(agents)
@@ -280,7 +277,7 @@ class BatchConditions:
                     skipped |= node.drop_failed(stopped)
         return success, failure, skipped, remaining | idle
 
-    def run_postconditions(self, node: BatchNode, success: int, failure: int) -> None:
+    def run_postconditions(self, node: BatchNode, success: AgentSet, failure: AgentSet) -> None:
         """Run `_onSuccess`, `_onFailure` and `_post` for the agents with these results."""
         if success and self.on_success is not None:
             self.on_success.run(success)

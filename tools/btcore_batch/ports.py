@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from btcore.blackboard.ports import Port
+from btcore.blackboard.ports import UNSET, Port
 from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeError
 from btcore.values import ANY, DOUBLE
 from btcore_batch.agent_sets import AgentSet
@@ -53,12 +53,9 @@ class BatchInput:
         """Whether all agents always have the same value."""
         return self.slot is None and self.error is None
 
-    def available(self, agents: AgentSet) -> AgentSet:
-        """Return those of *agents* that have a value; record an error for the others."""
-        return self._available(agents, self._report)
-
-    def _available(self, agents: AgentSet, fail: FailureCallback) -> AgentSet:
-        """Return those of *agents* that have a value; call *fail* for the others."""
+    def available(self, agents: AgentSet, fail: FailureCallback | None = None) -> AgentSet:
+        """Return those of *agents* that have a value; call *fail* for the others, or record an error."""
+        fail = fail or self._record
         if self.error is not None:
             fail(agents, self.error)
             return 0
@@ -75,18 +72,15 @@ class BatchInput:
                 fail(absent, BlackboardError(f"{reads} is not on the blackboard"))
         return written
 
-    def _report(self, agents: AgentSet, error: BtcoreError) -> None:
+    def _record(self, agents: AgentSet, error: BtcoreError) -> None:
         self.context.fail(self.node, agents, error)
 
-    def read(self, agents: AgentSet) -> Values:
+    def read(self, agents: AgentSet, fail: FailureCallback | None = None) -> Values:
         """Return the values of *agents*, which all have a value, in a read-only array of shape (agents,).
 
-        For agents whose value cannot be converted, an error is recorded. Use `drop_failed` afterwards.
+        For agents whose value cannot be converted, *fail* is called. By default an error is recorded:
+        use `drop_failed` afterwards.
         """
-        return self._read(agents, self._report)
-
-    def _read(self, agents: AgentSet, fail: FailureCallback) -> Values:
-        """Return the values of *agents*; call *fail* for agents whose value cannot be converted."""
         if self.slot is None:
             if self._constant is None:
                 single = np.empty((), dtype_of(self.type))
@@ -103,7 +97,7 @@ class BatchInput:
 
         def fail_to_convert(agents: AgentSet, error: BtcoreError) -> None:
             message = f"port [{self.name}] reads {{{key}}} as {self.type.name}: {error}"
-            fail(agents, ConversionError(message))
+            (fail or self._record)(agents, ConversionError(message))
 
         return read_column(column, self.type, agents, fail_to_convert)
 
@@ -114,41 +108,31 @@ class BatchInput:
             return self.read(agents)
         return np.zeros(self.context.agent_sets.count, dtype_of(self.type))
 
-    def groups(self, agents: AgentSet) -> list[tuple[Any, AgentSet]]:
-        """Return the distinct values, each with its agents; record an error for agents without a value."""
-        groups, failures = self._groups(agents)
-        for failed, error in failures:
-            self._report(failed, error)
-        return groups
+    def groups(self, agents: AgentSet, default: Any = UNSET) -> list[tuple[Any, AgentSet]]:
+        """Return the distinct values, each with its agents.
 
-    def groups_or(self, agents: AgentSet, default: Any) -> list[tuple[Any, AgentSet]]:
-        """Return the distinct values, each with its agents; agents without a value have *default*."""
-        groups, failures = self._groups(agents)
-        without_value = 0
-        for failed, _ in failures:
-            without_value |= failed
-        return [*groups, (default, without_value)] if without_value else groups
-
-    def _groups(
-        self, agents: AgentSet
-    ) -> tuple[list[tuple[Any, AgentSet]], list[tuple[AgentSet, BtcoreError]]]:
-        """Return the distinct values, each with its agents, and the errors of agents without a value."""
+        Agents without a value have *default*; without a default, an error is recorded for them.
+        """
         if self.is_literal:
-            return [(self.literal, agents)], []
-        failures: list[tuple[AgentSet, BtcoreError]] = []
+            return [(self.literal, agents)]
+        groups: list[tuple[Any, AgentSet]] = []
+        without_value: AgentSet = 0
 
         def fail(agents: AgentSet, error: BtcoreError) -> None:
-            failures.append((agents, error))
+            nonlocal without_value
+            without_value |= agents
+            if default is UNSET:
+                self._record(agents, error)
 
-        agents = self._available(agents, fail)
+        if available := self.available(agents, fail):
+            values = self.read(available, fail)
+            groups = self._distinct(values, available ^ (available & without_value))
+        return groups if default is UNSET or not without_value else [*groups, (default, without_value)]
+
+    def _distinct(self, values: Values, agents: AgentSet) -> list[tuple[Any, AgentSet]]:
         if not agents:
-            return [], failures
+            return []
         agent_sets = self.context.agent_sets
-        values = self._read(agents, fail)
-        for failed, _ in failures:
-            agents ^= agents & failed
-        if not agents:
-            return [], failures
         selected = values[agent_sets.mask(agents)]
         if values.dtype == object:
             # np.unique() sorts, but objects of different types cannot be compared.
@@ -156,12 +140,11 @@ class BatchInput:
         else:
             distinct = np.unique(selected).tolist()
         if len(distinct) == 1:
-            return [(distinct[0], agents)], failures
-        groups = [
+            return [(distinct[0], agents)]
+        return [
             (value, agent_sets.from_mask(np.equal(values, value).astype(np.bool_)) & agents)
             for value in distinct
         ]
-        return groups, failures
 
 
 class BatchOutput:

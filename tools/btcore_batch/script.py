@@ -66,7 +66,7 @@ class ScriptRun:
         self.failed |= agents
         self.context.fail(self.node, agents, error, self.doing)
 
-    def drop_failed(self, agents: AgentSet) -> int:
+    def drop_failed(self, agents: AgentSet) -> AgentSet:
         """Return those of *agents* for which the evaluation has not failed."""
         return agents ^ (agents & self.failed) if self.failed else agents
 
@@ -574,13 +574,13 @@ class BatchProgram:
         # manager that suppresses the warnings takes time, and scripts that only compare do not need it.
         self._is_quiet = not any(map(_computes, expressions))
 
-    def run(self, agents: AgentSet, doing: str = "ticking") -> int:
+    def run(self, agents: AgentSet, doing: str = "ticking") -> AgentSet:
         """Evaluate all statements for *agents*; return the agents for which none has failed."""
         run = ScriptRun(self.node, doing)
         self._evaluate(run, agents)
         return run.drop_failed(agents)
 
-    def split(self, agents: AgentSet) -> tuple[int, int]:
+    def split(self, agents: AgentSet) -> tuple[AgentSet, AgentSet]:
         """Return those of *agents* for which the last statement is true, and those for which it is false."""
         run = ScriptRun(self.node, "ticking")
         value = self._evaluate(run, agents)
@@ -607,7 +607,7 @@ class BatchProgram:
         return value
 
 
-def select_true(run: ScriptRun, value: BatchValue, agents: AgentSet) -> int:
+def select_true(run: ScriptRun, value: BatchValue, agents: AgentSet) -> AgentSet:
     """Return those of *agents* for which *value*, the result of a condition, is true.
 
     If the value of an agent is neither true nor false, an error is recorded for this agent.

@@ -19,20 +19,22 @@ class OrderedNode(BatchNode):
 
     def __init__(self, node: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(node, context, children)
+        # The children that are ticked in order.
+        self._steps = children
         # For each child, the agents for which it is next. For agents in no set, the first child is next.
-        self._next = [0] * len(children)
+        self._next: list[AgentSet] = [0] * len(children)
         self._skips = Counters()
 
     def tick(self, agents: AgentSet) -> Results:
         """Tick each agent's next child, and the children after it."""
         ended = running = 0
         continues_on_success, is_async = self.continues_on_success, self.is_async
-        children, next_child = self.children, self._next
+        children, next_child = self._steps, self._next
         count = len(children)
         if self._skips.planes:
             self._skips.clear(agents ^ self.not_idle(agents))
         self.set_running(agents)
-        waiting: list[tuple[int, int]] = []
+        waiting: list[tuple[int, AgentSet]] = []
         # Agents whose next child is not the first enter the loop at their next child.
         active = agents
         for index in range(1, count):
@@ -80,7 +82,7 @@ class OrderedNode(BatchNode):
             return completed, ended, running, skipped
         return ended, completed, running, skipped
 
-    def _remember(self, index: int, ticked: int, continues: int, running: AgentSet) -> None:
+    def _remember(self, index: int, ticked: AgentSet, continues: AgentSet, running: AgentSet) -> None:
         """Make the child *index* the next child of the agents that stay at it."""
         if index:
             self._next[index] |= running
@@ -131,7 +133,7 @@ class SequenceWithMemory(OrderedNode):
 
     is_async = True
 
-    def _remember(self, index: int, ticked: int, continues: int, running: AgentSet) -> None:
+    def _remember(self, index: int, ticked: AgentSet, continues: AgentSet, running: AgentSet) -> None:
         if index:
             self._next[index] |= ticked ^ (ticked & continues)
 
@@ -197,55 +199,28 @@ class TryCatch(OrderedNode):
     def __init__(self, node: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(node, context, children)
         self.catch_on_halt = BatchInput(self, "catch_on_halt")
+        self._steps = children[:-1]
         self._catching = 0
 
     def tick(self, agents: AgentSet) -> Results:
         """Tick each agent's next child and the children after it, or the handler."""
-        children, next_child = self.children, self._next
-        if len(children) < 2:
+        if not self._steps:
             error = NodeError("<TryCatch> takes at least one child to try and a handler")
             self.context.fail(self, agents, error)
             return NO_RESULTS
-        idle = agents ^ self.not_idle(agents)
-        self._skips.clear(idle)
-        self._catching ^= self._catching & idle
-        self.set_running(agents)
-        last = len(children) - 1
-        running = 0
-        active = agents ^ (agents & self._catching)
-        for index in range(1, last):
-            active ^= active & next_child[index]
-        for index in range(last):
-            if index:
-                starts_here = next_child[index] & agents
-                active |= starts_here
-                next_child[index] ^= starts_here
-            if not active:
-                continue
-            success, failure, runs, skipped = children[index].execute(active)
-            running |= runs
-            if index:
-                next_child[index] |= runs
-            if failure:
-                self._catching |= failure
-                self.reset_children(failure)
-            if skipped:
-                self._skips.add(skipped)
-            active = success | skipped
-        skipped = self._skips.equal(last, active) if active else 0
-        if active:
-            self._forget(active)
-            self.reset_children(active)
+        self._catching ^= self._catching & (agents ^ self.not_idle(agents))
+        success, failed, running, skipped = super().tick(agents ^ (agents & self._catching))
+        self._catching |= failed
         failure = 0
         catching = self.drop_failed(self._catching & agents)
         if catching:
             # The node fails, whatever the result of the handler is.
-            handled = children[last].execute(catching)
+            handled = self.children[-1].execute(catching)
             running |= handled[2]
             failure = handled[0] | handled[1] | handled[3]
             self._catching ^= self._catching & failure
             self.reset_children(failure)
-        return active ^ skipped, failure, running, skipped
+        return success, failure, running, skipped
 
     def _forget(self, agents: AgentSet) -> None:
         super()._forget(agents)
@@ -253,15 +228,15 @@ class TryCatch(OrderedNode):
 
     def halt(self, agents: AgentSet) -> None:
         """Halt the children, after a single tick of the handler if `catch_on_halt` is true."""
-        last = len(self.children) - 1
         interrupted = self.not_idle(agents)
         interrupted ^= interrupted & self._catching
-        if interrupted and last > 0:
-            for catches, group in self.catch_on_halt.groups_or(interrupted, False):
+        if interrupted and self._steps:
+            handler = self.children[-1]
+            for catches, group in self.catch_on_halt.groups(interrupted, False):
                 if catches is True:
-                    for child in self.children[:last]:
+                    for child in self._steps:
                         child.reset_by_parent(group)
-                    running = self.children[last].execute(group)[2]
+                    running = handler.execute(group)[2]
                     if running:
-                        self.children[last].reset_by_parent(running)
+                        handler.reset_by_parent(running)
         super().halt(agents)

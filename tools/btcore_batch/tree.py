@@ -14,7 +14,7 @@ from btcore.diagnostics import Diagnostic
 from btcore.engine.leaf import StatefulAction
 from btcore.engine.node import TreeNode
 from btcore.errors import BtcoreError, ConversionError, NodeExecutionError, TreeError
-from btcore.loading.load import load, loads
+from btcore.loading.load import load, loads, registry_or_standard
 from btcore.nodes.builtin_nodes import BUILTIN_NODES
 from btcore.registry.registry import Registry
 from btcore.status import RUNNING
@@ -168,7 +168,7 @@ class BatchTree:
     def __init__(
         self,
         tree: Tree,
-        agents: AgentSet,
+        agents: int,
         leaves: Sequence[Any] = (),
         resources: Sequence[object] = (),
         clock: Clock | None = None,
@@ -195,7 +195,7 @@ class BatchTree:
     def load(
         cls,
         path: str | PathLike[str],
-        agents: AgentSet,
+        agents: int,
         leaves: Sequence[Any] = (),
         *,
         nodes: Registry | None = None,
@@ -234,7 +234,7 @@ class BatchTree:
     def loads(
         cls,
         text: str,
-        agents: AgentSet,
+        agents: int,
         leaves: Sequence[Any] = (),
         *,
         nodes: Registry | None = None,
@@ -421,7 +421,7 @@ def _prepare(
     The registry contains an ordinary class for each leaf. The blackboard contains the values of the first
     agent.
     """
-    registry = nodes.copy() if nodes is not None else Registry.standard()
+    registry = registry_or_standard(nodes).copy()
     declarations = read_declarations(leaves, registry.types)
     for leaf in declarations:
         if leaf.id in registry:

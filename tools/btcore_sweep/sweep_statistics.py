@@ -117,8 +117,8 @@ def rate(rows: Sequence[Row]) -> SuccessRate:
     return SuccessRate(len(rows), good, *wilson(good, len(rows)))
 
 
-def wilson(good: int, count: int, confidence: float = CONFIDENCE) -> tuple[float, float]:
-    """Return Wilson's score interval for the probability of a success.
+def wilson(good: int, count: int) -> tuple[float, float]:
+    """Return Wilson's score interval for the probability of a success, at the level `CONFIDENCE`.
 
     E. B. Wilson, "Probable inference, the law of succession, and statistical inference", JASA 22 (1927). The
     interval is also valid for few episodes, and for rates of 0 and 1, where the normal approximation has a
@@ -127,14 +127,13 @@ def wilson(good: int, count: int, confidence: float = CONFIDENCE) -> tuple[float
     Args:
         good: The number of successes.
         count: The number of episodes.
-        confidence: The confidence level, between 0 and 1.
 
     Returns:
         The lower and the upper end of the interval.
     """
     if count == 0:
         return 0.0, 1.0
-    z = NormalDist().inv_cdf(0.5 + confidence / 2)
+    z = NormalDist().inv_cdf(0.5 + CONFIDENCE / 2)
     share, weight = good / count, z * z / count
     middle = (share + weight / 2) / (1 + weight)
     half = z / (1 + weight) * math.sqrt(share * (1 - share) / count + weight / (4 * count))

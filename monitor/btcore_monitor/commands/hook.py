@@ -25,9 +25,6 @@ if TYPE_CHECKING:
 _CHECK_INTERVAL_S: Final = 0.1
 """Time (s) between two checks whether to stop."""
 
-_OPTIONS: Final = ("--wait", "--key-file", "--robot-key")
-"""The options of the group, which may precede or follow ADDRESS. Each has a value."""
-
 _TIMEOUT_NOTICE: Final = (
     "the robot disables its hooks after 5 s without a further command that sets or releases hooks"
 )
@@ -38,8 +35,8 @@ class HookGroup(click.Group):
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Parse the arguments, and insert the default address if a command is in its place."""
-        options, rest = _take_options(args)
-        more, after = _take_options(rest[1:])  # options may follow the address, too
+        options, rest = self._take_options(args)
+        more, after = self._take_options(rest[1:])  # options may follow the address, too
         args = [*options, *more, *rest[:1], *after]
         # The index of the first argument after the options and their values.
         at = len(options) + len(more)
@@ -51,13 +48,13 @@ class HookGroup(click.Group):
             args = [*args[:at], DEFAULT_ADDRESS, *args[at:]]
         return super().parse_args(ctx, args)
 
-
-def _take_options(args: list[str]) -> tuple[list[str], list[str]]:
-    """Split *args* after the options of the group, and their values, at its beginning."""
-    at = 0
-    while at < len(args) and args[at].partition("=")[0] in _OPTIONS:
-        at += 1 if "=" in args[at] else 2
-    return args[:at], args[at:]
+    def _take_options(self, args: list[str]) -> tuple[list[str], list[str]]:
+        """Split *args* after the options of the group, which all have values, at its beginning."""
+        names = {name for option in self.params for name in option.opts}
+        at = 0
+        while at < len(args) and args[at].partition("=")[0] in names:
+            at += 1 if "=" in args[at] else 2
+        return args[:at], args[at:]
 
 
 class _Connection(NamedTuple):

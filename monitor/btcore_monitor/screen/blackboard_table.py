@@ -30,16 +30,18 @@ Boards = Mapping[str, Mapping[str, Any]]
 class BlackboardTable:
     """The blackboards as a table: first the running subtrees, from the innermost to the main tree.
 
-    Each entry has the time of its last change, and the entries that changed last are bold. *note* is a text
-    above the table, for data that the robot does not send.
+    Each entry has the time of its last change, and the entries that changed last are bold.
+
+    Attributes:
+        note: A text above the table, about data that the robot does not send.
     """
 
-    def __init__(self, rows: RowBuffer, tree: ObservedTree, palette: Palette, note: str = "") -> None:
+    def __init__(self, rows: RowBuffer, tree: ObservedTree, palette: Palette) -> None:
         self._rows = rows
         self._series: Series[str] = rows.create_series(BLACKBOARD, create_markdown_columns)
         self._history: Series[tuple[str, str, int]] = rows.create_series(HISTORY, create_log_columns)
         self._colour = int(palette.text)
-        self.note = note
+        self.note = ""
         self.has_entries = False
         """Whether a blackboard with entries has been shown."""
         entries = [

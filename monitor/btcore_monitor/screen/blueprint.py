@@ -40,7 +40,6 @@ MAX_WHOLE_SPAN_NS: Final = 60_000_000_000
 """Longest run (ns) that lanes and curves show as a whole."""
 _MIN_SPAN_NS: Final = 2_000_000_000
 _TRAIL_S: Final = 120.0
-_LEAVES_TITLE: Final = "Leaves"
 _SPEED_TITLE: Final = "Speed [m/s, rad/s]"
 _CLOSE_UP_POSITION: Final = (1.35, -1.5, 1.75)
 _CLOSE_UP_TARGET: Final = (0.0, 0.0, 0.5)
@@ -145,9 +144,13 @@ def create_layout(pane: Pane, name: str | None = None) -> rrb.Container:
             name=name,
         )
     lane_view = rrb.Tabs(create_lanes_view(pane), counts)
-    words = [create_now_view(pane), *_create_table_views(pane)]
-    narrow = 0.42 if len(words) > 1 else 0.32
-    texts = rrb.Horizontal(_stack_views(words), create_log_view(pane), column_shares=[narrow, 1.0 - narrow])
+    words: list[rrb.View | rrb.Container] = [create_now_view(pane), *_create_leaves_views(pane)]
+    if tables := _create_blackboard_views(pane):
+        words.append(rrb.Tabs(*tables))
+    narrow, shares = ((0.32, [1.0]), (0.42, [0.46, 0.54]), (0.42, [0.24, 0.4, 0.36]))[len(words) - 1]
+    texts = rrb.Horizontal(
+        rrb.Vertical(*words, row_shares=shares), create_log_view(pane), column_shares=[narrow, 1.0 - narrow]
+    )
     beside = rrb.Vertical(texts, rrb.Horizontal(*ticks), row_shares=[0.68, 0.32]) if ticks else texts
     return rrb.Vertical(
         create_tree_views(pane),
@@ -219,31 +222,19 @@ def create_now_view(pane: Pane) -> rrb.View:
     return rrb.TextDocumentView(origin=pane.entity_path(panels.NOW), name="Now")
 
 
-def _create_table_views(pane: Pane) -> list[rrb.View]:
-    """Return the views of the leaves of a recording, and of the blackboard if there are entries."""
-    tabs: list[rrb.View] = []
-    if leaf_table.LEAVES in pane.filled_panels:
-        tabs.append(rrb.TextDocumentView(origin=pane.entity_path(leaf_table.LEAVES), name=_LEAVES_TITLE))
-    if blackboard_table.BLACKBOARD in pane.filled_panels:
-        tabs.append(
-            rrb.TextDocumentView(origin=pane.entity_path(blackboard_table.BLACKBOARD), name="Blackboard")
-        )
-        tabs.append(_create_text_log_view(pane, blackboard_table.HISTORY, "History"))
-    return tabs
+def _create_leaves_views(pane: Pane) -> list[rrb.View]:
+    """Return the view of the leaves of a recording, if there is a recording."""
+    if leaf_table.LEAVES not in pane.filled_panels:
+        return []
+    return [rrb.TextDocumentView(origin=pane.entity_path(leaf_table.LEAVES), name="Leaves")]
 
 
-def _stack_views(views: Sequence[rrb.View]) -> rrb.View | rrb.Container:
-    """Return the first view above tabs with the others. The view of leaves has its own place between them."""
-    first, *tabs = views
-    if not tabs:
-        return first
-    rows: list[rrb.View | rrb.Container] = [first]
-    shares = [0.46, 0.54]
-    if tabs[0].name == _LEAVES_TITLE and len(tabs) > 1:
-        rows.append(tabs.pop(0))
-        shares = [0.24, 0.4, 0.36]
-    rows.append(tabs[0] if len(tabs) == 1 else rrb.Tabs(*tabs))
-    return rrb.Vertical(*rows, row_shares=shares)
+def _create_blackboard_views(pane: Pane) -> list[rrb.View]:
+    """Return the views of the blackboard and of its history, if there are entries."""
+    if blackboard_table.BLACKBOARD not in pane.filled_panels:
+        return []
+    table = rrb.TextDocumentView(origin=pane.entity_path(blackboard_table.BLACKBOARD), name="Blackboard")
+    return [table, _create_text_log_view(pane, blackboard_table.HISTORY, "History")]
 
 
 def create_log_view(pane: Pane) -> rrb.View:
@@ -289,7 +280,7 @@ def _create_robot_views(pane: Pane, eye: Eye) -> rrb.Container:
     now: rrb.View | rrb.Container = create_now_view(pane)
     if eye.has_navigation:
         now = rrb.Tabs(now, rrb.TextDocumentView(origin=pane.entity_path(scene_view.COLOURS), name="Colours"))
-    tables = _create_table_views(pane)
+    tables = [*_create_leaves_views(pane), *_create_blackboard_views(pane)]
     texts: rrb.View | rrb.Container = (
         rrb.Tabs(create_log_view(pane), *tables) if tables else create_log_view(pane)
     )

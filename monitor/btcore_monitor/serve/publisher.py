@@ -111,20 +111,14 @@ class Publisher(Closeable):
         with self._clients_changed:
             return self._clients_changed.wait_for(lambda: self._client_count == 0, timeout)
 
-    def replace_tree(self, tree: Tree, resources: Sequence[object] | None = None) -> None:
+    def replace_tree(self, tree: Tree) -> None:
         """Publish *tree* instead of the previous tree. Only the tick thread may call this method.
 
         Ports and connections stay. Clients first get the queued messages of the previous tree, then the new
         tree.
-
-        Args:
-            tree: The new tree.
-            resources: Objects of the robot, as for `serve`; by default those of the previous tree.
         """
         if self._has_ended:
             return
-        if resources is not None:
-            self._resources = resources
         new_tree = PublishedTree(
             tree, self._resources, self._sockets, self._max_heartbeat_delay, self._ticking_tree
         )

@@ -44,11 +44,6 @@ from btcore_monitor.wire.fulltree import read_fulltree
 
 __all__ = ["Feed"]
 
-RUN_CHANNEL_WAIT_S: Final = 0.7
-"""Time (s, wall clock) to wait for the run channel of a robot that replies to Groot's requests.
-
-Robots of earlier versions have a run channel, but do not announce it."""
-
 ANNOUNCED_RUN_CHANNEL_WAIT_S: Final = 20.0
 """Time (s, wall clock) to wait for the run channel of a robot that announces it.
 
@@ -143,7 +138,6 @@ class Feed(Closeable):
         # In the state GROOT1, and in the state ANNOUNCED of a robot that replies as Groot 1, which receives
         # updates until then; otherwise None.
         self._groot1_feed: Groot1Feed | None = None
-        self._groot1_events: list[Event] = []
         self._events: list[Event] = []  # that `poll` has not returned yet
         self._stopped = threading.Event()
         self._connection_state: ConnectionState | None = None
@@ -229,7 +223,7 @@ class Feed(Closeable):
             if self._state is _State.ANNOUNCED and waited >= ANNOUNCED_RUN_CHANNEL_WAIT_S:
                 self._abandon_run_channel()
             if self._state is _State.GROOT1:
-                self._read_groot1(now)
+                self._read_groot1()
             elif self._state is not _State.ANNOUNCED:
                 self._read_groot2(now)
 
@@ -318,15 +312,12 @@ class Feed(Closeable):
         return _State.GROOT2 if self._groot1_feed is None else _State.GROOT1
 
     def _read_groot2(self, now: float) -> None:
-        """Send requests of Groot 2, and add their events only after the run channel had time to connect."""
+        """Send requests of Groot 2, and add their events."""
         if self._state is _State.SEARCHING and self._groot2_feed.tree is not None:
             self._end_search(self._groot2_feed.tree.xml, now)
             return
-        # At least a round trip: over a slow network the run channel needs longer than RUN_CHANNEL_WAIT_S.
-        wait = max(RUN_CHANNEL_WAIT_S, self._groot2_client.round_trip)
-        is_too_early = self._state is _State.SEARCHING or now - self._groot_replied_at < wait
         try:
-            sampled = self._groot2_feed.step(tree_only=is_too_early)
+            sampled = self._groot2_feed.step(tree_only=self._state is _State.SEARCHING)
         except Groot1DetectedError as detected:
             self._groot2_feed.reset()
             self._groot1_feed = Groot1Feed(self.address, MAX_REPLY_TIMEOUT_S, self._keys)
@@ -346,31 +337,28 @@ class Feed(Closeable):
             self._report_connection("connected", f"{self.address}, by Groot 2's protocol{self._groot_reason}")
         self._events.extend(sampled)
 
-    def _read_groot1(self, now: float) -> None:
-        """Read updates of Groot 1, and add their events only after the run channel had time to connect."""
+    def _read_groot1(self) -> None:
+        """Read updates of Groot 1, and add their events."""
         feed = self._groot1_feed
         assert feed is not None
         try:
-            self._groot1_events += feed.step()
+            sampled = feed.step()
         except NoReplyError as error:
+            sampled = []
             if self._connection_state == "connected":
                 self._report_connection("lost", str(error))
         except ProtocolError as error:
             self._change_state(_State.SEARCHING)
             self._report_connection("lost", str(error))
             return
-        if now - self._groot_replied_at < RUN_CHANNEL_WAIT_S:
-            return
-        if self._groot1_events or feed.is_back:
+        if sampled or feed.is_back:
             self._report_connection("connected", f"{feed}{self._groot_reason}")
-        self._events += self._groot1_events
-        self._groot1_events = []
+        self._events += sampled
 
     def _close_groot1(self) -> None:
         if self._groot1_feed is not None:
             self._groot1_feed.close()
             self._groot1_feed = None
-            self._groot1_events = []
 
     def _wait(self, seconds: float) -> None:
         poller = zmq.Poller()

@@ -53,8 +53,6 @@ class RequestClient(Closeable):
         self._handshakes = Handshakes(address, keys)
         self.timeout = timeout
         self.max_timeout = max_timeout
-        self.round_trip = 0.0
-        """Seconds that the latest reply took."""
         self._min_timeout = timeout
         self._requested_at = 0.0
         self.is_reply_pending = False
@@ -111,9 +109,9 @@ class RequestClient(Closeable):
                 self.timeout = min(self.max_timeout, 2 * timeout)
             raise NoReplyError(f"no answer from {self.address} in {timeout:.3g} s") from None
         self.is_reply_pending = False
-        self.round_trip = time.monotonic() - self._requested_at
         if self.max_timeout:
-            self.timeout = min(self.max_timeout, max(self._min_timeout, 4 * self.round_trip))
+            round_trip = time.monotonic() - self._requested_at
+            self.timeout = min(self.max_timeout, max(self._min_timeout, 4 * round_trip))
         return frames
 
     def wait(self, seconds: float) -> None:

@@ -5,8 +5,9 @@ import math
 from pathlib import Path
 from typing import Annotated, Protocol, runtime_checkable
 
-from btcore import FAILURE, RUNNING, SUCCESS, In, NodeSpec, Out, StatefulAction, Status, SyncAction
+from btcore import FAILURE, RUNNING, SUCCESS, In, NodeSpec, Out, Status, SyncAction
 from btcore_navigation.action import GoalHandle, GoalStatus
+from btcore_navigation.leaves.goal_leaf import GoalLeaf
 from btcore_robot.robot import Pose2D, Robot
 
 LOOKING_TIME_NS = 1_000_000_000
@@ -75,7 +76,7 @@ class MapFile:
         self.saved = False
 
 
-class Explore(StatefulAction):
+class Explore(GoalLeaf):
     """Drives to all borders of the known floor, one after another: RUNNING, then SUCCESS if none is left.
 
     Goals that cannot be reached, or from which no unknown area becomes visible, are excluded. FAILURE when a
@@ -88,8 +89,6 @@ class Explore(StatefulAction):
         Out[Pose2D | None], "The robot's pose when the exploration began, in the frame map: the way back."
     ] = None
 
-    spec = NodeSpec(state_fields=None)  # the goal and its handle belong to the navigator
-
     @staticmethod
     def metadata() -> dict[str, str]:
         """Return that *start* is written while the node is RUNNING, for proofs.
@@ -101,7 +100,6 @@ class Explore(StatefulAction):
     def __init__(self, explorer: Explorer, robot: Robot) -> None:
         self.explorer = explorer
         self.clock = robot.clock
-        self.handle: GoalHandle[object, object, object] | None = None
         self.last_check = 0
         self.waits_since: int | None = None
         self.arrived: int | None = None
@@ -150,12 +148,6 @@ class Explore(StatefulAction):
             self.explorer.exclude_goal()
         self.failed_goal = self.goal
         return self.send_next_goal()
-
-    def on_halted(self) -> None:
-        """Cancel the drive."""
-        if self.handle is not None:
-            self.handle.cancel()
-            self.handle = None
 
     def send_next_goal(self) -> Status:
         """Send the next goal, or return SUCCESS if there is no goal left."""

@@ -3,8 +3,9 @@
 import logging
 from typing import Annotated, Protocol, runtime_checkable
 
-from btcore import FAILURE, RUNNING, SUCCESS, In, NodeSpec, Out, StatefulAction, Status
+from btcore import FAILURE, RUNNING, SUCCESS, In, NodeSpec, Out, Status
 from btcore_navigation.action import GoalHandle, GoalStatus
+from btcore_navigation.leaves.goal_leaf import GoalLeaf
 from btcore_robot.robot import Pose2D, Robot
 
 SERVER_TIMEOUT_NS = 1_000_000_000
@@ -21,7 +22,7 @@ class PoseNavigator(Protocol):
         """Send a goal in the frame `map`; it replaces a goal that is still running."""
 
 
-class Move(StatefulAction):
+class Move(GoalLeaf):
     """Navigates to *goal*: RUNNING on the way, SUCCESS on arrival, FAILURE when navigation gives up.
 
     A halt cancels the goal. If another client cancels the goal, the result is SUCCESS, as in the book
@@ -32,7 +33,7 @@ class Move(StatefulAction):
     error_code: Annotated[Out[int | None], "Nav2's error code; 0 when there was no error."] = None
     error: Annotated[Out[str | None], "The error message; empty when there was no error."] = None
 
-    spec = NodeSpec(state_fields=None, may_complete_on_start=False)
+    spec = NodeSpec(may_complete_on_start=False)
 
     @staticmethod
     def metadata() -> dict[str, str]:
@@ -42,8 +43,6 @@ class Move(StatefulAction):
     def __init__(self, navigator: PoseNavigator, robot: Robot) -> None:
         self.navigator = navigator
         self.clock = robot.clock
-        self.handle: GoalHandle[object, object, object] | None = None
-        self.sent = 0
 
     def on_start(self) -> Status:
         """Send the goal."""
@@ -72,12 +71,6 @@ class Move(StatefulAction):
             )
         self.write_outputs(0, "")
         return SUCCESS
-
-    def on_halted(self) -> None:
-        """Cancel the goal."""
-        if self.handle is not None:
-            self.handle.cancel()
-            self.handle = None
 
     def fail(self, code: int, message: str) -> Status:
         """Log the error, write it to the output ports, and return FAILURE.

@@ -28,7 +28,7 @@ from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import LaserScan, Pose2D, Robot, TransformStamped
 from btcore_robot.time_limits import MAP_TRANSFORM_VALIDITY_S, MAX_ODOMETRY_AGE_S, is_stale
 from btcore_robot.transform_filter import TransformFilter
-from btcore_robot.transforms import TransformTree
+from btcore_robot.transforms import BASE_FRAME, MAP_FRAME, ODOM_FRAME, TransformTree
 
 __all__ = ["Mapper"]
 
@@ -83,7 +83,6 @@ class Mapper:
         start: The initial pose of the base in the frame `map`; the origin if omitted.
         resolution: The side (m) of a map cell.
         keepout: Rectangles that are added to the map because the laser cannot detect them.
-        frames: The names of the map, odometry and base frames.
         odometry_limit: The age (s) from which on the odometry has an outage.
 
     Attributes:
@@ -100,13 +99,11 @@ class Mapper:
         start: Pose2D | None = None,
         resolution: float = 0.05,
         keepout: tuple[Rectangle, ...] = (),
-        frames: tuple[str, str, str] = ("map", "odom", "base_footprint"),
         odometry_limit: float = MAX_ODOMETRY_AGE_S,
     ) -> None:
         self._robot = robot
         self._tree = tree
-        self._frames = frames
-        self._scans = TransformFilter[LaserScan](tree, frames[1])
+        self._scans = TransformFilter[LaserScan](tree, ODOM_FRAME)
         self._start = pose_to_row(start) if start is not None else np.zeros(3)
         self._grid = LogOddsGrid(resolution, robot.base_info.radius, keepout)
         self._loop_detector = LoopClosureDetector()
@@ -183,9 +180,8 @@ class Mapper:
             self._resumed_at = self._resumed_at or (newest.stamp, newest.pose)
             if scan.stamp < self._resumed_at[0]:
                 return  # taken during the outage: its pose by odometry is not known
-        _, odom, base = self._frames
-        odometry = self._tree.lookup(odom, base, scan.stamp).to_pose()
-        laser = self._tree.lookup(base, scan.frame, scan.stamp)
+        odometry = self._tree.lookup(ODOM_FRAME, BASE_FRAME, scan.stamp).to_pose()
+        laser = self._tree.lookup(BASE_FRAME, scan.frame, scan.stamp)
         self.stamp = scan.stamp
         if self._interrupted:
             self._resume(LocalisedScan(scan, laser, odometry))
@@ -324,7 +320,8 @@ class Mapper:
     def _publish_transform(self) -> None:
         if self.graph is None:
             return
-        map, odom, _ = self._frames
         transform = self.map_to_odom
-        stamped = TransformStamped(odom, map, transform.position, transform.quaternion, self.stamp)
+        stamped = TransformStamped(
+            ODOM_FRAME, MAP_FRAME, transform.position, transform.quaternion, self.stamp
+        )
         self._tree.set(stamped, holds=round(MAP_TRANSFORM_VALIDITY_S * NS_PER_S))

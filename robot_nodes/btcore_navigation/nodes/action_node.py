@@ -11,7 +11,6 @@ from btcore import (
     In,
     NodeSpec,
     Out,
-    StatefulAction,
     Status,
     SyncAction,
 )
@@ -19,6 +18,7 @@ from btcore.clock import NS_PER_MS
 from btcore.engine.node import read_clock
 from btcore_navigation.action import GoalStatus
 from btcore_navigation.error_codes import Nav2ErrorCode
+from btcore_navigation.leaves.goal_leaf import GoalLeaf
 from btcore_navigation.navigation_servers import AnyGoalHandle, NavigationServers
 from btcore_navigation.nodes.port_access import OPTIONAL, optional_input, write_outputs
 
@@ -51,12 +51,44 @@ class ServersAction(SyncAction):
         self.servers = servers
 
 
-class BtActionNode(StatefulAction):
+class ServerNode(GoalLeaf):
+    """Base of the nodes that wait for a server. The reason of a failure is logged once, until it changes.
+
+    Attributes:
+        level: The level at which failures are logged.
+        logged: The reason that was logged last.
+    """
+
+    spec = NodeSpec(uses=frozenset())
+
+    level = logging.WARNING
+    logged = ""
+
+    def __init__(self, servers: NavigationServers) -> None:
+        self.servers = servers
+
+    def has_timed_out(self, handle: AnyGoalHandle) -> bool:
+        """Return whether the server's time to accept the goal of *handle*, or to answer it, is over.
+
+        The time is at least `MIN_ACCEPTANCE_MS`: servers step less often here than Nav2's threads do,
+        acceptance over ROS 2 takes Python some time, and Nav2's default of 20 ms would fail.
+        """
+        timeout = optional_input(self, "server_timeout")
+        timeout_ms = max(MIN_ACCEPTANCE_MS, int(timeout) if isinstance(timeout, int | float) else 0)
+        return self.has_passed(self.sent + timeout_ms * NS_PER_MS + handle.discovery_ns + 1)
+
+    def log_failure(self, message: str) -> None:
+        """Log *message* if it is not empty, and differs from the previous message."""
+        if message and message != self.logged:
+            log.log(self.level, "%s: %s", self.config.path, message)
+        self.logged = message
+
+
+class BtActionNode(ServerNode):
     """Sends a goal to a server: RUNNING while the server works, then SUCCESS or FAILURE.
 
     A halt cancels the goal. A goal that was cancelled elsewhere (by a Cancel node or by a newer goal)
-    is a SUCCESS. The reason of a failure is logged once, until the reason changes. A subclass provides
-    `action` and `make_goal`.
+    is a SUCCESS. A subclass provides `action` and `make_goal`.
     """
 
     action: ClassVar[str] = ""
@@ -66,17 +98,6 @@ class BtActionNode(StatefulAction):
     server_timeout: ServerTimeout = 20
     error_code_id: ErrorCode = OPTIONAL
     error_msg: ErrorMsg = OPTIONAL
-
-    handle: AnyGoalHandle | None = None
-    sent = 0
-    level = logging.WARNING
-    """The level at which failures are logged."""
-    logged = ""
-
-    spec = NodeSpec(state_fields=None, uses=frozenset())  # the goal and its handle belong to the server
-
-    def __init__(self, servers: NavigationServers) -> None:
-        self.servers = servers
 
     def make_goal(self) -> object:
         """Return the goal to send."""
@@ -100,7 +121,7 @@ class BtActionNode(StatefulAction):
             return FAILURE
         if not handle.poll():
             # UNKNOWN: the server has not accepted the goal yet.
-            if handle.status is GoalStatus.UNKNOWN and self.acceptance_timed_out():
+            if handle.status is GoalStatus.UNKNOWN and self.has_timed_out(handle):
                 handle.cancel()
                 self.handle = None
                 code = int(Nav2ErrorCode.SEND_GOAL_FAILURE)
@@ -118,12 +139,6 @@ class BtActionNode(StatefulAction):
         self.on_completion(handle)
         return FAILURE if handle.status is GoalStatus.ABORTED else SUCCESS
 
-    def on_halted(self) -> None:
-        """Cancel the goal."""
-        if self.handle is not None:
-            self.handle.cancel()
-            self.handle = None
-
     def send(self, goal: object) -> AnyGoalHandle:
         """Send *goal* in place of the present goal, which is not cancelled, and return its handle."""
         self.sent = read_clock(self)
@@ -131,42 +146,25 @@ class BtActionNode(StatefulAction):
         return self.handle
 
     def report(self, code: int, message: str) -> None:
-        """Write the connected error ports, and log the message if it differs from the previous message.
+        """Write the connected error ports, and log the message.
 
         Args:
             code: Nav2's error code; 0 without an error.
             message: The error message. An empty message is not logged.
         """
         write_outputs(self, error_code_id=code, error_msg=message)
-        if message and message != self.logged:
-            log.log(self.level, "%s: %s", self.config.path, message)
-        self.logged = message
-
-    def acceptance_timed_out(self) -> bool:
-        """Return whether the server's time to accept the goal is over."""
-        discovery_ns = self.handle.discovery_ns if self.handle is not None else 0
-        return self.has_passed(self.sent + server_timeout_ns(self) + discovery_ns + 1)
+        self.log_failure(message)
 
 
-class BtServiceNode(StatefulAction):
+class BtServiceNode(ServerNode):
     """Sends a request to a service: RUNNING until the response arrives, then SUCCESS or FAILURE.
 
-    Navigation in this process answers at once. A halt ignores the response. A subclass provides `send`; the
-    reason of a failure is logged once, until the reason changes.
+    Navigation in this process answers at once. A halt ignores the response. A subclass provides `send`.
     """
 
     server_timeout: ServiceTimeout = 20
 
-    spec = NodeSpec(state_fields=None, uses=frozenset(), may_complete_on_start=True)
-
-    handle: AnyGoalHandle | None = None
-    sent = 0
-    level = logging.WARNING
-    """The level at which failures are logged."""
-    logged = ""
-
-    def __init__(self, servers: NavigationServers) -> None:
-        self.servers = servers
+    spec = NodeSpec(may_complete_on_start=True)
 
     def send(self) -> AnyGoalHandle:
         """Send the request and return its handle."""
@@ -195,7 +193,7 @@ class BtServiceNode(StatefulAction):
         if handle is None:
             return FAILURE
         if not handle.poll():
-            if not self.has_passed(self.sent + server_timeout_ns(self) + handle.discovery_ns + 1):
+            if not self.has_timed_out(handle):
                 return RUNNING
             handle.cancel()
             return self.fail(handle.missing_acceptance)
@@ -206,31 +204,12 @@ class BtServiceNode(StatefulAction):
         value = handle.result.value if handle.result is not None else None
         return SUCCESS if self.on_response(value) else FAILURE
 
-    def on_halted(self) -> None:
-        """Ignore the response."""
-        if self.handle is not None:
-            self.handle.cancel()
-            self.handle = None
-
     def fail(self, message: str) -> Status:
-        """Log *message* if it differs from the previous message, and return FAILURE."""
+        """Log *message*, and return FAILURE."""
         self.handle = None
-        if message and message != self.logged:
-            log.log(self.level, "%s: %s", self.config.path, message)
-        self.logged = message
+        self.log_failure(message)
         self.on_failure()
         return FAILURE
-
-
-def server_timeout_ns(node: BtActionNode | BtServiceNode) -> int:
-    """Return the time (ns) that a server has to accept a goal or to answer a request.
-
-    It is at least `MIN_ACCEPTANCE_MS`: servers step less often here than Nav2's threads do, acceptance over
-    ROS 2 takes Python some time, and Nav2's default of 20 ms would fail.
-    """
-    timeout = optional_input(node, "server_timeout")
-    timeout_ms = max(MIN_ACCEPTANCE_MS, int(timeout) if isinstance(timeout, int | float) else 0)
-    return timeout_ms * NS_PER_MS
 
 
 def count_recovery(board: Blackboard) -> None:

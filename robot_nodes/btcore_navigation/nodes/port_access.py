@@ -30,15 +30,9 @@ def is_first_tick(node: TreeNode) -> bool:
 def optional_input(node: TreeNode, port: str) -> object:
     """Return the value of an input port, or None if the port is omitted or its blackboard entry is empty.
 
-    Args:
-        node: The node with the port.
-        port: The name of the port.
-
     Raises:
-        ConversionError: The value does not convert to the type of the port.
+        ConversionError: The value does not convert to the type of the port, also in the functions below.
     """
-    if port not in node.config.inputs:
-        return None
     try:
         return node.get_input(port)
     except (BlackboardError, NodeError):
@@ -46,57 +40,25 @@ def optional_input(node: TreeNode, port: str) -> object:
 
 
 def path_input(node: TreeNode, port: str) -> NavPath | None:
-    """Return the path of an input port, or None if the path is missing or empty.
-
-    Args:
-        node: The node with the port.
-        port: The name of the port.
-
-    Raises:
-        ConversionError: The value does not convert to the type of the port.
-    """
+    """Return the path of an input port, or None if the path is missing or empty."""
     value = optional_input(node, port)
     return value if isinstance(value, NavPath) and len(value) else None
 
 
 def pose_input(node: TreeNode, port: str) -> Pose2D | None:
-    """Return the pose of an input port, or None if the pose is missing.
-
-    Args:
-        node: The node with the port.
-        port: The name of the port.
-
-    Raises:
-        ConversionError: The value does not convert to the type of the port.
-    """
+    """Return the pose of an input port, or None if the pose is missing."""
     value = optional_input(node, port)
     return value if isinstance(value, Pose2D) else None
 
 
 def poses_input(node: TreeNode, port: str) -> tuple[Pose2D, ...]:
-    """Return the poses of an input port, or an empty tuple if the poses are missing.
-
-    Args:
-        node: The node with the port.
-        port: The name of the port.
-
-    Raises:
-        ConversionError: The value does not convert to the type of the port.
-    """
+    """Return the poses of an input port, or an empty tuple if the poses are missing."""
     value = optional_input(node, port)
     return tuple(value) if isinstance(value, list | tuple) else ()
 
 
 def plugin_input(node: TreeNode, port: str) -> str:
-    """Return the plug-in name of an input port, or "" if there is none, for example before a selector ran.
-
-    Args:
-        node: The node with the port.
-        port: The name of the port.
-
-    Raises:
-        ConversionError: The value does not convert to the type of the port.
-    """
+    """Return the plug-in name of an input port, or "" if there is none, for example before a selector ran."""
     value = optional_input(node, port)
     return value if isinstance(value, str) else ""
 
@@ -125,7 +87,7 @@ def write_outputs(node: TreeNode, **outputs: object) -> None:
 def path_port(description: str, direction: Direction = Direction.IN) -> "staticmethod[[], list[Port]]":
     """Return the static method `provided_ports` of a node with a port named `path`.
 
-    A node cannot declare this port by an annotation: `TreeNode.path` is the node's own path in the tree.
+    mypy rejects an annotation of this name, because `TreeNode.path` is a str: the node's path in the tree.
 
     Args:
         description: The description of the port.

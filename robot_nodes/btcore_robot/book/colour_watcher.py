@@ -11,7 +11,7 @@ from btcore_robot.components.component import Component, ComponentContext
 from btcore_robot.errors import RobotError
 from btcore_robot.perception.colour import ColourRange, Detection, Detections, debug_image, detect_each
 from btcore_robot.robot import Robot
-from btcore_scene import MovingScene, Picture, StaticScene
+from btcore_scene import MovingScene, Picture, SceneSource
 
 CAMERA = "head_front_camera"
 """The name of the camera image in the scene."""
@@ -19,7 +19,7 @@ PERIOD_S = 1.0
 """The period (s) of the reports."""
 
 
-class ColourWatcher(Component):
+class ColourWatcher(Component, SceneSource):
     """A component that logs, once a second, the last objects published on the topic `detection`.
 
     Args:
@@ -63,10 +63,6 @@ class ColourWatcher(Component):
         """Return the camera image and the detections in it."""
         assert self.context.robot is not None
         return camera_scene(self.context.robot, self.last.objects if self.last is not None else ())
-
-    def static_scene(self) -> StaticScene:
-        """Return an empty scene: everything moves."""
-        return StaticScene()
 
     def results(self) -> Mapping[str, object]:
         """Return the number of images with a detection."""

@@ -12,7 +12,7 @@ from btcore_robot.book.trail import scan_points_in
 from btcore_robot.components.component import Component, ComponentContext
 from btcore_robot.components.messages import Arrow, Arrows
 from btcore_robot.robot import Phase, Pose2D
-from btcore_scene import MovingScene, StaticScene
+from btcore_scene import MovingScene, SceneSource
 
 REACH = 2.0
 """The distance (m) from the robot that the picture covers on each side."""
@@ -20,7 +20,7 @@ FRAME = "base_footprint"
 _NAMES = {0: "repulsive", 1: "result", 2: "attractive"}
 
 
-class ForceWatcher(Component):
+class ForceWatcher(Component, SceneSource):
     """A component that stores the forces, published as arrows on `vff_debug`, at the strongest repulsion."""
 
     def __init__(self, context: ComponentContext) -> None:
@@ -65,10 +65,6 @@ class ForceWatcher(Component):
     def moving_scene(self) -> MovingScene:
         """Return the forces as arrows."""
         return MovingScene(arrows=[scene_arrow(arrow, _NAMES[arrow.number]) for arrow in self.arrows])
-
-    def static_scene(self) -> StaticScene:
-        """Return an empty scene: everything moves."""
-        return StaticScene()
 
     def _record_nearest(self, now: int) -> None:
         assert self.context.robot is not None

@@ -10,13 +10,13 @@ from btcore_robot.components.component import Component, ComponentContext
 from btcore_robot.control.head_tracker import BOOK_TUNING, REACTIVE, HeadTracker, command_from_detection
 from btcore_robot.errors import RobotError
 from btcore_robot.perception.colour import debug_image
-from btcore_scene import MovingScene, StaticScene
+from btcore_scene import MovingScene, SceneSource
 
 PERIOD_S = 1.0
 """The period (s) of the reports."""
 
 
-class HeadWatcher(Component):
+class HeadWatcher(Component, SceneSource):
     """A component that runs a head tracker, turns the base at *turn* (rad/s), and logs the head's position.
 
     *reactive* selects the tuning `REACTIVE` of the tracker.
@@ -57,10 +57,6 @@ class HeadWatcher(Component):
         """Return the image of the head's camera, and the detected object in it."""
         detection = self.tracker.detection
         return camera_scene(self.robot, [] if detection is None else [detection])
-
-    def static_scene(self) -> StaticScene:
-        """Return an empty scene: everything moves."""
-        return StaticScene()
 
     def results(self) -> Mapping[str, object]:
         """Return the number of images with a detection, and the position of the head (rad)."""

@@ -12,14 +12,14 @@ from btcore_robot.components.messages import Arrow, Arrows
 from btcore_robot.perception.obstacle_detector import OBSTACLE_FRAME
 from btcore_robot.robot import Twist2D
 from btcore_robot.transforms import TransformError
-from btcore_scene import MovingScene, StaticScene
+from btcore_scene import MovingScene, SceneSource
 
 _KEY_VEL = "/key_vel"
 OBSTACLES = (205, 50, 40)
 TRAIL = (46, 130, 80)
 
 
-class ObstacleWatcher(Component):
+class ObstacleWatcher(Component, SceneSource):
     """A component that drives at *v* (m/s) and *w* (rad/s), and records where the obstacle is in `odom`."""
 
     def __init__(self, context: ComponentContext, v: float, w: float) -> None:
@@ -68,7 +68,3 @@ class ObstacleWatcher(Component):
     def moving_scene(self) -> MovingScene:
         """Return the arrow to the obstacle."""
         return MovingScene(arrows=[scene_arrow(arrow, OBSTACLE_FRAME) for arrow in self.arrows])
-
-    def static_scene(self) -> StaticScene:
-        """Return an empty scene: everything moves."""
-        return StaticScene()

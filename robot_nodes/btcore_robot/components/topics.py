@@ -16,14 +16,12 @@ class TopicError(RobotError):
 class Subscription(Generic[Message]):
     """A queue of at most *depth* messages for a callback. When it is full, the oldest message is dropped.
 
-    *wake* is called when a message arrives. *lost* is the number of dropped messages.
-
-    Args:
-        owner: The name of the component, for error messages.
+    *wake* is called when a message arrives.
 
     Attributes:
         topic: The topic.
         callback: The function that is called with each message.
+        owner: The name of the component with the callback, for error messages.
         lost: The number of dropped messages.
     """
 
@@ -37,7 +35,6 @@ class Subscription(Generic[Message]):
     ) -> None:
         self.topic = topic
         self.owner = owner
-        """The name of the component with the callback."""
         self.callback = callback
         self.lost = 0
         self._queue: deque[Message] = deque(maxlen=depth)
@@ -69,24 +66,23 @@ class Topic(Generic[Message]):
 
     Args:
         type_: The class of the messages.
-        owner: The name of the component that uses the topic first, for error messages.
 
     Attributes:
         name: The name.
         type: The class of the messages.
+        owner: The name of the component that used the topic first, for error messages.
+        publishers: The names of the components that publish on the topic.
         subscriptions: The subscriptions.
+        latched: The last message of a latched publisher, for later subscriptions; None if there is none.
     """
 
     def __init__(self, name: str, type_: type[Message], owner: str) -> None:
         self.name = name
         self.type = type_
         self.owner = owner
-        """The name of the component that used the topic first."""
         self.publishers: list[str] = []
-        """The names of the components that publish on the topic."""
         self.subscriptions: list[Subscription[Message]] = []
         self.latched: Message | None = None
-        """The last message of a latched publisher, for later subscriptions; None if there is none."""
 
 
 class Publisher(Generic[Message]):

@@ -11,7 +11,7 @@ import btcore_scene
 from btcore_robot.components.lifecycle import Lifecycle
 from btcore_robot.perception.colour import WOOD, ColourRange, Detection, detect_colour
 from btcore_robot.robot import Phase, Robot
-from btcore_scene import MovingScene, StaticScene
+from btcore_scene import MovingScene, SceneSource
 
 __all__ = [
     "BOOK_TUNING",
@@ -114,7 +114,7 @@ def command_from_detection(detection: Detection) -> PanTiltCommand:
     return PanTiltCommand(detection.x / width * 2 - 1, detection.y / height * 2 - 1, detection.stamp)
 
 
-class HeadTracker(Lifecycle):
+class HeadTracker(Lifecycle, SceneSource):
     """While active, detect objects within *colours* in the camera's images and turn the head towards them.
 
     The head returns to its centre position when the last detection is older than 100 ms, and when the tracker
@@ -182,10 +182,6 @@ class HeadTracker(Lifecycle):
         pan = head.pan - self._pan.output(command.pan)
         tilt = head.tilt - self._tilt.output(command.tilt)
         self.robot.move_head(pan, tilt)
-
-    def static_scene(self) -> StaticScene:
-        """Return an empty scene: everything moves."""
-        return StaticScene()
 
     def moving_scene(self) -> MovingScene:
         """Return the newest detection in the camera image."""

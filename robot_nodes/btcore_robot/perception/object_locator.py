@@ -16,7 +16,7 @@ from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import CameraImage, CameraInfo, Phase, Robot
 from btcore_robot.transform_filter import TransformFilter
 from btcore_robot.transforms import TransformTree
-from btcore_scene import BoundingBox, MovingScene, StaticScene
+from btcore_scene import BoundingBox, MovingScene, SceneSource
 
 __all__ = ["BoundingBox3D", "ObjectLocator", "depth_to_points", "detect_boxes"]
 
@@ -120,8 +120,8 @@ def _box(cloud: NDArray[np.float64], frame: str, stamp: int) -> BoundingBox3D:
     return BoundingBox3D(frame, (x, y, z), (length, width, height), stamp)
 
 
-class ObjectLocator(Lifecycle):
-    """While active, detect objects within *colours* in the robot's camera images and locate them in *frame*.
+class ObjectLocator(Lifecycle, SceneSource):
+    """While active, detect wooden objects in the robot's camera images and locate them in *frame*.
 
     Images are requested only while the locator is active. An image waits until *transforms* knows the
     camera's pose at its stamp. `configure` returns False for a robot without a camera.
@@ -130,17 +130,13 @@ class ObjectLocator(Lifecycle):
         robot: The robot.
         transforms: The transform tree.
         frame: The frame of the results.
-        colours: The colours of the objects.
     """
 
-    def __init__(
-        self, robot: Robot, transforms: TransformTree, frame: str = "map", colours: ColourRange = WOOD
-    ) -> None:
+    def __init__(self, robot: Robot, transforms: TransformTree, frame: str = "map") -> None:
         super().__init__()
         self.robot = robot
         self.transforms = transforms
         self.frame = frame
-        self.colours = colours
         self.boxes: Sequence[BoundingBox3D] = ()
         """The boxes of the objects in the newest image, the largest first."""
         self._stop_steps: Callable[[], None] | None = None
@@ -170,11 +166,7 @@ class ObjectLocator(Lifecycle):
         if image is None or camera_info is None:
             return
         camera = self.transforms.lookup(self.frame, image.frame, image.stamp)
-        self.boxes = tuple(detect_boxes(image, camera_info, self.colours, self.frame, camera))
-
-    def static_scene(self) -> StaticScene:
-        """Return an empty scene: everything moves."""
-        return StaticScene()
+        self.boxes = tuple(detect_boxes(image, camera_info, WOOD, self.frame, camera))
 
     def moving_scene(self) -> MovingScene:
         """Return the boxes of the objects in the newest image."""

@@ -11,10 +11,9 @@ from btcore.program_runner import (
     create_run,
     print_result,
 )
-from btcore_robot.robot import Phase
 from btcore_ros2.commands.sim import SPARE_BOXES
 from btcore_ros2.providers import RosRobotSettings, RosSettings, open_session
-from btcore_ros2.session import DRAIN_RATE, RosSession
+from btcore_ros2.session import RosSession
 
 
 @click.command("navigation", cls=ProviderCommand, short_help="Navigate in the place of Nav2's servers.")
@@ -53,8 +52,7 @@ def _run(ctx: click.Context, session: RosSession, settings: GivenSettings, *, na
         stack = run.find(Navigation)
         assert stack is not None
         robot = stack.robot
-        if robot.clock is not session.clock:
-            robot.schedule.add_task(DRAIN_RATE, Phase.SENSORS, lambda now: session.drain())
+        session.drain_during(robot)
         served = ServedNavigation(session, stack, navigates=navigates)
         NavigationTopics(session, stack, navigates=navigates)
         simulated = run.find(Simulation)

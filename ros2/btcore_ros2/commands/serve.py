@@ -23,11 +23,11 @@ from btcore.program_runner import (
     load_nodes,
 )
 from btcore.suggestions import did_you_mean
-from btcore_robot.robot import Phase, Robot
+from btcore_robot.robot import Robot
 from btcore_ros2.errors import RosError
 from btcore_ros2.parameters import declare_parameter
 from btcore_ros2.providers import RosRobotSettings, RosSettings, open_session
-from btcore_ros2.session import DRAIN_RATE, RosSession
+from btcore_ros2.session import RosSession
 from btcore_ros2.tree_server import LoadedTrees, TreeServer
 
 NODE_NAME = "bt_action_server"
@@ -100,8 +100,8 @@ def serve(
         run = create_run(ctx, TreelessProgram("Waiting"), settings, resources=[session]).want(*wanted)
         with _explain_port(uses_parameter), run:
             robot = run.find(Robot)
-            if robot is not None and robot.clock is not session.clock:
-                robot.schedule.add_task(DRAIN_RATE, Phase.SENSORS, lambda now: session.drain())
+            if robot is not None:
+                session.drain_during(robot)
             with PublishedTreeServer(source, run) as server:
                 _warn_about_misspelt_parameters(session)
                 ids = ", ".join(server.tree_ids)

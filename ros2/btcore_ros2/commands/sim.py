@@ -15,9 +15,8 @@ from btcore.program_runner import (
     print_json,
     print_result,
 )
-from btcore_robot.robot import Phase
 from btcore_ros2.providers import RosRobotSettings, RosSettings, open_session
-from btcore_ros2.session import DRAIN_RATE, RosSession
+from btcore_ros2.session import RosSession
 
 SPARE_BOXES: Final = 5
 """The number of boxes that the service `sim/drop_box` can drop."""
@@ -81,7 +80,7 @@ def _run(
             robot.schedule.pace = server.pace
             program.keep_running = lambda: not server.is_abandoned
         else:
-            robot.schedule.add_task(DRAIN_RATE, Phase.PHYSICS, lambda now: session.drain())
+            session.drain_during(robot)
         waits = ", and waits for a client that requests steps" if server is not None else ""
         click.echo(f"the simulated {robot.description.name} is on ROS 2{waits}; Ctrl-C ends it", err=True)
         run.tick_to_end()

@@ -16,7 +16,6 @@ from btcore_navigation.navigation_servers import (
     Message,
     NavigationServers,
 )
-from btcore_navigation.path import NavPath
 from btcore_robot.robot import Odometry, Pose2D, Twist2D
 from btcore_ros2.errors import RosError
 from btcore_ros2.nav2.conversions import (
@@ -130,16 +129,6 @@ class Nav2Client(NavigationServers):
         """Return the robot's newest pose in the frame map by tf; None if unknown."""
         self._session.refresh()
         return self._listener.pose()
-
-    def distance_to(self, place: Pose2D) -> float:
-        """Return the robot's distance (m) from *place* in the frame map; inf if its pose is unknown."""
-        here = self.pose()
-        return math.inf if here is None else math.hypot(place.x - here.x, place.y - here.y)
-
-    def remaining(self, path: NavPath) -> float:
-        """Return the remaining length (m) of *path*; 0 if the robot's pose is unknown."""
-        here = self.pose()
-        return path.remaining(here.x, here.y) if here is not None else 0.0
 
     def odometry(self) -> Odometry | None:
         """Return the newest message of the topic `odom`, or None before the first."""

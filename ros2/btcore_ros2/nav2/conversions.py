@@ -91,12 +91,12 @@ def pose_to_message(pose: Pose2D) -> Pose:
     )
 
 
-def pose_to_stamped(pose: Pose2D, frame: str = MAP) -> PoseStamped:
-    """Return *pose* in *frame* as a `geometry_msgs/PoseStamped`.
+def pose_to_stamped(pose: Pose2D) -> PoseStamped:
+    """Return *pose* in the frame map as a `geometry_msgs/PoseStamped`.
 
     Its stamp is zero, which stands for the newest transform.
     """
-    return PoseStamped(header=Header(frame_id=frame), pose=pose_to_message(pose))
+    return PoseStamped(header=Header(frame_id=MAP), pose=pose_to_message(pose))
 
 
 def pose_from_message(message: Pose) -> Pose2D:
@@ -168,12 +168,8 @@ def path_to_message(path: NavPath, stamp: Time | None = None) -> Path:
     )
 
 
-def path_from_message(message: Path, stamp: int | None = None) -> NavPath:
+def path_from_message(message: Path) -> NavPath:
     """Return a `nav_msgs/Path`; without a frame it is in the frame of its first pose.
-
-    Args:
-        message: The message.
-        stamp: The time of planning (ns); None = the stamp of the message.
 
     Raises:
         FrameError: The poses are in different frames, or no frame is named.
@@ -184,7 +180,7 @@ def path_from_message(message: Path, stamp: int | None = None) -> NavPath:
         raise FrameError("the path names no frame")
     poses = [pose_from_stamped(pose, frame, frame) for pose in message.poses]
     array = np.array([(pose.x, pose.y, pose.yaw) for pose in poses], dtype=np.float64).reshape(-1, 3)
-    return NavPath(array, time_to_ns(message.header.stamp) if stamp is None else stamp, frame)
+    return NavPath(array, time_to_ns(message.header.stamp), frame)
 
 
 def time_to_ns(message: Time | Duration) -> int:

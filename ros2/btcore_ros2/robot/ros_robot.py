@@ -260,7 +260,7 @@ class RosRobot(TopicRobot):
         if not wanted:
             assert isinstance(session.clock, RosClock)
             return session.clock.schedule
-        sim_time = SimTime(session, on_standstill=self._on_standstill)
+        sim_time = SimTime(session, self._on_standstill)
         if not session.wait_for(lambda: sim_time.has_started, self._start_time_left()):
             from rosgraph_msgs.msg import Clock
 

@@ -25,7 +25,6 @@ class SimTime(RealTimeSchedule):
 
     Args:
         session: The ROS node.
-        topic: The topic of the clock.
         on_standstill: A function that is called with True when the time has not advanced for
             `time_limits.MAX_CLOCK_STANDSTILL_S`, and with False when it advances again.
 
@@ -33,12 +32,7 @@ class SimTime(RealTimeSchedule):
         offset: The time minus that of the topic (ns); 0 until `follow_jump` is called.
     """
 
-    def __init__(
-        self,
-        session: RosSession,
-        topic: str = "/clock",
-        on_standstill: Callable[[bool], None] = lambda stands: None,
-    ) -> None:
+    def __init__(self, session: RosSession, on_standstill: Callable[[bool], None]) -> None:
         from rclpy.qos import QoSProfile, ReliabilityPolicy
         from rosgraph_msgs.msg import Clock
 
@@ -53,7 +47,7 @@ class SimTime(RealTimeSchedule):
         super().__init__()
         qos = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
         self._subscription = session.node.create_subscription(
-            Clock, topic, self._receive, qos, callback_group=session.callback_group
+            Clock, "/clock", self._receive, qos, callback_group=session.callback_group
         )
 
     def now(self) -> int:

@@ -33,9 +33,6 @@ CLOCK_RATE = 50.0
 BATTERY_RATE = 1.0
 """The rate (Hz) of the battery's topic."""
 
-DRAIN_RATE = 100.0
-"""The rate (Hz) at which commands and requests are taken in real time."""
-
 TRAJECTORY_RATE = 50.0
 """The rate (Hz) at which head and torso follow a trajectory."""
 

@@ -61,7 +61,7 @@ def changes(rows: Written) -> list[LoggedTransition]:
 
 def write_btlog(path: Path, xml: str, rows: Written) -> None:
     file = BtLogWriter(path, xml.encode(), WALL)
-    file.append(rows)
+    file.append([(since, uid, Status.IDLE, status) for since, uid, status in rows])
     file.close()
 
 
@@ -171,9 +171,9 @@ def test_live_database_is_not_reported_as_truncated(small_tree: Tree, tmp_path: 
 
 def test_gaps_are_reported_for_both_formats(tmp_path: Path, xml: str) -> None:
     file = BtLogWriter(tmp_path / "run.btlog", xml.encode(), WALL)
-    file.append([(1, 1, Status.RUNNING)])
+    file.append([(1, 1, Status.IDLE, Status.RUNNING)])
     file.gap("the transitions 2\nto 9 are lost")
-    file.append([(50, 1, Status.SUCCESS)])
+    file.append([(50, 1, Status.RUNNING, Status.SUCCESS)])
     file.close()
     base = SqliteWriter(tmp_path / "run.db3", xml, [])
     base.add(1, 1, Status.IDLE, Status.RUNNING)

@@ -145,7 +145,6 @@ def test_a_robot_with_a_run_channel_is_not_sampled_meanwhile(
     endless: btcore.Tree, monkeypatch: pytest.MonkeyPatch, protocol: str, is_late: bool
 ) -> None:
     """On a busy machine, the run channel may be later than Groot's replies, or silent for seconds."""
-    monkeypatch.setattr(feed, "RUN_CHANNEL_WAIT_S", 0.0)
     if not is_late:
         monkeypatch.setattr(feed, "SILENT_AFTER_S", 0.0)
     events: list[Event] = []

@@ -246,7 +246,8 @@ def test_error_codes_of_goals_through_poses_begin_at_9100(client: Client, tmp_pa
 
 
 def test_a_goal_in_an_unknown_frame_is_aborted(client: Client) -> None:
-    goal = NavigateToPose.Goal(pose=pose_to_stamped(Pose2D(1.0, 0.0, 0.0), "table"))
+    goal = NavigateToPose.Goal(pose=pose_to_stamped(Pose2D(1.0, 0.0, 0.0)))
+    goal.pose.header.frame_id = "table"
     status, result = client.result(client.wait(client.to_pose.send_goal_async(goal)))
     assert status is GoalStatus.ABORTED
     assert "frame 'table'" in result.error_msg

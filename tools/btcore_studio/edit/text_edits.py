@@ -1,8 +1,15 @@
-"""The places of edits after other edits, successive edits, and the edit between two texts."""
+"""The places of edits after other edits, successive edits, and the edits between two texts."""
 
+import re
 from collections.abc import Iterable, Sequence
+from difflib import SequenceMatcher
+from typing import Final
 
 from btcore.xml.edit.editor import Edit, EditError
+
+_LINE: Final = re.compile(r"[^\r\n]*(?:\r\n?|\n)|[^\r\n]+")
+_MAX_COMPARED_LINES: Final = 4_000
+"""Maximum number of lines that are compared one by one. In a longer change, all lines are replaced."""
 
 
 def rebase_edits(edits: Iterable[Edit], others: Sequence[Edit]) -> list[Edit]:
@@ -94,6 +101,55 @@ def difference(before: str, after: str) -> Edit:
     rest = most - start
     end = next((index for index in range(rest) if before[-1 - index] != after[-1 - index]), rest)
     return Edit(start, len(before) - end, after[start : len(after) - end])
+
+
+def line_edits(before: str, after: str) -> list[Edit]:
+    """Return edits of *before* that make it *after*, and keep the lines that both have."""
+    changed = difference(before, after)
+    start = _line_start(before, changed.start)
+    # The rest of a line that begins with the change is the same in both.
+    rest = _LINE.match(before, changed.end)
+    end = rest.end() if rest is not None else len(before)
+    old, new = before[start:end], after[start : len(after) - (len(before) - end)]
+    old_lines, new_lines = _LINE.findall(old), _LINE.findall(new)
+    if max(len(old_lines), len(new_lines)) > _MAX_COMPARED_LINES:
+        return [Edit(start, end, new)]
+    offsets = [start]
+    for line in old_lines:
+        offsets.append(offsets[-1] + len(line))
+    return [
+        Edit(offsets[first], offsets[last], "".join(new_lines[new_first:new_last]))
+        for kind, first, last, new_first, new_last in SequenceMatcher(
+            None, old_lines, new_lines
+        ).get_opcodes()
+        if kind != "equal"
+    ]
+
+
+def merge_edits(base: str, disk: str, text: str) -> list[Edit] | None:
+    """Return the edits of *text* that add the changes between *base* and *disk*.
+
+    Returns:
+        None if both have changed the same lines.
+    """
+    own = line_edits(base, text)
+    theirs = [edit for edit in line_edits(base, disk) if edit not in own]
+    try:
+        return rebase_edits(theirs, own)
+    except EditError:
+        return None
+
+
+def smallest_edit(text: str, edit: Edit) -> Edit:
+    """Return *edit* of *text* without what it replaces by the same."""
+    inner = difference(text[edit.start : edit.end], edit.text)
+    return Edit(edit.start + inner.start, edit.start + inner.end, inner.text)
+
+
+def _line_start(text: str, offset: int) -> int:
+    """Return where the line of *offset* starts."""
+    start = max(text.rfind("\n", 0, offset), text.rfind("\r", 0, offset)) + 1
+    return _line_start(text, start - 1) if start and text[start - 1 : start + 1] == "\r\n" else start
 
 
 def _ordered(edits: Iterable[Edit]) -> list[Edit]:

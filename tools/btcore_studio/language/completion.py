@@ -85,6 +85,7 @@ class _Item(NamedTuple):
         detail: A short text after the label.
         about: The documentation in Markdown, or "".
         snippet: The inserted snippet, or "".
+        value: The placeholder for the value of an attribute.
         inserted: The inserted text if there is no snippet or the client does not support snippets, or "".
         filter: The text that the client compares with the typed text; "" = the label.
     """
@@ -95,6 +96,7 @@ class _Item(NamedTuple):
     detail: str = ""
     about: str = ""
     snippet: str = ""
+    value: str = "$1"
     inserted: str = ""
     filter: str = ""
 
@@ -329,17 +331,16 @@ class _Completion:
             if item.label in present:
                 continue
             if has_value:
-                yield item._replace(snippet="")
+                yield item
             else:
                 gap = (
                     " " if self.text[self.offset : self.offset + 1].isidentifier() and edited is None else ""
                 )
-                value = item.snippet or "$1"
-                snippet = f'{item.label}="{value}"$0{gap}'
+                snippet = f'{item.label}="{item.value}"$0{gap}'
                 yield item._replace(snippet=snippet, inserted=f'{item.label}=""{gap}')
 
     def _attributes_of(self, element: ScannedElement) -> Iterator[_Item]:
-        """Yield the attributes of *element*; the snippet of an item is that of the value."""
+        """Yield the attributes of *element*."""
         if tree_of(element) is not None:
             node = node_element(element, self.format, self.registry)
             if node.is_call:
@@ -348,7 +349,7 @@ class _Completion:
                 for port in node.manifest.ports.values():
                     rank = 0 if is_mandatory(node.manifest, port) else 1
                     signature, about = port_signature(port), port_markdown(node.manifest, port)
-                    yield _Item(port.name, Kind.Field, rank, signature, about, _port_snippet(port, 1))
+                    yield _Item(port.name, Kind.Field, rank, signature, about, value=_port_snippet(port, 1))
             if element.tag in EXPLICIT_TAGS:
                 yield _Item("ID", Kind.Property, 0, "the ID of the node")
             yield _Item("name", Kind.Property, 2, "the name of the node")
@@ -367,17 +368,17 @@ class _Completion:
         ports = self._model_ports(id)
         for name, default in ports.items():
             detail = f"= {default}" if default else "required by the model of the tree"
-            snippet = self._outer_key_snippet(element.tag, name)
-            yield _Item(name, Kind.Field, 1 if default else 0, detail, snippet=snippet)
+            value = self._outer_key_snippet(element.tag, name)
+            yield _Item(name, Kind.Field, 1 if default else 0, detail, value=value)
         for tree in self.symbols.trees_called(id, self.file.file):
             links = links_of(self.project)
             for key in keys_of(links, tree):
                 if key not in ports and _can_be_connected(key):
-                    snippet = self._outer_key_snippet(element.tag, key)
-                    yield _Item(key, Kind.Field, 1, self._type_of_key(links, tree, key), snippet=snippet)
+                    value = self._outer_key_snippet(element.tag, key)
+                    yield _Item(key, Kind.Field, 1, self._type_of_key(links, tree, key), value=value)
         sharing = "__autoremap" if element.tag == "SubTreePlus" else "__shared_blackboard"
         name = "_autoremap" if self.format == 4 else sharing
-        yield _Item(name, Kind.Property, 2, "bool", SHARING_ATTRIBUTES[name], snippet="true")
+        yield _Item(name, Kind.Property, 2, "bool", SHARING_ATTRIBUTES[name], value="true")
 
     def _takes_bare_keys(self, tag: str) -> bool:
         """Return whether a SubTree element takes keys without braces, as `<SubTree>` in format 3 does."""

@@ -44,6 +44,7 @@ ELEMENTS: Final = {
 }
 """The elements around the nodes, with their descriptions."""
 
+_MAX_CODE: Final = 120
 _MAX_DESCRIPTION: Final = 6_000
 _MAX_PORTS: Final = 60
 _CODE: Final = re.compile(r"(`[^`\n]*`)")
@@ -51,9 +52,9 @@ _CODE: Final = re.compile(r"(`[^`\n]*`)")
 _ACTIVE: Final = re.compile(r"[<\[\]!]")
 
 
-def code(text: str, most: int = 120) -> str:
-    """Return *text* as code in one line of Markdown, with at most *most* characters."""
-    shown = escape_controls(text if len(text) <= most else text[: most - 1] + "…", one_line=True)
+def code(text: str) -> str:
+    """Return *text* as code in one line of Markdown. A long text is cut."""
+    shown = escape_controls(text if len(text) <= _MAX_CODE else text[: _MAX_CODE - 1] + "…", one_line=True)
     if "`" in shown:
         return f"`` {shown.replace('``', '` `')} ``"
     return f"`{shown}`" if shown else "`''`"

@@ -155,13 +155,7 @@ def _function(manifest: Manifest, ports: list[Port]) -> list[str]:
     name = _snake_case(manifest.id)
     name = name if _is_name(name) else f"node_{name}"
     decorator = "action" if manifest.type is NodeType.ACTION else "condition"
-    # The comma precedes a comment.
-    parameters = [
-        f"    {declaration},{mark}{comment}"
-        for declaration, mark, comment in (
-            _declaration(port, "Put").partition("  # type: ") for port in ports
-        )
-    ]
+    parameters = [f"    {_declaration(port, 'Put', ',')}" for port in ports]
     start = [f"def {name}(", *parameters, ") -> Status:"] if ports else [f"def {name}() -> Status:"]
     body = [f"    {line}" for line in (_docstring(manifest), *_BODIES[manifest.type])]
     return [f'@{decorator}(ID="{manifest.id}")', *start, *body]
@@ -189,19 +183,20 @@ def _docstring(manifest: Manifest) -> str:
     return f'"""{" ".join(about.split()) or f"TODO: describe {manifest.id}."}"""'
 
 
-def _declaration(port: Port, output: str) -> str:
-    """Return the declaration of a parameter or an attribute."""
+def _declaration(port: Port, output: str, end: str = "") -> str:
+    """Return the declaration of a parameter or an attribute, with *end* before a comment."""
     form = {Direction.IN: "In", Direction.OUT: output, Direction.INOUT: "InOut"}[port.direction]
     annotation = f"{form}[{_type(port)[0]}]"
     if port.description:
         annotation = f"Annotated[{annotation}, {port.description!r}]"
     if port.default is None:
-        return f"{port.name}: {annotation}"
+        return f"{port.name}: {annotation}{end}"
     default = _default(port)
     is_text = default == repr(port.default)
     # The default is a text or a key, whatever the type of the port.
     is_other_type = is_text and (form == "Put" or _type(port)[0] not in ("str", "object"))
-    return f"{port.name}: {annotation} = {default}{'  # type: ignore[assignment]' if is_other_type else ''}"
+    comment = "  # type: ignore[assignment]" if is_other_type else ""
+    return f"{port.name}: {annotation} = {default}{end}{comment}"
 
 
 def _default(port: Port) -> str:

@@ -6,7 +6,7 @@ A package offers an extension under the entry point group `btcore.live`:
     robot = "rover_driver.watching:RoverWatch"
 
 The entry point names a class of settings. It needs no import of this module: the language server uses what
-the protocols list.
+the protocols list, and `btcore.runs.live_state.LiveState`.
 """
 
 import asyncio
@@ -18,6 +18,7 @@ from typing import Any, Final, Protocol
 from btcore import entry_points
 from btcore.errors import BtcoreError
 from btcore.extras import install_command
+from btcore.runs.live_state import LiveState
 from btcore_studio.language.node_keys import KeyedNode, RunningCall, node_keys, running_calls
 
 GROUP: Final = "btcore.live"
@@ -27,81 +28,6 @@ _END_S: Final = 20.0
 """Maximum time (s) for the end of a connection."""
 _MAX_BREAKPOINTS: Final = 1_000
 _MAX_ADDRESS: Final = 300
-
-
-class LiveNode(Protocol):
-    """A node of a running tree."""
-
-    @property
-    def uid(self) -> int:
-        """The number of the node."""
-
-    @property
-    def parent(self) -> int:
-        """The number of its parent, or 0."""
-
-    @property
-    def id(self) -> str:
-        """The registration ID."""
-
-    @property
-    def name(self) -> str:
-        """The instance name."""
-
-    @property
-    def type(self) -> str:
-        """ "subtree" if the node calls a tree, otherwise any other text."""
-
-
-class LiveState(Protocol):
-    """The state of a running tree."""
-
-    @property
-    def connection(self) -> str:
-        """ "waiting", "connected", "lost" or "ended"."""
-
-    @property
-    def detail(self) -> str:
-        """A sentence about the connection."""
-
-    @property
-    def nodes(self) -> Sequence[LiveNode]:
-        """The nodes of the tree in pre-order; another object if the tree is another."""
-
-    @property
-    def trees(self) -> Mapping[int, str]:
-        """The ID of the called tree by the uid of each SubTree node."""
-
-    @property
-    def statuses(self) -> Mapping[int, int]:
-        """The number of the status of each node by its uid.
-
-        0 is idle, 1 running, 2 success, 3 failure and 4 skipped.
-        """
-
-    @property
-    def results(self) -> Mapping[int, int]:
-        """The number of the last status of each node other than idle and running, by its uid."""
-
-    @property
-    def entries(self) -> Sequence[tuple[str, str, str]]:
-        """The entries of the blackboards as (path of the subtree, key, value as text)."""
-
-    @property
-    def breakpoints(self) -> Collection[int]:
-        """The uids of the nodes with a breakpoint of this connection."""
-
-    @property
-    def stopped_at(self) -> int:
-        """The uid of the node before which the tree waits, or 0."""
-
-    @property
-    def problem(self) -> str:
-        """Why the last breakpoint could not be set, or ""."""
-
-    @property
-    def raised_at(self) -> int:
-        """The uid of the node that raised the last error, or 0."""
 
 
 class LiveConnection(Protocol):

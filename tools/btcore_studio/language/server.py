@@ -39,15 +39,10 @@ from btcore_studio.language import (
 from btcore_studio.language.checker import Checker
 from btcore_studio.language.diagnostics import Report
 from btcore_studio.language.drawing import draw_document
-from btcore_studio.language.edit_commands import (
-    FieldError,
-    compute_edit,
-    copy_nodes,
-    last_warnings,
-    preview_edit,
-)
+from btcore_studio.language.edit_commands import compute_edit, copy_nodes, last_warnings, preview_edit
 from btcore_studio.language.leaf_code import leaf_of
 from btcore_studio.language.live import LiveExtension, LiveTree
+from btcore_studio.language.model_edits import FieldError
 from btcore_studio.language.node_form import form_of
 from btcore_studio.language.palette import palette_of
 from btcore_studio.language.project import DocumentKey, Project, Settings, SourceDocument

@@ -27,11 +27,6 @@ class TextPositions:
         # The same characters, counted in UTF-16 code units.
         self._wide_units = [offset + index for index, offset in enumerate(self._wide)]
 
-    @property
-    def line_count(self) -> int:
-        """The number of lines; an empty text has one line."""
-        return len(self._starts)
-
     def line(self, offset: int) -> int:
         """Return the number of the line, from 0, that contains the character at *offset*."""
         return bisect_right(self._starts, offset) - 1
@@ -75,23 +70,6 @@ class TextPositions:
             return 0
         units = self._units(self._starts[line]) + max(0, character)
         return min(units - bisect_left(self._wide_units, units), self._ends[line])
-
-    def offset_of_column(self, line: int, column: int) -> int:
-        """Return the offset of a place in a `Diagnostic`.
-
-        Args:
-            line: The line from 1; 0 means the start of the text.
-            column: The column in characters from 1; 0 means the first character that is not white space.
-        """
-        if line < 1:
-            return 0
-        if line > len(self._starts):
-            return len(self.text)
-        start, end = self._starts[line - 1], self._ends[line - 1]
-        if column < 1:
-            written = self.text[start:end]
-            return start + len(written) - len(written.lstrip())
-        return min(start + column - 1, end)
 
     def _units(self, offset: int) -> int:
         return offset + bisect_left(self._wide, offset) if self._wide else offset

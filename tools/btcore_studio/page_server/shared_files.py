@@ -8,7 +8,6 @@ import re
 from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
-from difflib import SequenceMatcher
 from pathlib import Path
 from typing import Final, Protocol
 
@@ -16,8 +15,8 @@ from pygls import uris
 
 from btcore.input_files import file_stamp, read_error, read_file, real_path
 from btcore.output_files import write_file
-from btcore.xml.edit.editor import Edit, EditError, apply_edits
-from btcore_studio.edit.text_edits import difference, rebase_edits
+from btcore.xml.edit.editor import Edit, apply_edits
+from btcore_studio.edit.text_edits import line_edits, merge_edits, smallest_edit
 from btcore_studio.language.project import SUFFIXES, file_uri
 from btcore_studio.language.studio_protocol import Position, Range, TextEdit
 from btcore_studio.language.text_positions import TextPositions
@@ -35,9 +34,6 @@ MAX_KEPT: Final = 256_000_000
 """Maximum size of the previous contents that are kept (bytes). The oldest are deleted first."""
 
 _BOM: Final = b"\xef\xbb\xbf"
-_LINE: Final = re.compile(r"[^\r\n]*(?:\r\n?|\n)|[^\r\n]+")
-_MAX_COMPARED_LINES: Final = 4_000
-"""Maximum number of lines that are compared one by one. In a longer change, all lines are replaced."""
 _ENCODING: Final = re.compile(r"""<\?xml\b[^>]{0,200}?\bencoding\s*=\s*["']([\w.-]{1,40})""")
 
 
@@ -362,7 +358,7 @@ class SharedFiles:
         pushed = [
             TextEdit(Range(Position(*positions.place(start)), Position(*positions.place(end))), new)
             for start, end, new in (
-                _beside_line_breaks(text.text, _smallest(text.text, edit)) for edit in edits
+                _beside_line_breaks(text.text, smallest_edit(text.text, edit)) for edit in edits
             )
         ]
         text.text = apply_edits(text.text, edits)
@@ -408,54 +404,6 @@ class SharedFiles:
         self._kept.append((kept, len(data)))
         while sum(size for _, size in self._kept) > MAX_KEPT and len(self._kept) > 1:
             self._kept.pop(0)[0].unlink(missing_ok=True)
-
-
-def line_edits(before: str, after: str) -> list[Edit]:
-    """Return edits of *before* that make it *after*, and keep the lines that both have."""
-    changed = difference(before, after)
-    start = _line_start(before, changed.start)
-    # The rest of a line that begins with the change is the same in both.
-    rest = _LINE.match(before, changed.end)
-    end = rest.end() if rest is not None else len(before)
-    old, new = before[start:end], after[start : len(after) - (len(before) - end)]
-    old_lines, new_lines = _LINE.findall(old), _LINE.findall(new)
-    if max(len(old_lines), len(new_lines)) > _MAX_COMPARED_LINES:
-        return [Edit(start, end, new)]
-    offsets = [start]
-    for line in old_lines:
-        offsets.append(offsets[-1] + len(line))
-    return [
-        Edit(offsets[first], offsets[last], "".join(new_lines[new_first:new_last]))
-        for kind, first, last, new_first, new_last in SequenceMatcher(
-            None, old_lines, new_lines
-        ).get_opcodes()
-        if kind != "equal"
-    ]
-
-
-def merge_edits(base: str, disk: str, text: str) -> list[Edit] | None:
-    """Return the edits of *text* that add the changes between *base* and *disk*.
-
-    Returns:
-        None if both have changed the same lines.
-    """
-    own = line_edits(base, text)
-    theirs = [edit for edit in line_edits(base, disk) if edit not in own]
-    try:
-        return rebase_edits(theirs, own)
-    except EditError:
-        return None
-
-
-def _smallest(text: str, edit: Edit) -> Edit:
-    inner = difference(text[edit.start : edit.end], edit.text)
-    return Edit(edit.start + inner.start, edit.start + inner.end, inner.text)
-
-
-def _line_start(text: str, offset: int) -> int:
-    """Return where the line of *offset* starts."""
-    start = max(text.rfind("\n", 0, offset), text.rfind("\r", 0, offset)) + 1
-    return _line_start(text, start - 1) if start and text[start - 1 : start + 1] == "\r\n" else start
 
 
 def _beside_line_breaks(text: str, edit: Edit) -> Edit:

@@ -15,7 +15,7 @@ pytest.importorskip("pytest_lsp")
 from lsprotocol import types
 
 from btcore.entry_points import LIMIT_VARIABLE
-from btcore_studio.language import checker
+from btcore_studio.language import library_worker
 from btcore_studio.language.checker import Checker
 from btcore_studio.language.diagnostics import Report
 from btcore_studio.language.project import DocumentKey, Project, Settings
@@ -260,15 +260,15 @@ def test_nodes_of_the_last_import_are_kept_if_an_import_never_ends(
     tree, leaves = tmp_path / "tree.xml", tmp_path / "leaves.py"
     tree.write_text(TREE, encoding="utf-8")
     leaves.write_text(LEAVES, encoding="utf-8")
-    ask = checker.WorkerProcess.ask
+    ask = library_worker.WorkerProcess.ask
 
-    async def limited(self: checker.WorkerProcess, message: Any, limit: float) -> Any:
+    async def limited(self: library_worker.WorkerProcess, message: Any, limit: float) -> Any:
         return await ask(self, message, 0.2 if message.get("trusted") else limit)
 
     async def use() -> None:
         checked = CheckedProject(tmp_path, Settings(trusted=True, plugins=("leaves.py",)))
         await checked.until(tree, ["W201"])
-        monkeypatch.setattr(checker.WorkerProcess, "ask", limited)
+        monkeypatch.setattr(library_worker.WorkerProcess, "ask", limited)
         leaves.write_text(LEAVES + "\nwhile True: pass\n", encoding="utf-8")
         del checked.found[tree]
         checked.checker.file_changed(leaves)

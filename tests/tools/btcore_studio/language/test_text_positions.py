@@ -17,7 +17,6 @@ def test_columns_count_utf16_code_units() -> None:
     assert positions.offset(Position(1, 9)) == text.index("🤖")  # between its two code units
     assert positions.position(text.index("ß")) == Position(2, 0)
     assert positions.range(0, 1).end == Position(0, 1)
-    assert positions.line_count == 3
 
 
 def test_positions_outside_of_the_text_are_moved_to_the_nearest_place() -> None:
@@ -26,14 +25,6 @@ def test_positions_outside_of_the_text_are_moved_to_the_nearest_place() -> None:
     assert positions.offset(Position(7, 0)) == 5
     assert positions.position(99) == Position(1, 2)
     assert TextPositions("").position(0) == Position(0, 0)
-
-
-def test_place_of_a_diagnostic() -> None:
-    positions = TextPositions("🤖\n  🤖x")
-    assert positions.offset_of_column(2, 4) == 5
-    assert positions.offset_of_column(2, 0) == 4
-    assert positions.offset_of_column(0, 0) == 0
-    assert positions.offset_of_column(9, 1) == 6
 
 
 @given(TEXTS)

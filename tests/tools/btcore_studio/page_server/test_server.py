@@ -306,7 +306,7 @@ def test_language_server_ends_with_its_page(studio: Studio, monkeypatch: pytest.
         initialize(page)
         open_document(page, studio.uri("tree.xml"), TREE)
         page.notification("textDocument/publishDiagnostics")
-        process = servers[0].checker._worker._process
+        process = servers[0].checker._worker._process._process
         assert process.returncode is None
     with studio.page() as page:  # its messages come after the end of the first page
         page.request("btcore/start")

@@ -1,0 +1,26 @@
+"""The base class of leaves that send goals."""
+
+from typing import Any
+
+from btcore import NodeSpec, StatefulAction
+from btcore_navigation.action import GoalHandle
+
+
+class GoalLeaf(StatefulAction):
+    """Has at most one goal at a time. A halt cancels the goal.
+
+    Attributes:
+        handle: The handle of the goal; None without a goal.
+        sent: The time (ns) at which the goal was sent.
+    """
+
+    spec = NodeSpec(state_fields=None)  # the goal and its handle belong to the server
+
+    handle: GoalHandle[Any, Any, Any] | None = None
+    sent = 0
+
+    def on_halted(self) -> None:
+        """Cancel the goal."""
+        if self.handle is not None:
+            self.handle.cancel()
+            self.handle = None
