@@ -14,14 +14,11 @@ from mypy_extensions import i64
 
 from btcore.blackboard.blackboard import Blackboard, Entry, WriteRecorder
 from btcore.engine.node_config import NodeConfig
-from btcore.engine.observers import Observers
-from btcore.engine.transition_records import decode_transitions
+from btcore.engine.transition_records import next_checksum
 from btcore.status import FAILURE, IDLE, SKIPPED, SUCCESS, Status
 from btcore.values import ValueType
 
 NO_THREAD: Final = -1
-_DIFFERENT: Final = -1  # of `Journal._matched`: the step has other results than the last, nothing else
-_MIXED: Final = -2  # the step has more than results
 _POLL_S: Final = 0.000_05
 """The time (s) between two looks of a thread whether the thread that ticks has gone outside."""
 T = TypeVar("T")
@@ -43,12 +40,6 @@ class StepEnded(NamedTuple):
     """The tick or the halt has ended. *status* is the result; IDLE after a halt or an exception."""
 
     status: Status
-
-
-class ResultsRepeated(NamedTuple):
-    """External nodes return the same results as in the last step, and nothing else happens: its pairs."""
-
-    results: list[object]
 
 
 class Raised(NamedTuple):
@@ -161,7 +152,6 @@ Event = (
     TickBegan
     | HaltBegan
     | StepEnded
-    | ResultsRepeated
     | Raised
     | ExternalHaltBegan
     | ExternalHaltEnded
@@ -185,18 +175,17 @@ class Journal(WriteRecorder):
     A pair is the config of an external node and the result of its tick, or None and an event.
 
     Args:
-        observers: The observers of the tree, which record what external nodes do to statuses.
         encode: Returns the recorded form of a value; the value itself may change later.
         deliver: Called with the pairs at the end of each tick and halt, on the thread that ticks.
+
+    Attributes:
+        checksum: A number of 32 bits that depends on the nodes and new statuses of all transitions.
     """
 
     def __init__(
-        self,
-        observers: Observers,
-        encode: Callable[[object], object],
-        deliver: Callable[[list[object]], object],
+        self, encode: Callable[[object], object], deliver: Callable[[list[object]], object]
     ) -> None:
-        self._observers = observers
+        self.checksum: i64 = 0
         self._encode = encode
         self._deliver = deliver
         self._records: list[object] = []
@@ -207,16 +196,8 @@ class Journal(WriteRecorder):
         self._writer: i64 = NO_THREAD  # the thread that writes or waits to write; it holds the lock
         self._lock = threading.Lock()
         self._tick_thread: i64 = 0
-        # The transitions when the thread went outside: further ones were made by external code.
-        self._transitions: list[object] = []
-        self._transition_count = 0
         self._time = -1
         self._repeats = 0
-        # The pairs of the last step if it had only results, how many of their values were repeated in this
-        # step so far, or why this does not count, and the number of records before the results of this step.
-        self._last_results: list[object] = []
-        self._matched: i64 = _MIXED
-        self._start = 0
 
     @property
     def is_inside(self) -> bool:
@@ -226,7 +207,7 @@ class Journal(WriteRecorder):
     @property
     def record_count(self) -> int:
         """The number of recorded values."""
-        return len(self._records) + (self._matched if self._matched > 0 else 0)
+        return len(self._records)
 
     # --- steps: ticks of the root, and halts of the whole tree
 
@@ -245,20 +226,11 @@ class Journal(WriteRecorder):
         self._time = time
         self._repeats = 0
         self.add(event)
-        self._start = len(self._records)
-        self._matched = 0
 
     def end_step(self, status: Status) -> None:
         """End the tick or halt, unless it has ended, and deliver the records."""
         if not self.is_inside:
             return
-        last = self._last_results
-        if self._matched == len(last) and last:
-            self._matched = _MIXED
-            self.add(ResultsRepeated(last))
-        else:
-            self._stop_matching()
-            self._last_results = self._records[self._start :] if self._matched == _DIFFERENT else []
         self.add(StepEnded(status))
         records = self._records
         self._records = []
@@ -278,14 +250,6 @@ class Journal(WriteRecorder):
         self._inside = self._tick_thread
         if self._writer != NO_THREAD:
             self._wait_for_writers()
-        observers = self._observers
-        transitions = observers.records
-        if len(transitions) != self._transition_count or transitions is not self._transitions:
-            self._add_status_changes(transitions)
-        if observers.needs_only_checksum:
-            if transitions:
-                observers.flush()
-            observers.skips_records = True
 
     def _wait_for_writers(self) -> None:
         while self._writer != NO_THREAD:
@@ -294,62 +258,29 @@ class Journal(WriteRecorder):
                 pass
             self._inside = self._tick_thread
 
-    def enter_for_tick(self, uid: int) -> None:
-        """Go inside, because an external node ticks a child."""
-        self.enter()
-        self.add(ChildTicked(uid))
-
-    def enter_for_halt(self, uid: int) -> None:
-        """Go inside, because an external node halts a child."""
-        self.enter()
-        self.add(ChildHalted(uid))
-
     def leave(self) -> None:
         """Go outside, because external code follows."""
-        observers = self._observers
-        observers.skips_records = False
-        transitions = observers.records
-        self._transitions = transitions
-        self._transition_count = len(transitions)
         self._inside = NO_THREAD
-
-    def _add_status_changes(self, transitions: list[object]) -> None:
-        start = self._transition_count if transitions is self._transitions else 0
-        for change in decode_transitions(0, 0, transitions[start:]):
-            self.add(StatusSet(change.uid, change.status))
 
     # --- recording
 
     def add(self, event: Event) -> None:
         """Record *event*."""
-        self._stop_matching()
-        self._matched = _MIXED
         self._records.append(None)
         self._records.append(event)
 
     def enter_with_result(self, config: NodeConfig, status: Status) -> None:
         """Go inside, because the tick of the external node with *config* returned *status*; record it."""
         self.enter()
-        matched = self._matched
-        if matched >= 0:
-            last = self._last_results
-            if matched < len(last) and last[matched] is config and last[matched + 1] is status:
-                self._matched = matched + 2
-                return
-            self._stop_matching()
         self._records.append(config)
         self._records.append(status)
 
-    def _stop_matching(self) -> None:
-        """Record the results so far of this step."""
-        matched = self._matched
-        if matched >= 0:
-            self._records += self._last_results[:matched]
-            self._matched = _DIFFERENT
-
-    def add_error(self, uid: int, error: BaseException) -> None:
-        """Record that the tick of an external node raised *error*."""
-        self.add(Raised(uid, error))
+    def add_transition(self, config: NodeConfig, status: Status) -> None:
+        """Add a transition to the checksum. Record it if external code makes it."""
+        self.checksum = next_checksum(self.checksum, config.uid, status)
+        if self._inside == NO_THREAD:
+            with self._lock:
+                self.add(StatusSet(config.uid, status))
 
     def add_halt(self, uid: int, start: int, error: BaseException | None, is_idle: bool) -> None:
         """Record that an external node was halted, unless it has only become IDLE.
@@ -360,10 +291,9 @@ class Journal(WriteRecorder):
             is_idle: Whether the node is IDLE now.
         """
         records = self._records
-        if error is None and is_idle and self.record_count == start:
-            return
-        self._stop_matching()
         if error is None and is_idle:
+            if len(records) == start:
+                return
             event = records[-1] if len(records) == start + 2 else None
             if isinstance(event, StatusSet) and event.uid == uid and event.status is IDLE:
                 del records[start:]

@@ -163,7 +163,7 @@ class ResultTexts:
 
     def get(self, results: Results) -> str:
         """Return the text of *results*, which are not empty."""
-        if results is not self._last[0]:
+        if results != self._last[0]:  # usually the same objects, which Python compares at once
             self._last = results, self._separator.join(map(self._encode, results))
         return self._last[1]
 

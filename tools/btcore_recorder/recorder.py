@@ -41,7 +41,7 @@ from btcore_recorder.inputs import (
     scopes_of,
     with_parents,
 )
-from btcore_recorder.lines import Results, WrittenLine, input_line, result_lines, transitions_line
+from btcore_recorder.lines import WrittenLine, input_line, result_lines, transitions_line
 from btcore_recorder.tree_state import capture, recorded_entry
 from btcore_recorder.values import EXCLUDED, MAX_TEXT, Encoder
 
@@ -185,11 +185,9 @@ class Recorder(Observer):
         self._unsubscribe = [tree.subscribe(observer) for observer in added]
         observers = tree.context.observers
         assert observers is not None
-        observers.start_checksum()
         self._observers = observers
-        self._journal = journal.Journal(observers, self._encoder.encode, self._end_step)
+        self._journal = journal.Journal(self._encoder.encode, self._end_step)
         self._result_lines: dict[NodeConfig, list[tuple[str, int, str]]] = {}
-        self._last_repeated: tuple[list[object], Results] = [], ()
         for node in tree.nodes:
             if is_external(type(node)):
                 self._result_lines[node.config] = result_lines(node.uid)
@@ -201,7 +199,7 @@ class Recorder(Observer):
             board.recorder = self._journal
         tree.context.uses_time = True  # each tick has a time
         tree.context.woken_by = 0
-        tree.context.journal = self._journal
+        tree.context.journal = observers.journal = self._journal
         self.head = self._create_head(types)
         self._encoder.found = found
         self._log_records = _log_record_factory()
@@ -212,19 +210,18 @@ class Recorder(Observer):
         context = self._tree.context
         if context.journal is not self._journal:
             return
-        context.journal = None
+        context.journal = self._observers.journal = None
         self._log_records.recorders.discard(self)
         for board in self._boards:
             board.recorder = None
         for node in self._tree.nodes:
             stop_recording(node)
-        self._observers.stop_checksum()
         for unsubscribe in self._unsubscribe:
             unsubscribe()
 
     def capture(self) -> TreeState:
         """Return the state of the tree, between two steps. A new segment begins, with a new checksum."""
-        self._observers.checksum = 0
+        self._journal.checksum = 0
         state = self._journal.capture(lambda: capture(self._tree, self._boards, self._encoder.encode))
         excluded = {index for keys in state.scopes for key, index in keys.items() if self._is_excluded(key)}
         entries = [
@@ -317,7 +314,7 @@ class Recorder(Observer):
 
     def _raw_step(self, records: list[object]) -> RawStep:
         transitions = None if self._transitions is None else self._transitions.take()
-        return RawStep(records, self._observers.checksum, self._time, transitions)
+        return RawStep(records, self._journal.checksum, self._time, transitions)
 
     def lines(self, raw: RawStep) -> list[WrittenLine]:
         """Return the lines of a step, which do not depend on the tree. Thread-safe."""
@@ -340,20 +337,8 @@ class Recorder(Observer):
                     changes = chain.from_iterable(raw.transitions)
                     lines.append(transitions_line((change.uid, change.status) for change in changes))
                 lines.append(["end", _NAMES[event.status], raw.checksum])
-            elif isinstance(event, journal.ResultsRepeated):
-                lines.append(self._repeated(event.results))
             else:
                 lines.append(input_line(self._input(event)))
-        return lines
-
-    def _repeated(self, records: list[object]) -> Results:
-        """Return the lines of repeated results: the same object each time."""
-        last, lines = self._last_repeated
-        if records is not last:
-            values: Iterator[Any] = iter(records)
-            pairs = zip(values, values, strict=True)
-            lines = tuple([self._result_lines[config][status] for config, status in pairs])
-            self._last_repeated = records, lines
         return lines
 
     def _input(self, event: journal.Event) -> Input:

@@ -198,7 +198,7 @@ def test_a_replay_repeats_the_run(
     check_replay(run, run.end())
 
 
-def test_the_numbers_of_transitions_count_those_that_were_only_added_to_the_checksum() -> None:
+def test_the_numbers_of_transitions_count_those_that_no_observer_received() -> None:
     numbers: list[int] = []
 
     class Numbers(Observer):
