@@ -12,7 +12,7 @@ import btcore
 from btcore.builds import env_flag
 from btcore.cli import terminal
 from btcore.diagnostics import excerpt
-from btcore.engine.watched_tick import tick_counts_of
+from btcore.engine.node import tick_counts_of
 from btcore.errors import NodeExecutionError
 from btcore.runs.run import Run
 from btcore.runs.run_end import EndReason

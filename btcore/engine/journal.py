@@ -182,9 +182,7 @@ class Journal(WriteRecorder):
         checksum: A number of 32 bits that depends on the nodes and new statuses of all transitions.
     """
 
-    def __init__(
-        self, encode: Callable[[object], object], deliver: Callable[[list[object]], object]
-    ) -> None:
+    def __init__(self, encode: Callable[[object], object], deliver: Callable[[list[object]], object]) -> None:
         self.checksum: i64 = 0
         self._encode = encode
         self._deliver = deliver

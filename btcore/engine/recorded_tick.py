@@ -6,11 +6,10 @@ nodes that are not built in and of callbacks, runs outside: its results and writ
 
 from btcore.engine.journal import ChildHalted, ChildTicked, Journal, Raised
 from btcore.engine.node import TickWrapper, TreeNode, halt_node
-from btcore.engine.watched_tick import WatchedTick
 from btcore.status import IDLE, Status
 
 
-class RecordedTick(WatchedTick):
+class RecordedTick(TickWrapper):
     """The wrapper of an external node, or of a built-in node whose parent is external.
 
     Args:
@@ -98,5 +97,5 @@ def stop_recording(node: TreeNode) -> None:
     """End the effect of `start_recording`."""
     with node._context.lock:
         if isinstance(node._wrapper, RecordedTick):
-            wrapper = WatchedTick(node._wrapper)
+            wrapper = TickWrapper(node._wrapper)
             node._wrapper = None if wrapper.is_empty else wrapper

@@ -12,6 +12,7 @@ from btcore.blackboard.ports import PortRole
 from btcore.clock import NS_PER_S, Clock, SystemClock, TickSchedule
 from btcore.engine.context import TreeContext
 from btcore.engine.node import (
+    TickCounts,
     TreeNode,
     add_to_backtrace,
     execute_tick,
@@ -19,9 +20,9 @@ from btcore.engine.node import (
     halt_node,
     input_or,
     reset_status,
+    start_tick_counts,
 )
 from btcore.engine.observers import Observer, Observers
-from btcore.engine.watched_tick import TickCounts, start_tick_counts
 from btcore.errors import BtcoreError, NodeError, NodeExecutionError
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status

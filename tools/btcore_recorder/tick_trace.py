@@ -7,9 +7,8 @@ from typing import Final, NamedTuple
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.ports import SCRIPT_ROLES
-from btcore.engine.node import TreeNode
+from btcore.engine.node import TickWrapper, TreeNode
 from btcore.engine.observers import Observer
-from btcore.engine.watched_tick import WatchedTick
 from btcore.errors import NodeExecutionError
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status, Transition
 from btcore.tree.tree import Tree
@@ -131,7 +130,7 @@ class TickTrace(Observer):
         self._unsubscribe = tree.subscribe(self)
 
     def _follow(self, node: TreeNode) -> None:
-        node._wrapper = wrapper = WatchedTick(node._wrapper)
+        node._wrapper = wrapper = TickWrapper(node._wrapper)
         wrapper.counts = None
         wrapper.on_tick_start = partial(self._start, node)
         wrapper.pre_tick = partial(self._pre_tick, wrapper.pre_tick)
