@@ -98,7 +98,7 @@ def _real_time_factor(run: Run) -> float:
 def _tick_counts(tree: Tree) -> dict[str, dict[str, object]]:
     """Return the ID and the tick counts of each node, by full path.
 
-    Equal paths are distinguished by `#<uid>`.
+    Equal paths are distinguished by `#1`, `#2` ….
     """
     rows: dict[str, dict[str, object]] = {}
     for key, node in tree.nodes_by_path().items():
