@@ -7,13 +7,32 @@ statuses that callbacks force, and writes of other threads. While a tree has a j
 
 import threading
 import time
-from collections.abc import Callable, Mapping
-from typing import Any, Final, NamedTuple, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final, TypeVar
 
 from mypy_extensions import i64
 
-from btcore.blackboard.blackboard import Blackboard, Entry, WriteRecorder
+from btcore.blackboard.blackboard import Blackboard, WriteRecorder
 from btcore.engine.node_config import NodeConfig
+from btcore.engine.recorded_events import (
+    Event,
+    ExternalHaltBegan,
+    ExternalHaltEnded,
+    HaltBegan,
+    MessageLogged,
+    Paused,
+    Removed,
+    Replaced,
+    ScriptRun,
+    StatusForced,
+    StatusSet,
+    StepEnded,
+    TickBegan,
+    TimeRead,
+    Written,
+    recorded_entry,
+    recorded_error,
+)
 from btcore.engine.transition_records import next_checksum
 from btcore.status import FAILURE, IDLE, SKIPPED, SUCCESS, Status
 from btcore.values import ValueType
@@ -24,166 +43,28 @@ _POLL_S: Final = 0.000_05
 T = TypeVar("T")
 
 
-class TickBegan(NamedTuple):
-    """The root is ticked: the number of the tick, its time (ns), and what woke it, `TreeContext.woken_by`."""
-
-    tick: int
-    time: int
-    woken_by: int
-
-
-class HaltBegan(NamedTuple):
-    """The whole tree is halted, between two ticks."""
-
-
-class StepEnded(NamedTuple):
-    """The tick or the halt has ended. *status* is the result; IDLE after a halt or an exception."""
-
-    status: Status
-
-
-class Raised(NamedTuple):
-    """The tick of an external node raised *error*, an exception."""
-
-    uid: int
-    error: Any
-
-
-class ExternalHaltBegan(NamedTuple):
-    """The halt of an external node begins, in which more happens than that its status becomes IDLE."""
-
-    uid: int
-
-
-class ExternalHaltEnded(NamedTuple):
-    """The halt that began by `ExternalHaltBegan` has ended; *error* is what it raised, or None."""
-
-    uid: int
-    error: Any
-
-
-class ChildTicked(NamedTuple):
-    """An external node ticks a child."""
-
-    uid: int
-
-
-class ChildHalted(NamedTuple):
-    """An external node halts a child."""
-
-    uid: int
-
-
-class StatusSet(NamedTuple):
-    """An external node stores the status of itself or of a child, which it has not ticked or halted."""
-
-    uid: int
-    status: Status
-
-
-class StatusForced(NamedTuple):
-    """A callback before or after the tick of a node forces its result; SKIPPED = it only wrote entries."""
-
-    uid: int
-    is_pre_tick: bool
-    status: Status
-
-
-class Paused(NamedTuple):
-    """A built-in node pauses after *repetitions*, because of a tick limit or a signal."""
-
-    uid: int
-    repetitions: int
-
-
-class TimeRead(NamedTuple):
-    """A built-in node reads the clock, after *repeats* that read the same time as before."""
-
-    time: int
-    repeats: int
-
-
-class Written(NamedTuple):
-    """An entry is written.
-
-    Attributes:
-        board: The scope on which the entry was written.
-        key: The key, before remapping.
-        value: The value that the entry has now, encoded.
-        declared: The type that the writer has declared, or None.
-    """
-
-    board: Blackboard
-    key: str
-    value: Any
-    declared: ValueType | None
-
-
-class Removed(NamedTuple):
-    """An entry of a scope is removed."""
-
-    board: Blackboard
-    key: str
-
-
-class ScriptRun(NamedTuple):
-    """External code runs a script with the given enum names."""
-
-    board: Blackboard
-    text: str
-    enums: dict[str, int]
-
-
-class MessageLogged(NamedTuple):
-    """External code logs a message with a level, such as WARNING."""
-
-    level: str
-    text: str
-
-
-class Replaced(NamedTuple):
-    """All entries of a scope are replaced, by entries whose values are encoded."""
-
-    board: Blackboard
-    entries: dict[str, Entry]
-
-
-Event = (
-    TickBegan
-    | HaltBegan
-    | StepEnded
-    | Raised
-    | ExternalHaltBegan
-    | ExternalHaltEnded
-    | ChildTicked
-    | ChildHalted
-    | StatusSet
-    | StatusForced
-    | Paused
-    | TimeRead
-    | MessageLogged
-    | Written
-    | Removed
-    | Replaced
-    | ScriptRun
-)
-
-
 class Journal(WriteRecorder):
     """Records what the ticks of a tree depend on, in a flat list of pairs.
 
     A pair is the config of an external node and the result of its tick, or None and an event.
 
     Args:
-        encode: Returns the recorded form of a value; the value itself may change later.
+        boards: The scopes of the tree, in the order of their indices.
+        encode: Returns the recorded form of a value, which may change later, of a key of a scope.
         deliver: Called with the pairs at the end of each tick and halt, on the thread that ticks.
 
     Attributes:
         checksum: A number of 32 bits that depends on the nodes and new statuses of all transitions.
     """
 
-    def __init__(self, encode: Callable[[object], object], deliver: Callable[[list[object]], object]) -> None:
+    def __init__(
+        self,
+        boards: Sequence[Blackboard],
+        encode: Callable[[Blackboard, str, object], object],
+        deliver: Callable[[list[object]], object],
+    ) -> None:
         self.checksum: i64 = 0
+        self._scopes = {id(board): index for index, board in enumerate(boards)}
         self._encode = encode
         self._deliver = deliver
         self._records: list[object] = []
@@ -297,7 +178,7 @@ class Journal(WriteRecorder):
                 del records[start:]
                 return
         records[start:start] = [None, ExternalHaltBegan(uid)]
-        self.add(ExternalHaltEnded(uid, error))
+        self.add(ExternalHaltEnded(uid, None if error is None else recorded_error(error)))
 
     def call_back(self, uid: int, is_pre_tick: bool, callback: Callable[[], Status]) -> Status:
         """Call a callback of a node, return its result, and record it unless it forces and writes nothing."""
@@ -363,10 +244,18 @@ class Journal(WriteRecorder):
         self._begin_write(thread)
         try:
             board.set(key, value, declared)
-            self.add(Written(board, key, self._encode(board.written_entry(key).value), declared))
+            entry = board.written_entry(key)
+            value = self._encode(board, key, entry.value)
+            if declared is None and isinstance(value, dict) and "__text" in value:
+                declared = entry.declared  # the text does not have the type of the value
+            self.add_written(board, key, value, declared)
         finally:
             self._end_write()
         return True
+
+    def add_written(self, board: Blackboard, key: str, value: object, declared: ValueType | None) -> None:
+        """Record that an entry was written, whose encoded value is *value*."""
+        self.add(Written(self._scopes[id(board)], key, value, None if declared is None else declared.name))
 
     def remove(self, board: Blackboard, key: str) -> bool:
         """Remove an entry, and record it. Return False, without effect, if called from inside."""
@@ -376,17 +265,20 @@ class Journal(WriteRecorder):
         self._begin_write(thread)
         try:
             if board.local_entries().pop(key, None) is not None:
-                self.add(Removed(board, key))
+                self.add(Removed(self._scopes[id(board)], key))
         finally:
             self._end_write()
         return True
 
     def add_entries(self, board: Blackboard) -> None:
         """Record all entries of a scope, which were replaced."""
-        entries = {key: entry.copy(self._encode(entry.value)) for key, entry in board.local_entries().items()}
+        entries = {
+            key: recorded_entry(entry, self._encode(board, key, entry.value))
+            for key, entry in board.local_entries().items()
+        }
         self._begin_write(threading.get_ident())
         try:
-            self.add(Replaced(board, entries))
+            self.add(Replaced(self._scopes[id(board)], entries))
         finally:
             self._end_write()
 
@@ -396,7 +288,8 @@ class Journal(WriteRecorder):
         if self._has_access(thread):
             return False
         self._begin_write(thread)
-        self.add(ScriptRun(board, text, {name: number for name, number in enums.items() if name in text}))
+        used = {name: number for name, number in enums.items() if name in text}
+        self.add(ScriptRun(self._scopes[id(board)], text, used))
         return True
 
     def end_script(self) -> None:

@@ -4,8 +4,9 @@ Built-in code runs inside the journal: what it does follows from what is recorde
 nodes that are not built in and of callbacks, runs outside: its results and writes are recorded.
 """
 
-from btcore.engine.journal import ChildHalted, ChildTicked, Journal, Raised
+from btcore.engine.journal import Journal
 from btcore.engine.node import TickWrapper, TreeNode, halt_node
+from btcore.engine.recorded_events import ChildHalted, ChildTicked, Raised, recorded_error
 from btcore.status import IDLE, Status
 
 
@@ -50,7 +51,7 @@ class RecordedTick(TickWrapper):
             status = super().call_tick(node)
         except BaseException as error:
             journal.enter()
-            journal.add(Raised(node.config.uid, error))
+            journal.add(Raised(node.config.uid, recorded_error(error)))
             raise
         journal.enter_with_result(node.config, status)
         return status

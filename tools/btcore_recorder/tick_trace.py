@@ -11,9 +11,8 @@ from btcore.engine.node import TickWrapper, TreeNode
 from btcore.engine.observers import Observer
 from btcore.errors import NodeExecutionError
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status, Transition
-from btcore.tree.tree import Tree
+from btcore.tree.tree import Tree, scopes_of
 from btcore.xml.plan.key_uses import READING, find_name_uses, port_uses
-from btcore_recorder.inputs import scopes_of
 
 MAX_OBSERVATIONS: Final = 200_000
 """Maximum number of ticks of nodes, reads and writes that are observed: a tick may repeat a node often."""
