@@ -50,6 +50,7 @@ HOT = {
 # Files of these folders that run once, or only for people, and some that cannot be compiled.
 COLD = {
     "btcore/engine/node_spec.py",  # a dataclass that is a descriptor
+    "btcore/engine/recorded_events.py",  # recordings are read by the types of its fields, which mypyc drops
     "btcore/engine/signature.py",
     "btcore/nodes/manual_selector.py",  # compiled code hides the parameters of its __init__
     "btcore/tree/drawing.py",

@@ -1,5 +1,7 @@
 """The rules for names of nodes, trees and ports, both in registrations and in XML; reserved names."""
 
+from collections import Counter
+from collections.abc import Sequence
 from typing import Final
 
 PLUGIN_FILE_PREFIX: Final = "btcore_plugin_"
@@ -62,3 +64,17 @@ def is_port_name(name: str) -> bool:
 def names_in(text: str) -> list[str]:
     """Return the names in a text, which commas separate."""
     return [name for part in text.split(",") if (name := part.strip())]
+
+
+def unique_paths(paths: Sequence[str]) -> list[str]:
+    """Return the paths of nodes, in pre-order. `#1`, `#2` … are appended to equal paths."""
+    times = Counter(paths)
+    numbers: Counter[str] = Counter()
+    unique: dict[str, None] = {}
+    for path in paths:
+        key = path
+        while key in unique or (key == path and times[path] > 1):
+            numbers[path] += 1
+            key = f"{path}#{numbers[path]}"
+        unique[key] = None
+    return list(unique)

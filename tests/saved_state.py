@@ -12,9 +12,9 @@ from typing import NamedTuple
 from btcore.blackboard.blackboard import Entry
 from btcore.errors import BtcoreError, NodeError
 from btcore.status import RUNNING, Status
-from btcore.tree.tree import Tree
+from btcore.tree.tree import Tree, scopes_of
 from btcore.values import ValueType
-from btcore_proof.tree_state import blackboards_of, check_state_declaration, state_fields_of
+from btcore_proof.tree_state import check_state_declaration, state_fields_of
 
 
 class SavedEntry(NamedTuple):
@@ -67,7 +67,7 @@ def save_state(tree: Tree) -> SavedState:
     boards: list[dict[str, int]] = []
     entries: list[SavedEntry] = []
     indices: dict[int, int] = {}
-    for board in blackboards_of(tree):
+    for board in scopes_of(tree):
         keys: dict[str, int] = {}
         for key, entry in board.local_entries().items():
             # Scopes of format 3 share the entries of remapped keys.
@@ -98,7 +98,7 @@ def restore_state(tree: Tree, saved: SavedState) -> None:
         tree: A tree loaded from the same XML.
         saved: The state, as returned by `save_state`.
     """
-    boards = blackboards_of(tree)
+    boards = scopes_of(tree)
     if _paths_and_ids(tree) != saved.nodes or len(boards) != len(saved.boards):
         raise BtcoreError(f"the saved state is of another tree than '{tree.id}'")
     values = copy.deepcopy(saved.values)

@@ -75,13 +75,6 @@ class Entry:
             return self.value_type
         return self.declared if self.declared.strong else type_of(self.value)
 
-    def copy(self, value: object) -> "Entry":
-        """Return a copy with another value."""
-        copy = Entry(self.declared, self.inferred)
-        copy.value, copy.value_type = value, self.value_type
-        copy.sequence_id, copy.stamp = self.sequence_id, self.stamp
-        return copy
-
     def put(self, value: object, stamp: int) -> None:
         """Store a value, and count the write.
 

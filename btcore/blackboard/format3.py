@@ -42,10 +42,9 @@ class Format3Blackboard(Blackboard):
         entry_type = entry.declared
         if entry_type.strong and not entry_type.accepts(value):
             if not isinstance(value, str) or entry.inferred:
-                is_unknown = declared is None or not declared.strong or isinstance(value, str)
-                raise self._type_error(
-                    key, entry_type, type_of(value) if is_unknown or declared is None else declared
-                )
+                if declared is None or not declared.strong or isinstance(value, str):
+                    declared = type_of(value)
+                raise self._type_error(key, entry_type, declared)
             try:
                 value = entry_type.from_text(value, 3)
             except ConversionError as error:

@@ -12,7 +12,7 @@ import btcore
 from btcore.builds import env_flag
 from btcore.cli import terminal
 from btcore.diagnostics import excerpt
-from btcore.engine.watched_tick import tick_counts_of
+from btcore.engine.node import tick_counts_of
 from btcore.errors import NodeExecutionError
 from btcore.runs.run import Run
 from btcore.runs.run_end import EndReason
@@ -98,7 +98,7 @@ def _real_time_factor(run: Run) -> float:
 def _tick_counts(tree: Tree) -> dict[str, dict[str, object]]:
     """Return the ID and the tick counts of each node, by full path.
 
-    Equal paths are distinguished by `#<uid>`.
+    Equal paths are distinguished by `#1`, `#2` ….
     """
     rows: dict[str, dict[str, object]] = {}
     for key, node in tree.nodes_by_path().items():

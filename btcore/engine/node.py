@@ -2,8 +2,7 @@
 
 A parent calls `execute_tick`. A class of nodes implements `tick`. The order within a tick is that of
 BehaviorTree.CPP (src/tree_node.cpp): pre-conditions, tick, post-conditions, stored status. A node with
-conditions or callbacks has a `TickWrapper`; its subclasses count (`watched_tick.py`) and record
-(`recorded_tick.py`) the ticks of a node.
+conditions, callbacks or counters has a `TickWrapper`; its subclass `RecordedTick` records the ticks.
 
 `execute_tick`, `halt_node`, `set_status` and `reset_status` are functions, and methods that call them.
 Built-in nodes call the functions: mypyc looks up by name every method that an interpreted class may override,
@@ -493,7 +492,37 @@ def halt_node(node: TreeNode) -> None:
         raise execution_error(node, error, "being halted") from error
 
 
-# --- nodes with conditions or callbacks
+# --- nodes with conditions or callbacks, or that are watched
+
+
+class TickCounts:
+    """The counters of one node: ticks, results, and halts while it was RUNNING."""
+
+    def __init__(self) -> None:
+        self.ticks = 0
+        self.success = 0
+        self.failure = 0
+        self.skipped = 0
+        self.halted = 0
+
+    def by_name(self) -> dict[str, int]:
+        """Return the counters by their names."""
+        return {
+            "ticks": self.ticks,
+            "success": self.success,
+            "failure": self.failure,
+            "skipped": self.skipped,
+            "halted": self.halted,
+        }
+
+    def add_result(self, status: Status) -> None:
+        """Count the result *status* of a tick."""
+        if status is SUCCESS:
+            self.success += 1
+        elif status is FAILURE:
+            self.failure += 1
+        elif status is SKIPPED:
+            self.skipped += 1
 
 
 class NodeConditions:
@@ -561,26 +590,43 @@ class TickWrapper:
     """Calls the tick and the halt of a node, with what comes before and after them.
 
     Args:
-        former: The wrapper whose conditions and callbacks it gets, or None.
+        former: The wrapper whose attributes it gets, or None.
+
+    Attributes:
+        conditions: The pre- and post-conditions, or None.
+        pre_tick: As in `TreeNode.set_pre_tick_function`.
+        post_tick: As in `TreeNode.set_post_tick_function`.
+        counts: The counters of the ticks, or None.
+        on_tick_start: Called at the start of each tick, before the pre-conditions; or None.
     """
 
     def __init__(self, former: "TickWrapper | None" = None) -> None:
         self.conditions: NodeConditions | None = None
         self.pre_tick: Callable[[Any], Status] | None = None
         self.post_tick: Callable[[Any, Status], Status] | None = None
+        self.counts: TickCounts | None = None
+        self.on_tick_start: Callable[[], object] | None = None
         if former is not None:
             self.conditions = former.conditions
             self.pre_tick = former.pre_tick
             self.post_tick = former.post_tick
+            self.counts = former.counts
+            self.on_tick_start = former.on_tick_start
 
     @property
     def is_empty(self) -> bool:
         """Whether the node needs no wrapper."""
-        return self.conditions is None and self.pre_tick is None and self.post_tick is None
+        has_callbacks = self.pre_tick is not None or self.post_tick is not None
+        is_watched = self.counts is not None or self.on_tick_start is not None
+        return self.conditions is None and not has_callbacks and not is_watched
 
     def tick(self, node: TreeNode) -> Status:
         """Tick *node* unless a pre-condition or callback decides, run what follows, and return the result."""
-        conditions = self.conditions
+        counts, conditions = self.counts, self.conditions
+        if counts is not None:
+            counts.ticks += 1
+        if self.on_tick_start is not None:
+            self.on_tick_start()
         status = UNDECIDED
         if conditions is not None:
             status = conditions.check_preconditions(node._status)
@@ -599,6 +645,8 @@ class TickWrapper:
             forced = _forced_status(node, False, partial(post_tick, node, status))
             if forced is not UNDECIDED:
                 status = forced
+        if counts is not None:
+            counts.add_result(status)
         return status
 
     def call_tick(self, node: TreeNode) -> Status:
@@ -606,7 +654,9 @@ class TickWrapper:
         return _as_status(node, node.tick())
 
     def halt(self, node: TreeNode) -> None:
-        """Halt *node*, and run its `_onHalted`."""
+        """Halt *node*, and run its `_onHalted`. Count the halt if *node* is RUNNING."""
+        if self.counts is not None and node._status is RUNNING:
+            self.counts.halted += 1
         self.call_halt(node)
         if self.conditions is not None:
             self.conditions.run_on_halted()
@@ -621,3 +671,16 @@ def _forced_status(node: TreeNode, is_pre_tick: bool, callback: Callable[[], Sta
     journal = node._context.journal
     forced = callback() if journal is None else journal.call_back(node.config.uid, is_pre_tick, callback)
     return forced if forced is SUCCESS or forced is FAILURE else UNDECIDED
+
+
+def start_tick_counts(node: TreeNode) -> TickCounts:
+    """Count the ticks of *node* from now on. Return the counters."""
+    with node._context.lock:
+        node._wrapper = wrapper = node._wrapper or TickWrapper()
+        wrapper.counts = counts = wrapper.counts or TickCounts()
+    return counts
+
+
+def tick_counts_of(node: TreeNode) -> TickCounts | None:
+    """Return the tick counters of *node*; None before `start_tick_counts` was called."""
+    return None if node._wrapper is None else node._wrapper.counts

@@ -6,15 +6,18 @@ An observer cannot change a tick's result. An observer that raises is unsubscrib
 import time
 from collections.abc import Callable
 from functools import partial
-from typing import Any, cast
+from typing import TYPE_CHECKING, Any
 
-from mypy_extensions import i64, mypyc_attr
+from mypy_extensions import mypyc_attr
 
 from btcore.clock import FAST_NOW, Clock
 from btcore.engine.node_config import NodeConfig
-from btcore.engine.transition_records import Transitions, create_transition, next_checksum
+from btcore.engine.transition_records import Transitions, create_transition
 from btcore.errors import NodeExecutionError
 from btcore.status import IDLE, SUCCESS, Status, Transition
+
+if TYPE_CHECKING:
+    from btcore.engine.journal import Journal  # imported when a recording begins
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -82,26 +85,21 @@ class Observers:
         observers: The observers.
         records: The transitions since the last notification, in the form of `transition_records.py`.
         tick: The number of the latest tick that has started.
-        has_checksum: Whether `checksum` is computed, for a recording (see `journal.py`).
-        checksum: The checksum of all transitions, except those in `records`.
-        needs_only_checksum: Whether the checksum is computed, and no observer is notified of transitions.
-        skips_records: Whether transitions are added to the checksum at once, and not to `records`.
+        journal: Gets each transition at once, while the tree is recorded; or None.
     """
 
     def __init__(self, clock: Clock) -> None:
         self.observers: list[Observer] = []
         self.records: list[object] = []
         self.tick = 0
-        self.has_checksum = False
-        self.checksum: i64 = 0
-        self.needs_only_checksum = False
-        self.skips_records = False
+        self.journal: Journal | None = None
         self._now: Callable[[], Any] = FAST_NOW.get(type(clock), clock.now)
         self._first = 1  # the number of the first transition in `records`
         self._count = 0  # of the transitions in `records`
         # The observers that override `Observer.transition`, and those that override `Observer.transitions`.
         self._immediate_observers: list[Observer] = []
         self._batch_observers: list[Observer] = []
+        self._has_readers = False  # whether any observer overrides one of these
         self._is_flushing = False
         self._tick_start = 0  # ns of real time
 
@@ -109,8 +107,10 @@ class Observers:
 
     def record_transition(self, config: NodeConfig, previous: Status, status: Status) -> None:
         """Record a transition of the node with *config*."""
-        if self.skips_records:
-            self.add_to_checksum(config, cast(i64, status))
+        if self.journal is not None:
+            self.journal.add_transition(config, status)
+        if not self._has_readers:
+            self._first += 1
             return
         stamp = self._now()
         records = self.records
@@ -124,18 +124,21 @@ class Observers:
             number = self._first + self._count - 1
             self._notify_at_once(create_transition(number, stamp, self.tick, config, previous, status))
 
+    @property
+    def needs_each(self) -> bool:
+        """Whether each transition is recorded by itself, because it is handled at once."""
+        return self.journal is not None or bool(self._immediate_observers)
+
     def record_resets(self, configs: list[NodeConfig], before: list[Status], count: int) -> None:
-        """Record that children of a node were reset.
+        """Record that children of a node were reset. Do not call it if `needs_each`.
 
         Args:
             configs: The configs of all children.
             before: The previous statuses of the first children, or of all; IDLE = the child was not reset.
             count: The number of children that were reset.
         """
-        if self._immediate_observers:
-            for config, previous in zip(configs, before, strict=False):
-                if previous is not IDLE:
-                    self.record_transition(config, previous, IDLE)
+        if not self._has_readers:
+            self._first += count
             return
         records = self.records
         records.append(self._now())
@@ -143,11 +146,6 @@ class Observers:
         records.append(before)
         records.append(IDLE)
         self._count += count
-
-    def add_to_checksum(self, config: NodeConfig, status: i64) -> None:
-        """Count a transition, and add it to the checksum; *status* is the number of the new status."""
-        self.checksum = next_checksum(self.checksum, config, status)
-        self._first += 1
 
     def _notify_at_once(self, change: Transition) -> None:
         for observer in self._immediate_observers:
@@ -165,8 +163,6 @@ class Observers:
             # An observer may cause further transitions: all observers get them afterwards, in order.
             while self.records:
                 changes = Transitions(self._first, self.tick, self.records, self._count)
-                if self.has_checksum:
-                    self.checksum = changes.checksum(self.checksum)
                 self._first += self._count
                 self.records = []
                 self._count = 0
@@ -234,21 +230,7 @@ class Observers:
         self._batch_observers = [
             observer for observer in observers if type(observer).transitions is not Observer.transitions
         ]
-        self.needs_only_checksum = (
-            self.has_checksum and not self._batch_observers and not self._immediate_observers
-        )
-
-    def start_checksum(self) -> None:
-        """Compute the checksum of the transitions from now on."""
-        self.flush()
-        self.has_checksum = True
-        self.checksum = 0
-        self._set_observers(self.observers)
-
-    def stop_checksum(self) -> None:
-        """Do not compute the checksum any more."""
-        self.has_checksum = False
-        self._set_observers(self.observers)
+        self._has_readers = bool(self._immediate_observers or self._batch_observers)
 
     def _unsubscribe_after_error(self, observer: Observer, error: Exception) -> None:
         self._set_observers([other for other in self.observers if other is not observer])

@@ -6,11 +6,11 @@ nodes that are not built in and of callbacks, runs outside: its results and writ
 
 from btcore.engine.journal import Journal
 from btcore.engine.node import TickWrapper, TreeNode, halt_node
-from btcore.engine.watched_tick import WatchedTick
+from btcore.engine.recorded_events import ChildHalted, ChildTicked, Raised, recorded_error
 from btcore.status import IDLE, Status
 
 
-class RecordedTick(WatchedTick):
+class RecordedTick(TickWrapper):
     """The wrapper of an external node, or of a built-in node whose parent is external.
 
     Args:
@@ -34,7 +34,8 @@ class RecordedTick(WatchedTick):
         journal = self.journal
         if journal.is_inside:
             return super().tick(node)
-        journal.enter_for_tick(node.config.uid)
+        journal.enter()
+        journal.add(ChildTicked(node.config.uid))
         try:
             return super().tick(node)
         finally:
@@ -50,7 +51,7 @@ class RecordedTick(WatchedTick):
             status = super().call_tick(node)
         except BaseException as error:
             journal.enter()
-            journal.add_error(node.config.uid, error)
+            journal.add(Raised(node.config.uid, recorded_error(error)))
             raise
         journal.enter_with_result(node.config, status)
         return status
@@ -61,7 +62,8 @@ class RecordedTick(WatchedTick):
         if journal.is_inside:
             super().halt(node)
             return
-        journal.enter_for_halt(node.config.uid)
+        journal.enter()
+        journal.add(ChildHalted(node.config.uid))
         try:
             halt_node(node)  # from inside now, so that what follows an exception is inside, too
         finally:
@@ -96,5 +98,5 @@ def stop_recording(node: TreeNode) -> None:
     """End the effect of `start_recording`."""
     with node._context.lock:
         if isinstance(node._wrapper, RecordedTick):
-            wrapper = WatchedTick(node._wrapper)
+            wrapper = TickWrapper(node._wrapper)
             node._wrapper = None if wrapper.is_empty else wrapper

@@ -1,6 +1,5 @@
 """The content of a log file, independent of its format: the nodes of the tree, and their transitions."""
 
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Final, NamedTuple
 from btcore.clock import NS_PER_S
 from btcore.errors import XmlSyntaxError
 from btcore.logs.files import LogError
+from btcore.names import unique_paths
 from btcore.status import IDLE, NodeType, Status
 from btcore.xml.models.tree_nodes_model import TAG_OF
 from btcore.xml.read.element import Element, encoded
@@ -104,12 +104,8 @@ class Recording:
         return warnings
 
     def keys(self) -> dict[int, str]:
-        """Return the paths of all nodes by UID; equal paths are distinguished by an appended `#<uid>`."""
-        counts = Counter(node.path for node in self.nodes.values())
-        return {
-            uid: node.path if counts[node.path] == 1 else f"{node.path}#{uid}"
-            for uid, node in self.nodes.items()
-        }
+        """Return the paths of all nodes by UID; equal paths are distinguished as by `Tree.nodes_by_path`."""
+        return dict(zip(self.nodes, unique_paths([node.path for node in self.nodes.values()]), strict=True))
 
     def statuses(self, count: int | None = None) -> dict[int, Status]:
         """Return the status of each node after the first *count* transitions, by default after all."""

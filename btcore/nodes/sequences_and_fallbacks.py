@@ -162,7 +162,7 @@ class Sequence(OrderedNode):
     child is ticked. After the last child the node succeeds, or is SKIPPED if all children were skipped.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(symbol="→", continue_on=SUCCESS, formats=(3, 4))
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="→", formats=(3, 4))
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -205,7 +205,7 @@ class ReactiveSequence(ReactiveNode):
     ticked. After the last child the node succeeds, or is SKIPPED if all children were skipped.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(symbol="↻→", continue_on=SUCCESS, formats=(3, 4))
+    spec: ClassVar[NodeSpec] = NodeSpec(symbol="↻→", formats=(3, 4))
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

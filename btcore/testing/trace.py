@@ -36,7 +36,7 @@ class StatusChange:
 class TraceStep:
     """The events in a tick of the root, or between two ticks.
 
-    Nodes are identified by their full paths; equal paths are distinguished by `#uid`.
+    Nodes are identified by their full paths; equal paths are distinguished by `#1`, `#2` ….
 
     Attributes:
         tick: The number of the tick; 0 between two ticks.

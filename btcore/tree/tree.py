@@ -12,6 +12,7 @@ from btcore.blackboard.ports import PortRole
 from btcore.clock import NS_PER_S, Clock, SystemClock, TickSchedule
 from btcore.engine.context import TreeContext
 from btcore.engine.node import (
+    TickCounts,
     TreeNode,
     add_to_backtrace,
     execute_tick,
@@ -19,10 +20,11 @@ from btcore.engine.node import (
     halt_node,
     input_or,
     reset_status,
+    start_tick_counts,
 )
 from btcore.engine.observers import Observer, Observers
-from btcore.engine.watched_tick import TickCounts, start_tick_counts
 from btcore.errors import BtcoreError, NodeError, NodeExecutionError
+from btcore.names import unique_paths
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status
 from btcore.suggestions import counted, did_you_mean
@@ -424,16 +426,8 @@ class Tree:
         return {key: start_tick_counts(node) for key, node in self.nodes_by_path().items()}
 
     def nodes_by_path(self) -> dict[str, TreeNode]:
-        """Return the nodes by full path, in pre-order. `#<uid>` is appended to equal paths."""
-        times: dict[str, int] = {}
-        for node in self.nodes:
-            path = node.config.path
-            times[path] = times.get(path, 0) + 1
-        nodes = {}
-        for node in self.nodes:
-            path = node.config.path
-            nodes[path if times[path] == 1 else f"{path}#{node.config.uid}"] = node
-        return nodes
+        """Return the nodes by full path, in pre-order. `#1`, `#2` … are appended to equal paths."""
+        return dict(zip(unique_paths([node.config.path for node in self.nodes]), self.nodes, strict=True))
 
     def node(self, path: str) -> TreeNode:
         """Return the node with the full path *path*, or the only node with the name *path*.
@@ -444,13 +438,11 @@ class Tree:
         keys = self.nodes_by_path()
         if path in keys:
             return keys[path]
-        named = [node for node in self.nodes if node.name == path or node.config.path == path]
+        named = [key for key, node in keys.items() if path in (node.name, node.config.path)]
         if len(named) == 1:
-            return named[0]
+            return keys[named[0]]
         if named:
-            raise BtcoreError(
-                f"'{path}' is the name of {len(named)} nodes: {', '.join(node.config.path for node in named)}"
-            )
+            raise BtcoreError(f"'{path}' is the name of {len(named)} nodes: {', '.join(named)}")
         # The name of a subtree instance in a path ends in a number that is easily forgotten: Dock::7/undock.
         _, slash, name = path.rpartition("/")
         same_name = [key for key, node in keys.items() if slash and node.name == name]
@@ -492,6 +484,19 @@ class Tree:
     def __repr__(self) -> str:
         count = len(self.nodes)
         return f"<Tree '{self.id}' of {counted(count, 'node')}, {self.status.name}>"
+
+
+def with_parents(board: Blackboard | None) -> Iterator[Blackboard]:
+    """Yield *board* and the scopes around it."""
+    while board is not None:
+        yield board
+        board = board.parent
+
+
+def scopes_of(tree: Tree) -> list[Blackboard]:
+    """Return the scopes of *tree*: that of the main tree and those around it, then those of subtrees."""
+    boards = [*with_parents(tree.blackboard), *(subtree.blackboard for subtree in tree.subtrees)]
+    return list({id(board): board for board in boards}.values())
 
 
 # Functions, because calls of methods of `Tree` take longer (compiled).

@@ -15,7 +15,7 @@ from click.testing import CliRunner, Result
 import btcore
 from btcore import SimClock
 from btcore.cli.main import main
-from btcore.engine.watched_tick import start_tick_counts
+from btcore.engine.node import start_tick_counts
 from btcore_monitor.breakpoints import BreakpointClient, BreakpointError, find_nodes
 from btcore_monitor.events import ObservedNode, ObservedTree
 from btcore_monitor.serve import serve

@@ -13,7 +13,7 @@ pytest.importorskip("pybullet")
 
 import btcore
 from btcore import Registry, Status, Tree
-from btcore.engine.watched_tick import start_tick_counts
+from btcore.engine.node import start_tick_counts
 from btcore_robot.robot import LaserScan
 from btcore_sim.faults import Fault, FaultSchedule
 from btcore_sim.simulated_robot import SimulatedRobot

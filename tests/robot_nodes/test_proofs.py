@@ -29,7 +29,7 @@ NAMES = (
 def test_the_standard_questions_are_proved(name: str) -> None:
     nodes = Registry.standard()
     assert nodes.add_installed_libraries() == []
-    assert_proved(TREES / f"{name}.xml", nodes=nodes)
+    assert_proved(prove(TREES / f"{name}.xml", nodes=nodes))
 
 
 def test_the_nodes_of_the_packages_may_run_twice_from_the_same_state(

@@ -289,7 +289,7 @@ class ColumnTable:
             return known
         parent = None if board.parent is None else self._copy_scope(board.parent, clock)
         self.scopes[id(board)] = scope = Blackboard(parent, clock)
-        for inner, outer in board._remaps.items():
+        for inner, outer in board.remappings().items():
             scope.remap(inner, outer)
         for key, entry in board.local_entries().items():
             scope.local_entries()[key] = copy = Entry(entry.declared, entry.inferred)
@@ -332,8 +332,7 @@ class ColumnTable:
         entry = board.local_entries().get(key)
         if entry is not None:
             return self.column_of(entry, key), True
-        # _find_or_create() takes an "@" in a remapped key as a part of the key, as Blackboard.set() does.
-        entry = board._find_or_create(key, ANY, False)
+        entry = board.written_entry(key)
         if entry not in self._columns:
             self.version += 1
         return self.column_of(entry, key), False

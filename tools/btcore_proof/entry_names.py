@@ -26,7 +26,7 @@ def _names(board: Blackboard, key: str) -> list[tuple[Blackboard, str]]:
     while (parent := board.parent) is not None:
         if key.startswith("@") and not is_format_3:
             board, key = board.root, key.lstrip("@")
-        elif (outside := board._remaps.get(key)) is not None:
+        elif (outside := board.remappings().get(key)) is not None:
             board, key = parent, outside
         elif board.autoremap and (is_format_3 or not key.startswith("_")):
             board = parent

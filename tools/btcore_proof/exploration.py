@@ -11,8 +11,7 @@ from collections.abc import Callable, Hashable, Sequence, Set
 from typing import Final
 
 from btcore.clock import SimClock
-from btcore.engine.node import TreeNode
-from btcore.engine.watched_tick import tick_counts_of
+from btcore.engine.node import TreeNode, tick_counts_of
 from btcore.errors import BtcoreError, NodeExecutionError, ScriptError
 from btcore.status import RUNNING, SKIPPED
 from btcore.tree.tree import Tree

@@ -14,7 +14,7 @@ from btcore import NodeSpec
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.ports import Binding, Direction, Input, Output, Port, PortRole, braced_key
 from btcore.engine.control import DecoratorNode
-from btcore.engine.journal import Journal, Written
+from btcore.engine.journal import Journal
 from btcore.engine.leaf import Condition, StatefulAction, SyncAction
 from btcore.engine.node import TreeNode
 from btcore.nodes.manual_selector import Prompt
@@ -411,7 +411,7 @@ class _Chooser:
         unknown = self.choices.unknown(writer.key, operands_of(port_type))
         entry.put(unknown, board.now())
         if isinstance(board.recorder, Journal):
-            board.recorder.add(Written(board, writer.key, {"__text": "?"}, entry.declared))
+            board.recorder.add_written(board, writer.key, {"__text": "?"}, entry.declared)
         return unknown
 
 

@@ -9,8 +9,7 @@ from typing import Final, NamedTuple
 
 from btcore.clock import Clock
 from btcore.engine.leaf import Condition
-from btcore.engine.node import TreeNode
-from btcore.engine.watched_tick import start_tick_counts, tick_counts_of
+from btcore.engine.node import TreeNode, start_tick_counts, tick_counts_of
 from btcore.errors import ConversionError
 from btcore.status import FAILURE, RUNNING, SUCCESS
 from btcore.suggestions import join_names

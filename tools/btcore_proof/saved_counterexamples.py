@@ -1,20 +1,16 @@
 """Counterexamples as files: a pytest test for each, beside its recording."""
 
-import json
-import os
 import re
-import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
+from btcore.testing.source_of_tests import docstring_lines, literal, path_expression
 from btcore_proof.counterexample import Counterexample
 from btcore_proof.prover import Answer
 
 RECORDING: Final = ".btrec.txt"
 """The extension of recordings."""
-_LINE_LENGTH: Final = 88
-"""The line length of the tests, which is ruff's default."""
 _MAX_NAME_CHARS: Final = 60
 """The greatest number of characters of a question in the name of a file."""
 
@@ -67,7 +63,7 @@ def source_of_test(name: str, answer: Answer, source: TreeReference, folder: Pat
     lines = [
         '"""A counterexample that `btcore prove` has found.',
         "",
-        *_wrap(f"The question: {answer.question}{fault}"),
+        *docstring_lines(f"The question: {answer.question}{fault}"),
         "",
         "The test fails until the tree is mended.",
         '"""',
@@ -92,17 +88,6 @@ def source_of_test(name: str, answer: Answer, source: TreeReference, folder: Pat
     return "\n".join(lines) + "\n"
 
 
-def _wrap(text: str) -> list[str]:
-    """Return the lines of a text in a docstring."""
-    return textwrap.wrap(_plain(text), _LINE_LENGTH - 4, break_long_words=False)
-
-
-def _plain(text: str) -> str:
-    """Return a text that may be part of a docstring."""
-    printable = "".join(letter if letter.isprintable() else " " for letter in text)
-    return printable.replace("\\", "/").replace('"', "'")
-
-
 def _node_lines(source: TreeReference, folder: Path) -> list[str]:
     if not source.plugins and not source.has_libraries:
         return []
@@ -110,7 +95,7 @@ def _node_lines(source: TreeReference, folder: Path) -> list[str]:
     if source.has_libraries:
         lines.append("    nodes.add_installed_libraries()")
     for plugin in source.plugins:
-        place = _place(Path(plugin), folder) if plugin.endswith(".py") else _text(plugin)
+        place = path_expression(Path(plugin), folder) if plugin.endswith(".py") else literal(plugin)
         lines.append(f"    nodes.add_plugin({place})")
     return lines
 
@@ -118,31 +103,18 @@ def _node_lines(source: TreeReference, folder: Path) -> list[str]:
 def _arguments(
     name: str, answer: Answer, run: Counterexample, source: TreeReference, folder: Path
 ) -> list[str]:
-    recording = f"FOLDER / {_text(name + RECORDING)}"
-    arguments = [_place(source.file, folder), _text(answer.question), recording]
+    recording = f"FOLDER / {literal(name + RECORDING)}"
+    arguments = [path_expression(source.file, folder), literal(answer.question), recording]
     if run.recorded_cycle is not None:
         arguments.append(f"cycle={run.recorded_cycle}")
     if source.plugins or source.has_libraries:
         arguments.append("nodes=nodes")
     if source.models:
-        arguments.append(f"models=[{', '.join(_place(model, folder) for model in source.models)}]")
+        arguments.append(f"models=[{', '.join(path_expression(model, folder) for model in source.models)}]")
     if source.tree is not None:
-        arguments.append(f"tree={_text(source.tree)}")
+        arguments.append(f"tree={literal(source.tree)}")
     if source.format is not None:
         arguments.append(f"format={source.format}")
     if source.declarations is not None:
-        arguments.append(f"declarations={_place(source.declarations, folder)}")
+        arguments.append(f"declarations={path_expression(source.declarations, folder)}")
     return arguments
-
-
-def _place(path: Path, folder: Path) -> str:
-    """Return an expression for a path, relative to the folder of the test if that is possible."""
-    try:
-        relative = Path(os.path.relpath(path.resolve(), folder.resolve()))
-    except ValueError:  # on another drive of Windows
-        return f"Path({_text(str(path.resolve()))})"
-    return f"FOLDER / {_text(relative.as_posix())}"
-
-
-def _text(text: str) -> str:
-    return json.dumps(text, ensure_ascii=not text.isprintable())

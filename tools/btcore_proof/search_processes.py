@@ -17,7 +17,7 @@ from multiprocessing.process import BaseProcess
 from types import FunctionType
 from typing import Any, Final, NamedTuple
 
-from btcore.engine.watched_tick import start_tick_counts
+from btcore.engine.node import start_tick_counts
 from btcore.values.types import ValueType
 from btcore_proof.exploration import Explorer
 from btcore_proof.model_leaves import UnknownValue

@@ -4,8 +4,7 @@ from collections.abc import Callable, Hashable, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
-from btcore.engine.node import TreeNode, execution_error
-from btcore.engine.watched_tick import start_tick_counts, tick_counts_of
+from btcore.engine.node import TreeNode, execution_error, start_tick_counts, tick_counts_of
 from btcore.errors import NodeExecutionError
 from btcore.status import RUNNING, SKIPPED, Status
 from btcore.tree.tree import Tree

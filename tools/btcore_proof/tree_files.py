@@ -100,73 +100,25 @@ def prove(
     return prover.answer(ticks, memory << 20, None, jobs, seconds)
 
 
-def assert_proved(
-    file: File,
-    *questions: str,
-    nodes: Registry | None = None,
-    models: Sequence[File] = (),
-    tree: str | None = None,
-    format: int | None = None,
-    given: Sequence[str] = (),
-    declarations: File | None = None,
-    ticks: int | None = None,
-    memory: int = MEMORY_MB,
-    jobs: int = 1,
-    seconds: float | None = None,
-    instant_leaves: bool = False,
-) -> None:
-    """Assert that the standard questions, and others, are proved for a tree.
-
-    Args:
-        file: The XML file of the tree.
-        questions: As in `prove`, like all following arguments.
-        nodes: As in `prove`.
-        models: As in `prove`.
-        tree: As in `prove`.
-        format: As in `prove`.
-        given: As in `prove`.
-        declarations: As in `prove`.
-        ticks: As in `prove`.
-        memory: As in `prove`.
-        jobs: As in `prove`.
-        seconds: As in `prove`. A question that is not answered in this time is unknown.
-        instant_leaves: As in `prove`.
+def assert_proved(report: Report) -> None:
+    """Assert that everything in a report of `prove` is proved.
 
     Raises:
         AssertionError: A question is refuted or unknown; the message contains the counterexamples.
-        TreeError: The tree or a model has errors.
-        ModelError: A declaration is invalid.
-        QuestionError: A text is not a question.
-        NodeError: The state of a node cannot be saved.
 
     Examples:
         >>> from pathlib import Path
-        >>> from btcore_proof import assert_proved
+        >>> from btcore_proof import assert_proved, prove
         >>> xml = '''<root BTCPP_format="4"><BehaviorTree ID="Main">
         ...   <Sequence> <Action ID="Grasp"/> <Action ID="Lift"/> </Sequence>
         ... </BehaviorTree></root>'''
         >>> _ = Path("pick.xml").write_text(xml)
-        >>> assert_proved("pick.xml", "Grasp is SUCCESS before Lift", models=["pick.xml"])
+        >>> assert_proved(prove("pick.xml", "Grasp is SUCCESS before Lift", models=["pick.xml"]))
     """
-    report = prove(
-        file,
-        *questions,
-        nodes=nodes,
-        models=models,
-        tree=tree,
-        format=format,
-        given=given,
-        declarations=declarations,
-        ticks=ticks,
-        memory=memory,
-        jobs=jobs,
-        seconds=seconds,
-        instant_leaves=instant_leaves,
-    )
     open_answers = [answer for answer in report.answers if answer.answer != PROVED]
     if open_answers:
         lines = [line for answer in open_answers for line in lines_of_answer(answer)]
-        raise AssertionError(f"not everything is proved about '{file}':\n{to_text(lines)}")
+        raise AssertionError(f"not everything is proved:\n{to_text(lines)}")
 
 
 def assert_holds_in_run(

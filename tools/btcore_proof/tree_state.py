@@ -23,7 +23,7 @@ from btcore.nodes.entry_updates import EntryUpdatedDecorator, WasEntryUpdated
 from btcore.nodes.repeat import RepeatedNode
 from btcore.status import Status
 from btcore.suggestions import join_names
-from btcore.tree.tree import Tree
+from btcore.tree.tree import Tree, scopes_of
 from btcore_proof.interrupts import OpaqueStateError
 from btcore_proof.model_leaves import UnknownValue
 from btcore_proof.tick_times import FIRST_PENDING_NS, READING_INTERVAL_NS, TICK_START_NS, TickClock
@@ -136,17 +136,6 @@ def check_state_declaration(node: TreeNode) -> None:
         )
 
 
-def blackboards_of(tree: Tree) -> list[Blackboard]:
-    """Return the scopes of *tree*, each once, including the parents of the main tree's scope."""
-    boards: dict[int, Blackboard] = {}
-    for subtree in tree.subtrees:
-        board: Blackboard | None = subtree.blackboard
-        while board is not None:
-            boards.setdefault(id(board), board)
-            board = board.parent
-    return list(boards.values())
-
-
 class StateKeeper:
     """Captures and restores the state of one tree.
 
@@ -167,7 +156,7 @@ class StateKeeper:
         self._tree = tree
         self._instant = instant
         self.clock = TickClock(tree)
-        self._boards: list[Blackboard] = blackboards_of(tree)
+        self._boards: list[Blackboard] = scopes_of(tree)
         self._nodes = list(tree.nodes)
         self._with_fields: list[tuple[TreeNode, list[str], frozenset[str]]] = []
         self._watchers: list[tuple[int, EntryUpdatedDecorator | WasEntryUpdated]] = []

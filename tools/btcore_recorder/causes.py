@@ -11,14 +11,14 @@ from itertools import islice
 from typing import Final
 
 from btcore.clock import NS_PER_S
-from btcore.engine.journal import MessageLogged
 from btcore.engine.node import TreeNode
+from btcore.engine.recorded_events import MessageLogged, Raised
 from btcore.errors import BtcoreError, ScriptError
 from btcore.script.expressions import Literal as ScriptLiteral
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.suggestions import join_names
 from btcore.xml.plan.key_uses import WRITING, find_name_uses, iter_subexpressions, parse_statements
-from btcore_recorder.inputs import Raised, Result, is_external
+from btcore_recorder.inputs import Result, is_external
 from btcore_recorder.replay import Replay
 from btcore_recorder.tick_trace import (
     MAX_OBSERVATIONS,
@@ -31,7 +31,7 @@ from btcore_recorder.tick_trace import (
     scripts_of,
 )
 from btcore_recorder.values import NotReplayable, value_text
-from btcore_recorder.what_if import Change, HoldEntry, SetResult, unique_paths
+from btcore_recorder.what_if import Change, HoldEntry, SetResult
 
 MAX_CAUSES: Final = 300
 """Maximum number of causes that are considered for an answer."""
@@ -81,7 +81,7 @@ class CauseFinder:
         self._replay = replay
         self._nodes = replay.tree.nodes
         self._steps = replay.steps
-        self.paths = unique_paths(replay.tree)
+        self.paths = list(replay.tree.nodes_by_path())
         self._parents = {child.config.uid: node for node in self._nodes for child in node.children}
         self._traces: dict[int, TickTrace] = {}
         self._count = 0

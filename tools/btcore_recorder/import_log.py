@@ -14,9 +14,18 @@ from typing import Final
 from lxml import etree
 
 import btcore
-from btcore.engine.journal import ChildHalted, ChildTicked, ExternalHaltBegan, StatusForced, StatusSet
 from btcore.engine.node import TreeNode, execute_tick, halt_node, reset_status
 from btcore.engine.observers import Observer
+from btcore.engine.recorded_events import (
+    ChildHalted,
+    ChildTicked,
+    ExternalHaltBegan,
+    ExternalHaltEnded,
+    Raised,
+    RecordedError,
+    StatusForced,
+    StatusSet,
+)
 from btcore.engine.transition_records import Transitions
 from btcore.errors import BtcoreError, TickInterrupt
 from btcore.logs import LoggedTransition, Recording
@@ -26,13 +35,10 @@ from btcore.registry.registry import Registry
 from btcore.status import IDLE, RUNNING, SKIPPED, NodeType, Status, Transition
 from btcore_recorder.files import RECONSTRUCTED
 from btcore_recorder.inputs import (
-    ExternalHaltEnded,
     Head,
     Input,
     NodeState,
-    Raised,
     RecordedClass,
-    RecordedError,
     Result,
     RunRecording,
     Step,

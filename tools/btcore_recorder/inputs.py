@@ -1,26 +1,31 @@
 """What a recording consists of: the tree with its state, and for each tick what it depends on.
 
-`btcore.engine.journal` records it in a running tree. Here the values are independent of the tree: nodes are
+`btcore.engine.journal` records it in a running tree. The values are independent of the tree: nodes are
 numbers (UIDs), scopes are indices, values have the form of `btcore_recorder.values`.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any, Final, NamedTuple
 
-from btcore.blackboard.blackboard import Blackboard
-from btcore.engine.journal import (
+from btcore.engine.node import TreeNode
+from btcore.engine.recorded_events import (
     ChildHalted,
     ChildTicked,
     ExternalHaltBegan,
+    ExternalHaltEnded,
     MessageLogged,
     Paused,
+    Raised,
+    RecordedEntry,
+    Removed,
+    Replaced,
+    ScriptRun,
     StatusForced,
     StatusSet,
     TimeRead,
+    Written,
 )
-from btcore.engine.node import TreeNode
 from btcore.status import Status
-from btcore.tree.tree import Tree
 
 UNKNOWN_CHECKSUM: Final = -1
 """The checksum of a tick that raised an exception, if the tree was not halted afterwards."""
@@ -31,75 +36,6 @@ class Result(NamedTuple):
 
     uid: int
     status: Status
-
-
-class RecordedError(NamedTuple):
-    """An exception: the name of its class, and its text."""
-
-    type: str
-    text: str
-
-
-class Raised(NamedTuple):
-    """The tick of an external node raised an exception."""
-
-    uid: int
-    error: RecordedError
-
-
-class ExternalHaltEnded(NamedTuple):
-    """The halt that began by `ExternalHaltBegan` has ended; *error* is what it raised, or None."""
-
-    uid: int
-    error: RecordedError | None
-
-
-class Written(NamedTuple):
-    """An entry was written.
-
-    Attributes:
-        scope: The index of the scope on which it was written.
-        key: The key, before remapping.
-        value: The value.
-        declared: The name of the type that the writer has declared, or None.
-    """
-
-    scope: int
-    key: str
-    value: Any
-    declared: str | None
-
-
-class Removed(NamedTuple):
-    """An entry of a scope was removed."""
-
-    scope: int
-    key: str
-
-
-class RecordedEntry(NamedTuple):
-    """An entry, with the names of its types."""
-
-    value: Any
-    declared: str
-    inferred: bool
-    value_type: str | None
-    sequence_id: int
-
-
-class Replaced(NamedTuple):
-    """All entries of a scope were replaced."""
-
-    scope: int
-    entries: Mapping[str, RecordedEntry]
-
-
-class ScriptRun(NamedTuple):
-    """External code ran a script on a scope, with the given enum names."""
-
-    scope: int
-    text: str
-    enums: Mapping[str, int]
 
 
 Input = (
@@ -305,16 +241,3 @@ def is_external(cls: type[TreeNode]) -> bool:
     """Return whether the results of *cls* are recorded: it is not built in, or a person decides them."""
     module = cls.__module__
     return not module.startswith("btcore.nodes.") or module == "btcore.nodes.manual_selector"
-
-
-def scopes_of(tree: Tree) -> list[Blackboard]:
-    """Return the scopes of *tree* by their indices: those around the main tree, then the others."""
-    boards = [*with_parents(tree.blackboard), *(subtree.blackboard for subtree in tree.subtrees)]
-    return list({id(board): board for board in boards}.values())
-
-
-def with_parents(board: Blackboard | None) -> Iterator[Blackboard]:
-    """Yield *board* and the scopes around it."""
-    while board is not None:
-        yield board
-        board = board.parent

@@ -10,37 +10,37 @@ from functools import cache, partial
 from types import UnionType
 from typing import Any, Final, Protocol, cast, get_args, get_origin, get_type_hints
 
-from btcore.engine.journal import (
+from btcore.engine.recorded_events import (
     ChildHalted,
     ChildTicked,
     ExternalHaltBegan,
+    ExternalHaltEnded,
     MessageLogged,
     Paused,
+    Raised,
+    RecordedEntry,
+    Removed,
+    Replaced,
+    ScriptRun,
     StatusForced,
     StatusSet,
     TimeRead,
+    Written,
 )
 from btcore.json_text import load_json
 from btcore.logs.files import LogError
 from btcore.status import NodeType, Status
 from btcore_recorder.inputs import (
-    ExternalHaltEnded,
     Facts,
     Head,
     Input,
     NodeState,
-    Raised,
     RecordedClass,
-    RecordedEntry,
-    Removed,
-    Replaced,
     Result,
     RunRecording,
-    ScriptRun,
     Segment,
     Step,
     TreeState,
-    Written,
 )
 
 FORMAT: Final = 1
@@ -163,7 +163,7 @@ class ResultTexts:
 
     def get(self, results: Results) -> str:
         """Return the text of *results*, which are not empty."""
-        if results is not self._last[0]:
+        if results != self._last[0]:  # usually the same objects, which Python compares at once
             self._last = results, self._separator.join(map(self._encode, results))
         return self._last[1]
 

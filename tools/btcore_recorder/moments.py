@@ -8,8 +8,8 @@ from itertools import islice
 from typing import Any, Final, NamedTuple
 
 from btcore.blackboard.blackboard import Blackboard
-from btcore.engine.journal import MessageLogged
 from btcore.engine.node import TreeNode
+from btcore.engine.recorded_events import MessageLogged
 from btcore.status import IDLE, RUNNING, Status
 from btcore.xml.plan.key_uses import READING, WRITING, find_name_uses
 from btcore.xml.plan.plan import Plans

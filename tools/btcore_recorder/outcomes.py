@@ -7,12 +7,12 @@ from typing import Final
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.clock import NS_PER_S
-from btcore.engine.journal import ChildTicked, ExternalHaltBegan, TimeRead
 from btcore.engine.node import TreeNode
+from btcore.engine.recorded_events import ChildTicked, ExternalHaltBegan, ExternalHaltEnded, TimeRead, Written
 from btcore.registry.outcome_grammar import LETTERS, Outcome
 from btcore.status import IDLE, RUNNING
 from btcore.tree.tree import Tree
-from btcore_recorder.inputs import ExternalHaltEnded, Input, Result, Step, Written
+from btcore_recorder.inputs import Input, Result, Step
 from btcore_recorder.recorded_tree import ExternalCode
 from btcore_recorder.replay import Replay
 from btcore_recorder.values import NotReplayable

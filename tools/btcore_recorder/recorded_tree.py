@@ -10,20 +10,28 @@ from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.format3 import Format3Blackboard
 from btcore.blackboard.ports import Direction, Port
 from btcore.engine.control import ControlNode, DecoratorNode
-from btcore.engine.journal import (
-    ChildHalted,
-    ChildTicked,
-    ExternalHaltBegan,
-    MessageLogged,
-    Paused,
-    StatusForced,
-    StatusSet,
-    TimeRead,
-)
 from btcore.engine.leaf import LeafNode
 from btcore.engine.node import TreeNode, execute_tick, halt_node, reset_status
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.node_spec import NodeSpec
+from btcore.engine.recorded_events import (
+    ChildHalted,
+    ChildTicked,
+    ExternalHaltBegan,
+    ExternalHaltEnded,
+    MessageLogged,
+    Paused,
+    Raised,
+    RecordedEntry,
+    RecordedError,
+    Removed,
+    Replaced,
+    ScriptRun,
+    StatusForced,
+    StatusSet,
+    TimeRead,
+    Written,
+)
 from btcore.errors import BtcoreError, NodeError, NodeExecutionError, ScriptError, TickInterrupt
 from btcore.loading.instantiate import instantiate
 from btcore.logs.files import LogError
@@ -31,28 +39,13 @@ from btcore.registry.manifest import Manifest, create_manifest
 from btcore.registry.registry import Registry, SubstitutionRule
 from btcore.script.program import compile_script
 from btcore.status import IDLE, SKIPPED, NodeType, Status
-from btcore.tree.tree import Tree
+from btcore.tree.tree import Tree, scopes_of
 from btcore.values import UserType, ValueType, VectorType
 from btcore.xml.define import define
 from btcore.xml.plan.plan import Plans, plan
 from btcore.xml.read.document import CollectedDiagnostics
 from btcore.xml.read.read import Sources, parse_text
-from btcore_recorder.inputs import (
-    ExternalHaltEnded,
-    Head,
-    Input,
-    Raised,
-    RecordedClass,
-    RecordedEntry,
-    RecordedError,
-    Removed,
-    Replaced,
-    Result,
-    ScriptRun,
-    Step,
-    Written,
-    scopes_of,
-)
+from btcore_recorder.inputs import Head, Input, RecordedClass, Result, Step
 from btcore_recorder.tree_state import restore_entries
 from btcore_recorder.values import Decoder, NotReplayable
 

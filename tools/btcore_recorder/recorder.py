@@ -7,42 +7,28 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from fnmatch import fnmatchcase
 from itertools import chain
-from typing import Any, Final, NamedTuple, cast
+from typing import Any, Final, NamedTuple
 from uuid import uuid4
 from weakref import WeakSet
 
 import btcore
 from btcore.blackboard.blackboard import Blackboard
 from btcore.builds import active_build
-from btcore.engine import journal
 from btcore.engine.control import ControlNode, DecoratorNode
+from btcore.engine.journal import Journal
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.observers import Observer
+from btcore.engine.recorded_events import HaltBegan, StepEnded, TickBegan
 from btcore.engine.recorded_tick import start_recording, stop_recording
 from btcore.engine.transition_records import Transitions
 from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.registry.manifest import Manifest
 from btcore.status import FAILURE, IDLE, Status, Transition
-from btcore.tree.tree import Tree
+from btcore.tree.tree import Tree, scopes_of, with_parents
 from btcore_recorder.facts import collect_facts
-from btcore_recorder.inputs import (
-    ExternalHaltEnded,
-    Head,
-    Input,
-    Raised,
-    RecordedClass,
-    RecordedError,
-    Removed,
-    Replaced,
-    ScriptRun,
-    TreeState,
-    Written,
-    is_external,
-    scopes_of,
-    with_parents,
-)
-from btcore_recorder.lines import Results, WrittenLine, input_line, result_lines, transitions_line
-from btcore_recorder.tree_state import capture, recorded_entry
+from btcore_recorder.inputs import Head, RecordedClass, TreeState, is_external
+from btcore_recorder.lines import WrittenLine, input_line, result_lines, transitions_line
+from btcore_recorder.tree_state import capture
 from btcore_recorder.values import EXCLUDED, MAX_TEXT, Encoder
 
 _NAMES: Final = {status: status.name for status in Status}
@@ -69,9 +55,9 @@ class RawStep(NamedTuple):
         end = self.records[-1]
         # What other threads wrote before the step comes first.
         return (
-            isinstance(end, journal.StepEnded)
+            isinstance(end, StepEnded)
             and end.status is IDLE
-            and any(type(event) is journal.HaltBegan for event in self.records[1::2])
+            and any(type(event) is HaltBegan for event in self.records[1::2])
         )
 
 
@@ -175,7 +161,6 @@ class Recorder(Observer):
         types: dict[str, Any] = {}
         self._encoder = Encoder(types.__setitem__)
         self._boards = scopes_of(tree)
-        self._scopes = {id(board): index for index, board in enumerate(self._boards)}
         self.has_failed = False
         self._time = tree.clock.now()
         self._records: list[object] | None = None
@@ -185,11 +170,9 @@ class Recorder(Observer):
         self._unsubscribe = [tree.subscribe(observer) for observer in added]
         observers = tree.context.observers
         assert observers is not None
-        observers.start_checksum()
         self._observers = observers
-        self._journal = journal.Journal(observers, self._encoder.encode, self._end_step)
+        self._journal = Journal(self._boards, self._encode, self._end_step)
         self._result_lines: dict[NodeConfig, list[tuple[str, int, str]]] = {}
-        self._last_repeated: tuple[list[object], Results] = [], ()
         for node in tree.nodes:
             if is_external(type(node)):
                 self._result_lines[node.config] = result_lines(node.uid)
@@ -201,7 +184,7 @@ class Recorder(Observer):
             board.recorder = self._journal
         tree.context.uses_time = True  # each tick has a time
         tree.context.woken_by = 0
-        tree.context.journal = self._journal
+        tree.context.journal = observers.journal = self._journal
         self.head = self._create_head(types)
         self._encoder.found = found
         self._log_records = _log_record_factory()
@@ -212,19 +195,18 @@ class Recorder(Observer):
         context = self._tree.context
         if context.journal is not self._journal:
             return
-        context.journal = None
+        context.journal = self._observers.journal = None
         self._log_records.recorders.discard(self)
         for board in self._boards:
             board.recorder = None
         for node in self._tree.nodes:
             stop_recording(node)
-        self._observers.stop_checksum()
         for unsubscribe in self._unsubscribe:
             unsubscribe()
 
     def capture(self) -> TreeState:
         """Return the state of the tree, between two steps. A new segment begins, with a new checksum."""
-        self._observers.checksum = 0
+        self._journal.checksum = 0
         state = self._journal.capture(lambda: capture(self._tree, self._boards, self._encoder.encode))
         excluded = {index for keys in state.scopes for key, index in keys.items() if self._is_excluded(key)}
         entries = [
@@ -232,6 +214,10 @@ class Recorder(Observer):
             for index, entry in enumerate(state.entries)
         ]
         return state._replace(entries=tuple(entries))
+
+    def _encode(self, board: Blackboard, key: str, value: object) -> object:
+        excludes = self._exclude and self._is_excluded(key, board)
+        return EXCLUDED if excludes else self._encoder.encode(value)
 
     def _is_excluded(self, key: str, board: Blackboard | None = None) -> bool:
         """Return whether the entry of a key is excluded, by the key or by a key that *board* remaps it to."""
@@ -308,7 +294,7 @@ class Recorder(Observer):
 
     def _end_step(self, records: list[object]) -> None:
         end = records[-1]
-        assert isinstance(end, journal.StepEnded)
+        assert isinstance(end, StepEnded)
         # After an exception and in a halt, the transitions are known already.
         if end.status is IDLE:
             self._deliver(self._raw_step(records))
@@ -317,7 +303,7 @@ class Recorder(Observer):
 
     def _raw_step(self, records: list[object]) -> RawStep:
         transitions = None if self._transitions is None else self._transitions.take()
-        return RawStep(records, self._observers.checksum, self._time, transitions)
+        return RawStep(records, self._journal.checksum, self._time, transitions)
 
     def lines(self, raw: RawStep) -> list[WrittenLine]:
         """Return the lines of a step, which do not depend on the tree. Thread-safe."""
@@ -331,58 +317,18 @@ class Recorder(Observer):
             if results:
                 lines.append(tuple(results))
                 results = []
-            if isinstance(event, journal.TickBegan):
+            if isinstance(event, TickBegan):
                 lines.append(["tick", *event])
-            elif isinstance(event, journal.HaltBegan):
+            elif isinstance(event, HaltBegan):
                 lines.append(["halt"])
-            elif isinstance(event, journal.StepEnded):
+            elif isinstance(event, StepEnded):
                 if raw.transitions is not None:
                     changes = chain.from_iterable(raw.transitions)
                     lines.append(transitions_line((change.uid, change.status) for change in changes))
                 lines.append(["end", _NAMES[event.status], raw.checksum])
-            elif isinstance(event, journal.ResultsRepeated):
-                lines.append(self._repeated(event.results))
             else:
-                lines.append(input_line(self._input(event)))
+                lines.append(input_line(event))
         return lines
-
-    def _repeated(self, records: list[object]) -> Results:
-        """Return the lines of repeated results: the same object each time."""
-        last, lines = self._last_repeated
-        if records is not last:
-            values: Iterator[Any] = iter(records)
-            pairs = zip(values, values, strict=True)
-            lines = tuple([self._result_lines[config][status] for config, status in pairs])
-            self._last_repeated = records, lines
-        return lines
-
-    def _input(self, event: journal.Event) -> Input:
-        match event:
-            case journal.Raised(uid, error):
-                return Raised(uid, _recorded_error(error))
-            case journal.ExternalHaltEnded(uid, error):
-                return ExternalHaltEnded(uid, None if error is None else _recorded_error(error))
-            case journal.Written(board, key, value, declared):
-                scope = self._scopes[id(board)]
-                value = EXCLUDED if self._exclude and self._is_excluded(key, board) else value
-                if declared is None and isinstance(value, dict) and "__text" in value:
-                    declared = board.written_entry(key).declared  # the text has not the type of the value
-                return Written(scope, key, value, None if declared is None else declared.name)
-            case journal.Removed(board, key):
-                return Removed(self._scopes[id(board)], key)
-            case journal.Replaced(board, entries):
-                recorded = {
-                    key: recorded_entry(entry, EXCLUDED if self._is_excluded(key, board) else entry.value)
-                    for key, entry in entries.items()
-                }
-                return Replaced(self._scopes[id(board)], recorded)
-            case journal.ScriptRun(board, text, enums):
-                return ScriptRun(self._scopes[id(board)], text, enums)
-        return cast(Input, event)
-
-
-def _recorded_error(error: object) -> RecordedError:
-    return RecordedError(type(error).__name__, str(error))
 
 
 def _describe(manifest: Manifest) -> RecordedClass:

@@ -1,25 +1,19 @@
 """Tests that run a recording again: the assertions, and the source code of a test."""
 
-import json
-import os
 import re
-import textwrap
 import warnings
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Final
 
 from btcore.clock import NS_PER_S
 from btcore.logs.files import LogError
 from btcore.status import FAILURE, IDLE
 from btcore.suggestions import join_names
+from btcore.testing.source_of_tests import LINE_LENGTH, docstring_lines, literal, path_expression
 from btcore_recorder.files import read_recording
 from btcore_recorder.inputs import RunRecording
 from btcore_recorder.what_if import ChangedRun, File, read_document, run_changed
-
-_LINE_LENGTH: Final = 88
-"""The line length of the tests, which is ruff's default."""
 
 
 def assert_does_not_fail(
@@ -154,17 +148,17 @@ def source_of_test(
     else:
         assertion = "assert_does_not_fail"
         about += [f"What happened: {recorded.failure}.", "The test fails until the tree is mended."]
-    arguments = [f"FOLDER / {_text(file.name)}"]
+    arguments = [f"FOLDER / {literal(file.name)}"]
     if tree is not None:
-        arguments.append(f"tree={_place(tree, test.parent)}")
+        arguments.append(f"tree={path_expression(tree, test.parent)}")
     if matches:
         arguments.append(
-            f"matches={{{', '.join(f'{_text(old)}: {_text(new)}' for old, new in matches.items())}}}"
+            f"matches={{{', '.join(f'{literal(old)}: {literal(new)}' for old, new in matches.items())}}}"
         )
     call = [f"    {assertion}({', '.join(arguments)})"]
-    if len(call[0]) > _LINE_LENGTH:
+    if len(call[0]) > LINE_LENGTH:
         call = [f"    {assertion}(", *(f"        {argument}," for argument in arguments), "    )"]
-    first, *others = [line for text in about for line in _wrap(text)]
+    first, *others = [line for text in about for line in docstring_lines(text)]
     lines = [
         f'"""{first}',
         "",
@@ -195,22 +189,3 @@ def _date(wall_time: int) -> str:
 
 def _function_name(test: Path) -> str:
     return re.sub(r"[^a-zA-Z0-9]+", "_", test.stem)
-
-
-def _wrap(text: str) -> list[str]:
-    """Return the lines of a text in a docstring."""
-    printable = "".join(letter if letter.isprintable() else " " for letter in text)
-    plain = printable.replace("\\", "/").replace('"', "'")
-    return textwrap.wrap(plain, _LINE_LENGTH - 4, max_lines=4)
-
-
-def _text(text: str) -> str:
-    return json.dumps(text, ensure_ascii=not text.isprintable())
-
-
-def _place(path: Path, folder: Path) -> str:
-    """Return an expression for a path, relative to the folder of the test if that is possible."""
-    try:
-        return f"FOLDER / {_text(Path(os.path.relpath(path.resolve(), folder.resolve())).as_posix())}"
-    except ValueError:  # on another drive of Windows
-        return f"Path({_text(str(path.resolve()))})"

@@ -15,7 +15,7 @@ class RecordedStatistics:
 
     Attributes:
         node: The node.
-        path: Its full path, with `#<uid>` if several nodes have the same path.
+        path: Its full path, as in `Tree.nodes_by_path`.
         success: The number of transitions to SUCCESS.
         failure: The number of transitions to FAILURE.
         skipped: The number of transitions to SKIPPED.

@@ -7,14 +7,12 @@ from typing import Final, NamedTuple
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.ports import SCRIPT_ROLES
-from btcore.engine.node import TreeNode
+from btcore.engine.node import TickWrapper, TreeNode
 from btcore.engine.observers import Observer
-from btcore.engine.watched_tick import WatchedTick
 from btcore.errors import NodeExecutionError
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status, Transition
-from btcore.tree.tree import Tree
+from btcore.tree.tree import Tree, scopes_of
 from btcore.xml.plan.key_uses import READING, find_name_uses, port_uses
-from btcore_recorder.inputs import scopes_of
 
 MAX_OBSERVATIONS: Final = 200_000
 """Maximum number of ticks of nodes, reads and writes that are observed: a tick may repeat a node often."""
@@ -131,7 +129,7 @@ class TickTrace(Observer):
         self._unsubscribe = tree.subscribe(self)
 
     def _follow(self, node: TreeNode) -> None:
-        node._wrapper = wrapper = WatchedTick(node._wrapper)
+        node._wrapper = wrapper = TickWrapper(node._wrapper)
         wrapper.counts = None
         wrapper.on_tick_start = partial(self._start, node)
         wrapper.pre_tick = partial(self._pre_tick, wrapper.pre_tick)

@@ -38,7 +38,7 @@ class TreeObserver(AttachedObserver):
     """An observer that counts the results of each node of *tree* until it is closed.
 
     It counts in the same way as BehaviorTree.CPP's TreeObserver (src/loggers/bt_observer.cpp). Nodes are
-    identified by UID or by path; equal paths are distinguished by `#<uid>`, as in
+    identified by UID or by path; equal paths are distinguished as in
     `btcore.Tree.nodes_by_path`.
 
     Attributes:

@@ -8,10 +8,11 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from btcore.blackboard.blackboard import Blackboard, Entry
+from btcore.engine.recorded_events import RecordedEntry, recorded_entry
 from btcore.logs.files import LogError
 from btcore.status import IDLE
 from btcore.tree.tree import Tree
-from btcore_recorder.inputs import NodeState, RecordedEntry, TreeState, is_external
+from btcore_recorder.inputs import NodeState, TreeState, is_external
 
 
 def capture(tree: Tree, boards: Sequence[Blackboard], encode: Callable[[object], Any]) -> TreeState:
@@ -43,12 +44,6 @@ def capture(tree: Tree, boards: Sequence[Blackboard], encode: Callable[[object],
         if fields or node._status is not IDLE or node._status_before_reset is not IDLE:
             states.append(NodeState(uid, node._status, node._status_before_reset, fields))
     return TreeState(tuple(entries), tuple(scopes), tuple(states), tree.ticks)
-
-
-def recorded_entry(entry: Entry, encoded: Any) -> RecordedEntry:
-    """Return *entry* with its *encoded* value."""
-    value_type = None if entry.value_type is None else entry.value_type.name
-    return RecordedEntry(encoded, entry.declared.name, entry.inferred, value_type, entry.sequence_id)
 
 
 def restore_entries(

@@ -6,39 +6,36 @@ begins in another tick than the recorded one is an assumption: the robot might h
 """
 
 import os
-from collections import Counter, defaultdict, deque
+from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import cycle, zip_longest
 from typing import Any, Literal, NamedTuple
 
 from btcore.blackboard.ports import Port
-from btcore.engine.journal import ExternalHaltBegan, Paused, StatusForced, TimeRead
 from btcore.engine.node import TreeNode, reset_status
 from btcore.engine.observers import Observer
+from btcore.engine.recorded_events import (
+    ExternalHaltBegan,
+    ExternalHaltEnded,
+    Paused,
+    Raised,
+    ScriptRun,
+    StatusForced,
+    TimeRead,
+    Written,
+)
 from btcore.errors import BtcoreError, NodeExecutionError, TickInterrupt
 from btcore.registry.mock_leaves import MockLeafError
 from btcore.registry.outcome_grammar import LETTERS, Outcome, parse_outcomes
 from btcore.registry.registry import Registry
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status, Transition
 from btcore.suggestions import did_you_mean
-from btcore.tree.tree import Tree
+from btcore.tree.tree import Tree, scopes_of
 from btcore.xml.models.model_file import collect_ports
 from btcore.xml.read.read import parse_file, parse_text, read
 from btcore_recorder.failures import Failure, FailureObserver
-from btcore_recorder.inputs import (
-    ExternalHaltEnded,
-    Head,
-    Input,
-    Raised,
-    RecordedClass,
-    Result,
-    RunRecording,
-    ScriptRun,
-    Written,
-    is_external,
-    scopes_of,
-)
+from btcore_recorder.inputs import Head, Input, RecordedClass, Result, RunRecording, is_external
 from btcore_recorder.recorded_tree import (
     ExternalCode,
     Inputs,
@@ -169,16 +166,6 @@ class _Activation:
     halt: list[Input] = field(default_factory=list)
 
 
-def unique_paths(tree: Tree) -> list[str]:
-    """Return the path of each node, with a number if an earlier node has the same path."""
-    seen: Counter[str] = Counter()
-    paths = []
-    for node in tree.nodes:
-        seen[node.path] += 1
-        paths.append(node.path if seen[node.path] == 1 else f"{node.path}#{seen[node.path]}")
-    return paths
-
-
 class _PathTransition(NamedTuple):
     tick: int
     path: str
@@ -195,7 +182,7 @@ class PathTransitions(Observer):
 
     def __init__(self, tree: Tree) -> None:
         self.found: list[_PathTransition] = []
-        self._paths = unique_paths(tree)
+        self._paths = list(tree.nodes_by_path())
 
     def transition(self, change: Transition) -> None:
         """Add a transition."""
@@ -416,7 +403,7 @@ class RecordedRun:
         replay.tree.flush_observers()
         self.recording = recording
         self.tree = replay.tree
-        self.paths = unique_paths(replay.tree)
+        self.paths = list(replay.tree.nodes_by_path())
         self.transitions = collected.found
         self.activations = {self.paths[uid - 1]: known for uid, known in tracer.activations.items()}
 
@@ -471,10 +458,9 @@ class ChangedReplay:
         activations = {matches.get(path, path): known for path, known in run.activations.items()}
         external = _Activations(head.types, activations, results, outcomes or {}, missing)
         self.tree = tree = load_recorded(head, external, StepClock())
-        external.paths = unique_paths(tree)
-        leaves = [
-            path for path, node in zip(external.paths, tree.nodes, strict=True) if is_external(type(node))
-        ]
+        nodes = tree.nodes_by_path()
+        external.paths = list(nodes)
+        leaves = [path for path, node in nodes.items() if is_external(type(node))]
         for path in (*(node for _, node in results), *(outcomes or ())):
             _check_node(path, leaves, "the tree, whose results are recorded")
         for new in matches.values():
@@ -655,7 +641,7 @@ def _new_leaves(head: Head, recorded: Tree) -> Iterator[RecordedClass]:
 
 def _nodes(tree: Tree) -> list[tuple[str, str]]:
     """Return the paths and the IDs of the nodes."""
-    return [(path, node.config.id) for path, node in zip(unique_paths(tree), tree.nodes, strict=True)]
+    return [(path, node.config.id) for path, node in tree.nodes_by_path().items()]
 
 
 def _check_node(path: str, paths: Sequence[str], where: str) -> None:

@@ -206,8 +206,8 @@ def test_nodes_with_the_same_path_are_distinguished_by_number() -> None:
         document('<Sequence><AlwaysSuccess name="x"/><AlwaysSuccess name="x"/></Sequence>')
     )
     harness.tick()
-    assert list(harness.last.results) == ["Sequence::1", "x#2", "x#3"]
-    assert harness.result("x#3") is Status.SUCCESS
+    assert list(harness.last.results) == ["Sequence::1", "x#1", "x#2"]
+    assert harness.result("x#2") is Status.SUCCESS
 
 
 def test_unsubscribed_trace_records_nothing_more(patrol: Patrol) -> None:

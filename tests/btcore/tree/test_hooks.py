@@ -9,7 +9,7 @@ import pytest
 
 import btcore
 from btcore import Observer, Registry, SimClock, StatefulAction, Status, Transition, action, running
-from btcore.engine.watched_tick import start_tick_counts
+from btcore.engine.node import start_tick_counts
 from btcore.tree.hooks import Hook, HookMode, HookPosition
 
 TREE = """

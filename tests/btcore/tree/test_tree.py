@@ -408,10 +408,14 @@ def test_unknown_path_raises_an_error_with_a_suggestion(make_tree: TreeFactory) 
 
 def test_nodes_with_the_same_path_are_distinguished_by_number(make_tree: TreeFactory) -> None:
     tree = make_tree('<Sequence><Act name="p" outcomes="S"/><Act name="p" outcomes="S"/></Sequence>')
-    assert list(tree.nodes_by_path()) == ["Sequence::1", "p#2", "p#3"]
-    assert tree.node("p#3") is tree.nodes[2]
-    with pytest.raises(BtcoreError, match="'p' is the name of 2 nodes: p, p"):
+    assert list(tree.nodes_by_path()) == ["Sequence::1", "p#1", "p#2"]
+    assert tree.node("p#2") is tree.nodes[2]
+    with pytest.raises(BtcoreError, match="'p' is the name of 2 nodes: p#1, p#2"):
         tree.node("p")
+    tree = make_tree(
+        "<Sequence>" + "".join(f'<Act name="{name}"/>' for name in ("p#1", "p", "p")) + "</Sequence>"
+    )
+    assert list(tree.nodes_by_path()) == ["Sequence::1", "p#1", "p#2", "p#3"]
 
 
 def test_nodes_are_found_by_their_type_in_pre_order(make_tree: TreeFactory) -> None:

@@ -69,7 +69,7 @@ def test_passed_deadline_is_a_single_wake_up(clock: SimClock) -> None:
     assert context.wait_until(2 * NS_PER_S) is False
 
 
-def test_doze_ends_immediately_after_a_wake_up_with_any_clock(clock: SimClock) -> None:
+def test_waiting_in_real_time_ends_immediately_after_a_wake_up_with_any_clock(clock: SimClock) -> None:
     context = TreeContext(clock)
     context.wake_up()
     started = time.monotonic()
@@ -78,7 +78,7 @@ def test_doze_ends_immediately_after_a_wake_up_with_any_clock(clock: SimClock) -
     assert (context.consume_wake_up(), clock.now()) == (False, 0)
 
 
-def test_no_wake_up_of_another_thread_is_lost(make_tree: TreeFactory) -> None:
+def test_no_wake_up_of_another_thread_is_lost() -> None:
     tree = btcore.loads(
         '<root BTCPP_format="4"><BehaviorTree ID="Main"><Lasting/></BehaviorTree></root>',
         nodes=_registry_with_lasting(),

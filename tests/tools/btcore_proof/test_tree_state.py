@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 
 from btcore import Blackboard, Registry, SimClock, Status, loads
 from btcore.blackboard.ports import PortRole
-from btcore.engine.node import TreeNode
-from btcore.engine.watched_tick import start_tick_counts
+from btcore.engine.node import TreeNode, start_tick_counts
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
 from btcore.testing.strategies import xml_documents

@@ -32,9 +32,10 @@ from btcore.blackboard.format3 import Format3Blackboard
 from btcore.testing import xml_documents
 from btcore.testing.tree_generator import BUILTIN_MANIFESTS, SCRIPT_KEYS
 from btcore.tree.hooks import Hook, HookMode, HookPosition
+from btcore.tree.tree import scopes_of
 from btcore_recorder import Replay
 from btcore_recorder.files import encoder_for, read_recording, save_recording
-from btcore_recorder.inputs import RunRecording, scopes_of
+from btcore_recorder.inputs import RunRecording
 from btcore_recorder.lines import head_lines, read_lines, recording_lines
 from btcore_recorder.recorder import Recorder, RecorderOptions
 from btcore_recorder.text_form import TextEncoder, TextLines
@@ -198,7 +199,7 @@ def test_a_replay_repeats_the_run(
     check_replay(run, run.end())
 
 
-def test_the_numbers_of_transitions_count_those_that_were_only_added_to_the_checksum() -> None:
+def test_the_numbers_of_transitions_count_those_that_no_observer_received() -> None:
     numbers: list[int] = []
 
     class Numbers(Observer):

@@ -22,7 +22,7 @@ from btcore_recorder import Answer, Explainer, Replay
 from btcore_recorder.causes import MAX_CAUSES
 from btcore_recorder.inputs import RunRecording
 from btcore_recorder.tick_trace import TickTrace
-from btcore_recorder.what_if import Change, ChangedReplay, RecordedRun, unique_paths
+from btcore_recorder.what_if import Change, ChangedReplay, RecordedRun
 from tests.tools.btcore_recorder.test_replay import DOCUMENTS, Run, act, random_tree
 from tests.tools.btcore_recorder.test_what_if import ACTIONS
 
@@ -62,11 +62,11 @@ def test_the_smallest_set_changes_the_outcome(xml: str, actions: list[str], seed
         act(run.tree, action, source)
     recording = run.end()
     explainer = Explainer(recording)
-    node = source.choice(["", *unique_paths(run.tree)])
+    node = source.choice(["", *run.tree.nodes_by_path()])
     answer = explainer.why(node)
     assert 1 <= len(answer.chain) <= 10
     assert str(answer)
-    uid = unique_paths(run.tree).index(node) + 1 if node else 1
+    uid = list(run.tree.nodes_by_path()).index(node) + 1 if node else 1
     recorded = outcomes(recording, answer, uid, ())[0]
     if not answer.changes:
         return

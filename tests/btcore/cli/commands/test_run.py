@@ -68,7 +68,7 @@ def test_json_is_the_last_line_and_counts_the_results_of_every_node(
 
 def test_nodes_with_same_path_differ_by_uid(cli: Cli, tree_file: TreeFile, last_json: LastJson) -> None:
     tree = tree_file('<Sequence name="top"><AlwaysSuccess name="a"/><AlwaysSuccess name="a"/></Sequence>')
-    assert list(last_json(cli("run", tree, "--fast", "--json"))["nodes"]) == ["top", "a#2", "a#3"]
+    assert list(last_json(cli("run", tree, "--fast", "--json"))["nodes"]) == ["top", "a#1", "a#2"]
 
 
 def test_a_missing_object_of_an_own_class_is_explained(cli: Cli, tree_file: TreeFile, tmp_path: Path) -> None:
