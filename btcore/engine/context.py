@@ -3,7 +3,7 @@
 import threading
 import time
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 from mypy_extensions import mypyc_attr
 
@@ -12,6 +12,9 @@ from btcore.engine.observers import Observers
 
 if TYPE_CHECKING:
     from btcore.engine.journal import Journal  # imported when a recording begins
+
+_REPETITIONS_PER_CHECK: Final = 16
+"""Without a tick limit, a node lets Python handle signals after this number of repetitions."""
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)
@@ -54,6 +57,11 @@ class TickLimit:
         self.is_interrupted = False
         self._end = 0  # ns of real time, 0 = none
         self._event = threading.Event()
+
+    @property
+    def is_set(self) -> bool:
+        """Whether there is a limit or an interruption, so that nodes check it after each repetition."""
+        return self._end != 0 or self.is_interrupted
 
     def start(self, seconds: float) -> None:
         """Limit the tick that begins now to *seconds* of real time, whatever clock the tree has."""
@@ -210,6 +218,9 @@ class TreeContext:
         """
         if self.recorded_pause is not None:
             return self.recorded_pause(uid, count)
+        # Without a limit, a check only lets Python handle signals, which takes time and may be late.
+        if not self.limit.is_set and count % _REPETITIONS_PER_CHECK != 0:
+            return False
         must_end = self.limit.check()
         if must_end and self.journal is not None:
             self.journal.add_pause(uid, count)
