@@ -7,6 +7,7 @@
   is saved. Nothing is requested elsewhere, and the console has no error.
 - A running tree is coloured, its entries are listed, and a breakpoint stops it at one node.
 - A recording of a run is shown at any tick, with the values of a leaf.
+- A run with mock leaves asks for their results.
 - Of two versions, what was changed, added, removed and moved is marked.
 - A tree of 1,000 nodes is shown in a few times the time in which Chromium opens its static SVG. With less
   than seven trials this is only reported.
@@ -54,6 +55,30 @@ ROUNDS = """<root BTCPP_format="4" main_tree_to_execute="Rounds">
       </ForceSuccess>
     </Sequence>
   </BehaviorTree>
+</root>
+"""
+DELIVERY = """<root BTCPP_format="4" main_tree_to_execute="Deliver">
+  <BehaviorTree ID="Deliver">
+    <ReactiveSequence name="deliver">
+      <BatteryOk name="battery ok?"/>
+      <Sequence name="tour">
+        <Fallback name="find door">
+          <DoorIsOpen name="door open?"/>
+          <OpenDoor name="open the door" angle="{angle}"/>
+        </Fallback>
+        <Script code="rounds := 1"/>
+        <SubTree ID="Carry" _autoremap="true"/>
+      </Sequence>
+    </ReactiveSequence>
+  </BehaviorTree>
+  <BehaviorTree ID="Carry">
+    <Timeout msec="2000"> <DriveTo name="drive" goal="kitchen"/> </Timeout>
+  </BehaviorTree>
+  <TreeNodesModel>
+    <Condition ID="BatteryOk"/> <Condition ID="DoorIsOpen"/>
+    <Action ID="OpenDoor"> <output_port name="angle" type="double"/> </Action>
+    <Action ID="DriveTo"> <input_port name="goal"/> </Action>
+  </TreeNodesModel>
 </root>
 """
 _REST = '        <Sleep name="rest" msec="700"/>\n'
@@ -251,6 +276,29 @@ def check_recording(browser: Any, folder: Path, pictures: Path | None) -> list[s
     return wrong
 
 
+def check_mock_run(browser: Any, folder: Path, pictures: Path | None) -> list[str]:
+    """Run a tree with mock leaves until the second leaf is asked."""
+    file = folder / "deliver.xml"
+    file.write_text(DELIVERY, encoding="utf-8")
+    wrong: list[str] = []
+    with start_studio(str(file)) as url:
+        page = open_page(browser, url, wrong)
+        page.click(".run-bar .play")
+        for name, result in (("battery ok?", "1"), ("door open?", "2")):
+            page.wait_for_selector(f".question h2:has-text('{name}')")
+            page.focus(".canvas")
+            page.keyboard.press(result)
+        page.wait_for_selector(".question h2:has-text('open the door')")
+        page.wait_for_selector(f"{CARDS}.s3[data-uid='5']")
+        page.fill(".question input[name=angle]", "1.5")
+        if pictures is not None:
+            page.screenshot(path=pictures / "studio_run.png", animations="disabled")
+        page.click(".question button[value=S]")
+        page.wait_for_selector(".blackboard td:text('1.5')")
+        page.close()
+    return wrong
+
+
 def check_versions(browser: Any, folder: Path, pictures: Path | None) -> list[str]:
     """Return what is wrong with the page of two versions of a file."""
     old, new = folder / "old/rounds.xml", folder / "rounds.xml"
@@ -327,6 +375,7 @@ def main() -> int:
         for title, found in (
             ("a running tree", check_run(browser, Path(name), options.pictures)),
             ("a recording", check_recording(browser, Path(name), options.pictures)),
+            ("a run with mock leaves", check_mock_run(browser, Path(name), options.pictures)),
             ("a file", check_file(browser, Path(name), options.pictures)),
             ("versions", check_versions(browser, Path(name), options.pictures)),
             ("speed", check_speed(browser, Path(name), options.trials)),

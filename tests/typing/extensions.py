@@ -3,16 +3,20 @@
 from collections.abc import Callable
 from pathlib import Path
 
+from btcore.xml.plan.plan import Plans
 from btcore_monitor.live_extension import RobotExtension
 from btcore_monitor.log_viewer import LogViewer
 from btcore_proof.outcome_replay import OutcomesReader
 from btcore_recorder.commands.replay import LogViewer as ReplayExtension
+from btcore_recorder.mock_run import MockRun
 from btcore_recorder.moments import Moments
 from btcore_recorder.outcomes import read_outcomes
 from btcore_studio.language.live import LiveExtension
-from btcore_studio.page_server.timeline import Timeline
+from btcore_studio.language.mock_runs import MockRun as PageRun
+from btcore_studio.language.timeline import Timeline
 
 live: LiveExtension = RobotExtension()
 replay: ReplayExtension = LogViewer()
 timeline: Callable[[Path], Timeline] = Moments
+run: Callable[[Plans, float], PageRun] = MockRun
 outcomes: OutcomesReader = read_outcomes

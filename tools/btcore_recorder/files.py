@@ -113,15 +113,24 @@ def save_recording(path: Path, recording: RunRecording, paths: Iterable[str]) ->
     Raises:
         LogError: The extension is not that of a recording, or the file cannot be written.
     """
-    encoder, head = encoder_for(path), recording.head
+    try:
+        write_file(path, _encode(recording, paths, encoder_for(path)))
+    except OSError as error:
+        raise LogError(f"{path}: cannot write the recording: {error.strerror or error}") from None
+
+
+def recording_text(recording: RunRecording, paths: Iterable[str]) -> str:
+    """Return the text form of a recording; *paths* are the paths of its nodes, for readers."""
+    return _encode(recording, paths, TextEncoder()).decode("utf-8", "surrogatepass")
+
+
+def _encode(recording: RunRecording, paths: Iterable[str], encoder: RecordingEncoder) -> bytes:
+    head = recording.head
     time = head.time
     for lines in recording_lines(recording, paths):
         time = next((line[2] for line in lines if line[0] == "tick"), time)
         encoder.add(lines, head.wall_time_at(time))
-    try:
-        write_file(path, encoder.take_end())
-    except OSError as error:
-        raise LogError(f"{path}: cannot write the recording: {error.strerror or error}") from None
+    return encoder.take_end()
 
 
 def local_file(name: str) -> Path | None:

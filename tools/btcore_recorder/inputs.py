@@ -4,7 +4,7 @@
 numbers (UIDs), scopes are indices, values have the form of `btcore_recorder.values`.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from btcore.engine.node import TreeNode
@@ -217,13 +217,13 @@ class RunRecording(NamedTuple):
 
     Attributes:
         head: The tree.
-        steps: The ticks and halts, in order.
+        steps: The ticks and halts, in order. Those of a run that goes on are a list, which grows.
         segments: The segments after the first, in order.
         damage: Where the file is truncated or damaged, as a sentence; "" if it is complete.
     """
 
     head: Head
-    steps: tuple[Step, ...]
+    steps: Sequence[Step]
     segments: tuple[Segment, ...] = ()
     damage: str = ""
 

@@ -10,6 +10,7 @@ from typing import Any, Final, NamedTuple
 from btcore.blackboard.blackboard import Blackboard
 from btcore.engine.node import TreeNode
 from btcore.engine.recorded_events import MessageLogged
+from btcore.errors import BtcoreError
 from btcore.status import IDLE, RUNNING, Status
 from btcore.xml.plan.key_uses import READING, WRITING, find_name_uses
 from btcore.xml.plan.plan import Plans
@@ -78,7 +79,22 @@ class Moment(NamedTuple):
     problem: str
 
 
-class _ObservedCode(ExternalCode):
+class Explanation(NamedTuple):
+    """Why a node did what it did.
+
+    Attributes:
+        question: The question.
+        answer: The answer in one or two sentences.
+        links: The chain from the result to what it depends on: the number of the node (0 = outside of the
+            tree), the number of the tick, why the node did what it did, and what was tried in a replay or "".
+    """
+
+    question: str
+    answer: str
+    links: tuple[tuple[int, int, str, str], ...]
+
+
+class ObservedCode(ExternalCode):
     """Observes the ticks of leaves, while *is_observing*."""
 
     def __init__(self, inputs: Inputs, types: Mapping[str, Any]) -> None:
@@ -89,14 +105,16 @@ class _ObservedCode(ExternalCode):
         self._count = 0
 
     def begin_step(self) -> None:
+        """Begin a step, without observations."""
         super().begin_step()
         self.leaves.clear()
         self._count = 0
 
     def tick(self, node: TreeNode) -> Status:
+        """Do what the tick of *node* did, and observe it."""
         if node.children or not self._count_observation():
             return super().tick(node)
-        before = _input_values(node)
+        before = input_values(node)
         self._messages.clear()
         numbers = {name: _entry_number(node, output.key) for name, output in node.config.outputs.items()}
         try:
@@ -113,6 +131,7 @@ class _ObservedCode(ExternalCode):
         return status
 
     def apply(self, event: Input | None, now: str) -> None:
+        """Do what *event* says, and keep what it logs."""
         if isinstance(event, MessageLogged) and len(self._messages) < _MAX_MESSAGES:
             self._messages.append(event.text)
         super().apply(event, now)
@@ -121,9 +140,10 @@ class _ObservedCode(ExternalCode):
         return {"logged": "; ".join(self._messages)[:MAX_SHOWN]} if self._messages else {}
 
     def post_tick(self, node: TreeNode, status: Status) -> Status:
+        """Observe the tick of a built-in leaf."""
         if not node.children and not is_external(type(node)) and self._count_observation():
             read, written = _script_values(node)
-            self._add(node, status, {**_input_values(node), **read}, {**_output_values(node), **written})
+            self._add(node, status, {**input_values(node), **read}, {**_output_values(node), **written})
         return super().post_tick(node, status)
 
     def _count_observation(self) -> bool:
@@ -143,7 +163,7 @@ class Moments:
     It satisfies the protocol of the entry point group `btcore.recordings`, which the studio declares.
 
     Args:
-        recording: The recording, or the path of its file.
+        recording: The recording, the path of its file, or a replay with an `ObservedCode`.
 
     Attributes:
         replay: The replay that computes them.
@@ -165,10 +185,10 @@ class Moments:
         (1, 'FAILURE', (('', 'tries', '1'),))
     """
 
-    def __init__(self, recording: RunRecording | str | os.PathLike[str]) -> None:
-        self.replay = Replay(recording, _ObservedCode)
+    def __init__(self, recording: RunRecording | str | os.PathLike[str] | Replay) -> None:
+        self.replay = recording if isinstance(recording, Replay) else Replay(recording, ObservedCode)
         code = self.replay.external
-        assert isinstance(code, _ObservedCode)
+        assert isinstance(code, ObservedCode)
         self._code = code
         for node in self.replay.tree.nodes:
             if not node.children and not is_external(type(node)):
@@ -221,9 +241,32 @@ class Moments:
             self._code.leaves.clear()
         self._code.is_observing = False
         self._reached = max(self._reached, replay.position)
-        return self._moment()
+        return self.current()
 
-    def _moment(self) -> Moment:
+    def why(self, uid: int, position: int, limit_s: float = math.inf) -> Explanation:
+        """Explain what a node did in the last tick of the first *position* steps.
+
+        Args:
+            uid: The number of the node.
+            position: The number of steps.
+            limit_s: As in `btcore_recorder.Explainer`.
+
+        Raises:
+            BtcoreError: There is no such tick, or the replay differs from the recording.
+        """
+        from btcore_recorder.why import Explainer  # most users of moments do not need it
+
+        recording = self.replay.recording
+        step = recording.tick_at(min(position, self.count) - 1) if position > 0 else None
+        if step is None:
+            raise BtcoreError("there is no tick yet that could be explained")
+        uids = {path: node.config.uid for path, node in self.replay.tree.nodes_by_path().items()}
+        answer = Explainer(recording, limit_s).why(list(uids)[uid - 1], step.tick)
+        links = ((uids.get(link.node, 0), link.tick, link.because, link.tried) for link in answer.chain)
+        return Explanation(answer.question, answer.answer, tuple(links))
+
+    def current(self) -> Moment:
+        """Return the moment of the replay."""
         replay = self.replay
         tree, position = replay.tree, replay.position
         tick = replay.steps[position - 1].tick if position else 0
@@ -249,7 +292,8 @@ def _result(node: TreeNode) -> Status:
     return before if node._status is IDLE and before is not RUNNING else IDLE
 
 
-def _input_values(node: TreeNode) -> Values:
+def input_values(node: TreeNode) -> Values:
+    """Return the values of the inputs of a node as texts."""
     return {
         name: port.text[:MAX_SHOWN] if port.key is None else _entry_text(port.blackboard, port.key)
         for name, port in node.config.inputs.items()

@@ -36,6 +36,7 @@ from btcore.errors import BtcoreError, NodeError, NodeExecutionError, ScriptErro
 from btcore.loading.instantiate import instantiate
 from btcore.logs.files import LogError
 from btcore.registry.manifest import Manifest, create_manifest
+from btcore.registry.registration_checks import default_value_error
 from btcore.registry.registry import Registry, SubstitutionRule
 from btcore.script.program import compile_script
 from btcore.status import IDLE, SKIPPED, NodeType, Status
@@ -135,6 +136,7 @@ class ExternalCode:
         self.difference: tuple[str, str] | None = None
         self.node: TreeNode | None = None  # the external node that is ticked or halted
         self.has_unreplayable_values = False
+        self.child_result = IDLE  # of the child that an external node has ticked last
         self._child_error: NodeExecutionError | None = None
         self.repetitions = 0
 
@@ -238,7 +240,7 @@ class ExternalCode:
             case ChildTicked(uid) | ChildHalted(uid):
                 try:
                     if isinstance(event, ChildTicked):
-                        execute_tick(self.nodes[uid - 1])
+                        self.child_result = execute_tick(self.nodes[uid - 1])
                     else:
                         halt_node(self.nodes[uid - 1])
                 except NodeExecutionError as error:
@@ -388,6 +390,9 @@ def _stand_in_class(recorded: RecordedClass, external: ExternalCode) -> type[Tre
         Port(name, Direction[direction], external.type(type_name), default)
         for name, direction, type_name, default in recorded.ports
     ]
+    for port in ports:
+        if default_value_error(port):
+            port.default_value = None  # the default is a Python value, which is not recorded
     spec = NodeSpec(node_type=NodeType[recorded.node_type])
     if recorded.kind == "control":
         spec = replace(spec, child_count=(0, None), child_count_at_load=(0, None))

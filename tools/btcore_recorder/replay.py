@@ -168,28 +168,17 @@ class Replay:
             self._states[self.position] = state, self._checksum.value
         step = self.steps[self.position]
         self.position += 1
-        self.external.begin_step()
         self._checksum.changes = None if step.transitions is None else []
-        inputs, external = self._inputs, self.external
+        external = self.external
         status = IDLE
         error: NodeExecutionError | None = None
         try:
-            inputs.begin(step.before)
-            while (event := inputs.take()) is not None:
-                external.apply(event, "nothing happens between two steps")
-            inputs.begin(step.inputs)
-            self._times.begin(step.time)
-            self._stamps.time = max(step.time, 0)
-            if step.tick:
-                self.tree.ticks = step.tick - 1
-                status = self.tree.tick_exactly_once()
-            else:
-                self.tree.halt()
+            status = self._execute(step)
         except NodeExecutionError as raised:
             error = raised
         except TickInterrupt:
             pass
-        left = inputs.next
+        left = self._inputs.next
         node = None if external.difference is None else external.node
         transition = 0
         if external.difference is None:
@@ -202,6 +191,27 @@ class Replay:
         if external.difference is not None:
             self.difference = self._describe(step.tick, *external.difference, node, transition)
         return self.difference is None
+
+    def _execute(self, step: Step) -> Status:
+        """Do what happened before a step, and run the step. Return its result.
+
+        Raises:
+            NodeExecutionError: A node raised.
+            TickInterrupt: The step differs from the recording.
+        """
+        inputs, external = self._inputs, self.external
+        external.begin_step()
+        inputs.begin(step.before)
+        while (event := inputs.take()) is not None:
+            external.apply(event, "nothing happens between two steps")
+        inputs.begin(step.inputs)
+        self._times.begin(step.time)
+        self._stamps.time = max(step.time, 0)
+        if step.tick:
+            self.tree.ticks = step.tick - 1
+            return self.tree.tick_exactly_once()
+        self.tree.halt()
+        return IDLE
 
     def _compare(
         self, step: Step, status: Status, error: NodeExecutionError | None

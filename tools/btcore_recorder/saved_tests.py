@@ -128,6 +128,7 @@ def source_of_test(
     file: Path,
     tree: Path | None,
     matches: Mapping[str, str],
+    saved_by: str = "btcore replay --save-test",
 ) -> str:
     """Return the source code of a test that passes or fails as the recorded run did.
 
@@ -138,6 +139,7 @@ def source_of_test(
         file: The file of the recording.
         tree: The file of the tree; None for the recorded tree.
         matches: As in `assert_does_not_fail`.
+        saved_by: The command that saves the test.
     """
     ticks = [step.tick for step in recording.steps if step.tick]
     began = _date(recording.head.wall_time)
@@ -164,7 +166,7 @@ def source_of_test(
         "",
         *others,
         "",
-        "Saved by `btcore replay --save-test`.",
+        f"Saved by `{saved_by}`.",
         '"""',
         "",
         "from pathlib import Path",

@@ -6,7 +6,9 @@ leaf results and entries that external code wrote; a smallest set of them is sea
 again with other results and values (`btcore_recorder.what_if`).
 """
 
+import math
 import os
+import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, suppress
 from itertools import combinations, product, zip_longest
@@ -124,6 +126,7 @@ class Explainer:
 
     Args:
         recording: The recording, or the path of its file.
+        limit_s: The time (s) after which no further changed inputs are tried.
 
     Raises:
         LogError: The file cannot be read, or the recording is invalid.
@@ -140,8 +143,10 @@ class Explainer:
         ['code="d < 1" is false: d = 3', 'wrote d = 3 by code="d := 3" in this tick']
     """
 
-    def __init__(self, recording: RunRecording | str | os.PathLike[str]) -> None:
+    def __init__(self, recording: RunRecording | str | os.PathLike[str], limit_s: float = math.inf) -> None:
         self._replay = Replay(recording)
+        self._limit_s = limit_s
+        self._has_given_up = False  # because of the time
         self._steps = self._replay.steps
         self._causes = CauseFinder(self._replay)
         self._runs: dict[tuple[int, int], RecordedRun] = {}
@@ -333,12 +338,14 @@ class Explainer:
             is_near = question.step - each.step <= MAX_DISTANCE
             if is_near and not any(other.changes == each.changes for other in inputs):
                 inputs.append(each)
-        trials = 0
+        trials, self._has_given_up = 0, False
+        deadline = time.monotonic() + self._limit_s
         for size, most, values in _MOST_OF_A_SET:
             another: _SmallestSet | None = None  # the run ends before the tick in question
             for group in combinations(inputs[:most], size):
                 for changes in product(*[each.changes[:values] for each in group]):
-                    if trials == MAX_TRIALS:
+                    self._has_given_up = time.monotonic() > deadline
+                    if trials == MAX_TRIALS or self._has_given_up:
                         return another
                     trials += 1
                     outcome, is_reached = self._try(question, changes)
@@ -428,6 +435,8 @@ class Explainer:
                 each.tried = f"{_describe_change(change)}: {found.outcome}"
         elif question.kind == "result" and cause.changes:
             answer = f"'{path}' decides this in its own code, which a replay does not run."
+        elif self._has_given_up:
+            answer = f"In {self._limit_s:g} s, no leaf result or entry was found that would change this."
         elif any(each.changes for each in cause.walk()):
             answer = "No other results of these leaves, and no other values of these entries, change this."
         else:

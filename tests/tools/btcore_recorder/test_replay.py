@@ -33,7 +33,7 @@ from btcore.testing import xml_documents
 from btcore.testing.tree_generator import BUILTIN_MANIFESTS, SCRIPT_KEYS
 from btcore.tree.hooks import Hook, HookMode, HookPosition
 from btcore.tree.tree import scopes_of
-from btcore_recorder import Replay
+from btcore_recorder import Replay, record
 from btcore_recorder.files import encoder_for, read_recording, save_recording
 from btcore_recorder.inputs import RunRecording
 from btcore_recorder.lines import head_lines, read_lines, recording_lines
@@ -379,3 +379,18 @@ def test_the_first_difference_is_found(tmp_path: Path, old: str, new: str, diffe
     found = Replay(path).verify()
     assert found is not None
     assert difference in str(found)
+
+
+def test_a_default_that_is_no_text_is_not_needed_for_the_replay(tmp_path: Path) -> None:
+    @btcore.action
+    def plan(start: btcore.In[bool | None] = None) -> bool:
+        return start is None
+
+    nodes = btcore.Registry.standard()
+    nodes.add(plan)
+    b = btcore.Builder(nodes)
+    tree = b.build(b.Plan())
+    path = tmp_path / "run.btrec.txt"
+    with record(tree, path):
+        tree.tick_once()
+    assert Replay(path).verify() is None

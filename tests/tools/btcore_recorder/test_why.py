@@ -101,6 +101,19 @@ def test_the_link_of_a_leaf_has_its_ports_and_messages() -> None:
     assert explainer.who_wrote("d").answer == "'Sense::2' wrote d = 2.1 in this tick."
 
 
+def test_an_answer_says_that_the_time_was_over() -> None:
+    nodes = Registry.standard()
+    nodes.add(knock)
+    b = btcore.Builder(nodes)
+    run = Run(b.build(b.Inverter(b.Knock())))
+    run.tree.tick_exactly_once()
+    recording = run.end()
+    assert Explainer(recording).why().changes
+    answer = Explainer(recording, limit_s=-1).why()
+    assert answer.answer == "In -1 s, no leaf result or entry was found that would change this."
+    assert [link.node for link in answer.chain] == ["Inverter::1", "Knock::2"]
+
+
 def test_each_question_has_its_own_bound() -> None:
     b = btcore.Builder()
     run = Run(b.build(b.Sequence(b.Script(code="n := 1"), b.Script(code="m := n"))))

@@ -9,6 +9,7 @@ import inspect
 from collections.abc import Callable, Generator, Iterable
 from concurrent.futures import Future
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -42,6 +43,7 @@ from btcore_studio.language.drawing import draw_document
 from btcore_studio.language.edit_commands import compute_edit, copy_nodes, last_warnings, preview_edit
 from btcore_studio.language.leaf_code import leaf_of
 from btcore_studio.language.live import LiveExtension, LiveTree
+from btcore_studio.language.mock_runs import PageRuns
 from btcore_studio.language.model_edits import FieldError
 from btcore_studio.language.node_form import form_of
 from btcore_studio.language.palette import palette_of
@@ -401,6 +403,8 @@ def _add_studio_requests(server: TreeServer) -> None:
     server.add_request("btcore/watch", WatchParams, watch)
     server.add_request("btcore/breakpoints", BreakpointsParams, set_breakpoints)
     server.add_request("btcore/release", Data, release)
+    for method, params_class, handler in PageRuns(project).requests:
+        server.add_request(method, params_class, partial(handler))  # pygls sets attributes of it
 
 
 def _completion_item_capabilities(server: TreeServer) -> types.ClientCompletionItemOptions | None:

@@ -4,7 +4,7 @@ They are requests of the language server beside those of the Language Server Pro
 lines and UTF-16 code units, both from 0.
 """
 
-from typing import Literal
+from typing import Any, Literal
 
 import msgspec
 
@@ -511,3 +511,176 @@ class BreakpointsParams(Data, frozen=True):
     """The *keys* of the nodes before which the running tree stops."""
 
     keys: list[str]
+
+
+# --- btcore/run, and the requests of the run that it starts
+
+
+class LeafPlan(Data, frozen=True):
+    """How a mock leaf of a run answers; by default the user is asked.
+
+    Attributes:
+        outcomes: Outcomes such as `RRS|F`, which it follows; "" for none.
+        chance: The probability with which it succeeds; None if it follows no chance.
+        seed: Determines the results that *chance* draws.
+    """
+
+    outcomes: str = ""
+    chance: float | None = None
+    seed: int = 0
+
+
+class RunParams(DocumentParams, frozen=True):
+    """The tree to run.
+
+    Attributes:
+        tree: The ID of the tree; None for the main tree.
+        period: The simulated time between two ticks (s).
+        plans: How leaves answer, by the keys of the nodes.
+        again: The number of a run whose answers are given again, for as many ticks; 0 for none.
+    """
+
+    tree: str | None = None
+    period: float = 0.1
+    plans: dict[str, LeafPlan] = {}
+    again: int = 0
+
+
+class RunRequest(Data, frozen=True):
+    """The parameters of a request about a run, which *run* identifies."""
+
+    run: int
+
+
+class StepParams(RunRequest, frozen=True):
+    """Where to go: to the end of *ticks* ticks, or into, over or out of the present node in a tick.
+
+    Attributes:
+        breakpoints: The keys of nodes at whose begin the run stops.
+    """
+
+    to: Literal["tick", "into", "over", "out"]
+    ticks: int = 1
+    breakpoints: frozenset[str] = frozenset()
+
+
+class AnswerParams(RunRequest, frozen=True):
+    """What the leaf of the question does: a letter of outcomes, and the texts of output ports."""
+
+    result: Literal["S", "F", "R", "K", "X"]
+    outputs: dict[str, str] = {}
+
+
+class RunMomentParams(RunRequest, frozen=True):
+    """The moment after *position* steps, and after *event* begins and ends of nodes in the next step.
+
+    Attributes:
+        cut: Whether the run forgets what follows the step before this moment.
+    """
+
+    position: int
+    event: int = 0
+    cut: bool = False
+
+
+class RunLeafParams(RunRequest, frozen=True):
+    """How the leaf with a key answers from now on."""
+
+    key: str
+    plan: LeafPlan
+
+
+class RunFilesParams(RunRequest, frozen=True):
+    """The files to return: the recording alone, or with a test of the tree in the file *tree*."""
+
+    test: bool = False
+    tree: str = ""
+
+
+class RunFile(Data, frozen=True):
+    """A file, which is not written yet."""
+
+    name: str
+    text: str
+
+
+class RunFiles(Data, frozen=True):
+    """The recording of a run, and a test that runs it again."""
+
+    files: list[RunFile]
+
+
+class QuestionPort(Data, frozen=True):
+    """An output port of the leaf of a question, with the type and the key of the entry."""
+
+    name: str
+    type: str
+    key: str
+
+
+class RunQuestion(Data, frozen=True):
+    """A leaf that is ticked and has no answer; *can_run* is whether RUNNING is one."""
+
+    key: str
+    path: str
+    inputs: dict[str, str]
+    outputs: list[QuestionPort]
+    can_run: bool
+
+
+class RunState(Data, frozen=True):
+    """The present moment of a run.
+
+    Attributes:
+        run: Identifies the run.
+        count: The number of steps.
+        colours: The status of the root over time: a digit for every *width* steps.
+        moment: The moment, as in the result of `btcore/moment`.
+        event: The number of begins and ends of nodes in the step; 0 between two steps.
+        stopped: The key of the node that has begun or ended last in the step, or "".
+        problem: Why the tick cannot be run further, or "".
+        keys: Only when the run begins: the keys of the nodes, in the order of the statuses.
+        calls: Only then: the calls of trees.
+        leaves: Only then: how each mock leaf answers, by key.
+    """
+
+    run: int
+    count: int
+    colours: str
+    width: int
+    moment: dict[str, Any]
+    event: int
+    stopped: str
+    question: RunQuestion | None
+    problem: str
+    keys: list[str] | None = None
+    calls: list[dict[str, Any]] | None = None
+    leaves: dict[str, LeafPlan] | None = None
+
+
+# --- btcore/why, of a run or of a recording
+
+
+class WhyParams(Data, frozen=True):
+    """The node to explain: what it did in the last of *position* steps; *run* is 0 for a recording."""
+
+    key: str
+    position: int
+    run: int = 0
+
+
+class WhyLink(Data, frozen=True):
+    """A link of a chain: a node in a *tick* (the key "" is outside of the tree); *tried* may be ""."""
+
+    key: str
+    tick: int
+    because: str
+    tried: str
+
+
+class Why(Data, frozen=True):
+    """Why a node did what it did: the chain from its result to what this depends on."""
+
+    question: str
+    answer: str
+    links: list[WhyLink]

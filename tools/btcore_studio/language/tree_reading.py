@@ -127,6 +127,10 @@ class TreeReading:
         """The plans of every tree."""
         return plan(self.definitions, self.nodes, every_tree=True)
 
+    def plans_of(self, tree: str | None) -> Plans:
+        """Return the plans of a tree and of the trees that it calls; None for the main tree."""
+        return plan(define(self.sources, tree, self._entry_format), self.nodes)
+
     def knows(self, id: str) -> bool:
         """Return whether a node has code or a model."""
         return id not in self.missing and any(self.nodes.get(id, format) is not None for format in (3, 4))

@@ -177,8 +177,8 @@ def find_shown(source: str, options: StudioOptions, live: "LiveExtension | None"
         recording: A folder to create for the documents of a recording.
     """
     from btcore_studio.language.project import SUFFIXES
+    from btcore_studio.language.timeline import RecordedRun, open_timeline
     from btcore_studio.page_server.session import Shown
-    from btcore_studio.page_server.timeline import RecordedRun, open_timeline
 
     plugins, models = _libraries(options)
     if Path(source).is_dir():

@@ -30,9 +30,9 @@ from btcore_studio.language.project import (
     find_files,
 )
 from btcore_studio.language.server import create_server
-from btcore_studio.language.studio_protocol import TextEdit
+from btcore_studio.language.studio_protocol import TextEdit, WhyParams
+from btcore_studio.language.timeline import RecordedRun
 from btcore_studio.page_server.shared_files import SharedFiles, StaleTextError
-from btcore_studio.page_server.timeline import RecordedRun
 from btcore_studio.served_folder import RefusedError
 
 CHECK_INTERVAL_S: Final = 0.1
@@ -284,7 +284,7 @@ class PageSession:
             "btcore/resolve": self._resolve,
         }
         if studio.shown.recorded is not None:
-            self._handlers = {**self._handlers, "btcore/moment": self._moment}
+            self._handlers = {**self._handlers, "btcore/moment": self._moment, "btcore/why": self._explain}
         if studio.shown.versions is not None:
             self._handlers = {**self._handlers, "btcore/comparison": self._compare}
 
@@ -469,6 +469,11 @@ class PageSession:
         assert recorded is not None
         # It runs a part of the recorded tree again, which takes some time.
         return await asyncio.to_thread(recorded.moment, position)
+
+    async def _explain(self, params: object) -> object:
+        recorded, asked = self._studio.shown.recorded, msgspec.convert(params, WhyParams)
+        assert recorded is not None
+        return await asyncio.to_thread(recorded.why, asked.key, asked.position)
 
 
 def _document(project: Project, version: Version) -> SourceDocument:

@@ -59,7 +59,7 @@ OpenPage = Callable[..., Any]
 
 def run_studio(folder: Path, arguments: tuple[str, ...], libraries: str, address: Connection) -> None:
     """Run the command in this process, and send what it prints."""
-    os.environ[LIMIT_VARIABLE] = f"studio robot {libraries}"
+    os.environ[LIMIT_VARIABLE] = f"studio robot mock {libraries}"
     os.chdir(folder)
     terminal.print_json = address.send
     main(["studio", "--json", *arguments], prog_name="btcore")

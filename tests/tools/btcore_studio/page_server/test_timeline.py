@@ -13,8 +13,8 @@ from btcore_recorder import record
 from btcore_recorder.files import read_recording
 from btcore_recorder.moments import Moments
 from btcore_recorder.replay import STATE_INTERVAL
+from btcore_studio.language.timeline import RecordedRun
 from btcore_studio.page_server.command import StudioOptions, find_shown
-from btcore_studio.page_server.timeline import RecordedRun
 from tests.tools.btcore_studio.page_server.conftest import TREE, running_studio
 from tests.tools.btcore_studio.page_server.test_server import initialize, open_document
 
@@ -119,6 +119,10 @@ def test_the_keys_of_a_moment_are_those_of_the_drawing(
         assert (call["tree"], call["path"], call["size"]) == ("Counting", "Counting", 1)
         alone = page.request("btcore/drawing", {**params, "tree": "Counting", "call": call["key"]})["nodes"]
         assert [keys[node["key"]] for node in alone] == ["Count"]
+        far = next(key for key, name in keys.items() if name == "<far>")
+        why = page.request("btcore/why", {"key": far, "position": 2})
+        assert why["question"].startswith("why was '<far>' not ticked in tick 2")
+        assert keys[why["links"][0]["key"]] == "<far>"
 
 
 def test_documents_of_a_recording_keep_their_places(tmp_path: Path) -> None:

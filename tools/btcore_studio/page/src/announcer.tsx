@@ -87,7 +87,8 @@ let connection = "";
 let stopped = "";
 
 function reportLive(): void {
-  const state = live.value;
+  // Recordings and runs have no address, and reports of their own.
+  const state = live.value?.address ? live.value : null;
   const [now, at] = [state?.connection ?? "", state?.stopped ?? ""];
   untracked(() => {
     if (now !== connection && now === "connected") message.value = treeTexts.connected(state!.address);

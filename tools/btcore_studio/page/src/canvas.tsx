@@ -7,13 +7,15 @@ import { backTo } from "./files";
 import { type Action, actionOf, type Direction, isForPage, keyOf, neighbour, type PageAction } from "./keyboard";
 import { CallChoice, durationOf, liveIndex, notes } from "./live";
 import { Help, Menu } from "./menu";
+import { advance, answerQuestion, mockRun, step, togglePlay } from "./mock_run";
 import { ModelForm } from "./model_form";
 import { cursor, edit, inTurn, openTree, paste, run } from "./operations";
+import { Question } from "./question";
 import { Quick } from "./quick";
 import { help, menu } from "./quick_state";
 import { drawing, selection, start, uri } from "./state";
-import { step } from "./timeline";
 import { treeTexts } from "./texts";
+import { explain } from "./why";
 import { draw, focusPicture, followWheel, found, query, View, view, ZOOM_STEP } from "./view";
 
 /** The picture of the tree, and what opens above it. */
@@ -61,6 +63,7 @@ export function Canvas() {
         <CallChoice />
         <div role="status">{notes.value.map((note) => <p key={note}>{note}</p>)}</div>
       </div>
+      <Question />
       <Quick />
       <Menu />
       <Help />
@@ -208,7 +211,9 @@ function act(shown: View, action: Action): void {
       larger: () => shown.zoomTo(shown.zoom * ZOOM_STEP), smaller: () => shown.zoomTo(shown.zoom / ZOOM_STEP),
       fit: () => shown.fit(), help: () => { help.value = true; },
       menu: () => { menu.value = { x: place.left + 20, y: Math.min(place.bottom, innerHeight - 80) }; },
-      back: () => step(-1), forth: () => step(1),
+      back: () => step(-1), forth: () => step(1), play: togglePlay, why: explain,
+      into: () => advance("into"), over: () => advance("over"), outOf: () => advance("out"),
+      succeed: () => answerQuestion("S"), fail: () => answerQuestion("F"), keepRunning: () => answerQuestion("R"),
       form: () => document.querySelector<HTMLElement>(".form input, .form textarea, .form select")?.focus(),
     };
     void page[action.page]();
@@ -227,7 +232,7 @@ function selectNeighbour(shown: View, { select, isExtending }: { select: Directi
 
 function showDurations(shown: View): () => void {
   const timer = setInterval(() => {
-    if (document.hidden || start.value?.recording) return;
+    if (document.hidden || start.value?.recording || mockRun.value) return;
     if (!liveIndex.peek().size) for (const label of shown.frame.querySelectorAll(".duration")) label.remove();
     for (const [key] of liveIndex.peek()) {
       const index = shown.structure.at(key);

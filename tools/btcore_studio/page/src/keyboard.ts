@@ -6,7 +6,8 @@ import type { OperationId } from "./operations";
 interface Key { key: string; ctrl: boolean; shift: boolean; alt: boolean }
 
 export type Direction = "up" | "down" | "left" | "right" | "first" | "last";
-export type PageAction = "all" | "none" | "search" | "larger" | "smaller" | "fit" | "help" | "menu" | "form" | "back" | "forth";
+export type PageAction = "all" | "none" | "search" | "larger" | "smaller" | "fit" | "help" | "menu" | "form" | "back" | "forth"
+  | "play" | "why" | "into" | "over" | "outOf" | "succeed" | "fail" | "keepRunning";
 /** Undo, redo and save are keys of the whole page, see main.tsx. */
 export type Action = { operation: OperationId } | { select: Direction; isExtending: boolean } | { page: PageAction };
 
@@ -19,6 +20,7 @@ const OPERATIONS: Record<string, OperationId> = {
 const PAGE: Record<string, PageAction> = {
   "Ctrl+a": "all", "Escape": "none", "/": "search", "Ctrl+f": "search", "+": "larger", "=": "larger", "-": "smaller", "0": "fit", "?": "help", "F1": "help",
   "ContextMenu": "menu", "Shift+F10": "menu", "Enter": "form", ",": "back", ".": "forth",
+  "r": "play", "s": "into", "v": "over", "Shift+V": "outOf", "y": "why", "1": "succeed", "2": "fail", "3": "keepRunning",
 };
 const SELECT: Record<string, Direction> = {
   ArrowUp: "up", ArrowDown: "down", ArrowLeft: "left", ArrowRight: "right", Home: "first", End: "last",

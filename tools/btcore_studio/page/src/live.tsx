@@ -154,7 +154,7 @@ export function LiveControls() {
   useEffect(() => {
     if (field.current && address && document.activeElement !== field.current) field.current.value = address;
   }, [address]);
-  if (!start.value?.live || start.value.recording) return null;
+  if (!start.value?.live || start.value.recording || (state?.connection && !address)) return null;
   const proposed = start.value.address ?? DEFAULT_ADDRESS;
   const toggle = (event: Event) => {
     event.preventDefault();

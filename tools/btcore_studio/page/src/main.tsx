@@ -14,6 +14,7 @@ import { Form } from "./form";
 import type { Done } from "./history";
 import { BrowserHome, findHome, isConnected } from "./home";
 import { Blackboard, call, drawnCall, LiveControls, noteChange, RunHint } from "./live";
+import { noteEdit, receiveLive } from "./mock_run";
 import { cursor } from "./operations";
 import { Palette } from "./palette";
 import { complete } from "./picture";
@@ -23,16 +24,19 @@ import type {
   SharedFile, WorkspaceEdit,
 } from "./protocol";
 import {
-  actions, awaitDrawing, diagnostics, drawing, files, folded, isSamePlace, live, message, palette, reasonOf, refusedField, selectedNodes,
+  actions, awaitDrawing, diagnostics, drawing, files, folded, isSamePlace, message, palette, reasonOf, refusedField, selectedNodes,
   selection, showError, start, tree, uri,
 } from "./state";
+import { LeafPlanForm } from "./question";
 import { RpcError } from "./rpc";
+import { RunBar } from "./run_bar";
 import { Splitter } from "./splitter";
 import { revealText, TextPane } from "./text_pane";
 import { texts, treeTexts } from "./texts";
 import { Timeline } from "./timeline";
 import { fileName, hiddenPanes, Toolbar } from "./toolbar";
 import { view } from "./view";
+import { Explanation } from "./why";
 
 /** A drawing that takes longer waits for a pause in typing. */
 const QUICK_MS = 100;
@@ -267,10 +271,7 @@ home.connection.on<{ uri: string; diagnostics: Diagnostic[] }>("textDocument/pub
   diagnostics.value = all;
   if (!checked.value.has(params.uri)) checked.value = new Set([...checked.value, params.uri]);
 });
-home.connection.on<Live>("btcore/live", (state) => {
-  // The nodes are sent only if they have changed.
-  live.value = { ...live.value, ...state };
-});
+home.connection.on<Live>("btcore/live", receiveLive);
 home.connection.on<SharedFile[]>("btcore/files", (list) => { files.value = list; });
 home.connection.on<DiskConflict>("btcore/disk", (conflict) => {
   conflicts.value = [...conflicts.value.filter((other) => other.uri !== conflict.uri), conflict];
@@ -309,6 +310,7 @@ function waitForPalette(ms: number): void {
 
 home.onChange((address, origin) => {
   noteChange();
+  noteEdit();
   if (origin !== "remote") changed.add(address);
   clearTimeout(typingTimer);
   postponeReport();
@@ -418,10 +420,13 @@ function Page() {
           <Breadcrumbs />
           <Canvas />
           <Timeline />
+          <RunBar home={home} />
           <Splitter name="right" label={texts.sizes.right} axis="x" direction={-1} initial={400} min={200} />
         </main>
         <aside class="right" aria-label={texts.node}>
           <div class="scrolled">
+            <LeafPlanForm />
+            <Explanation />
             <Form />
             <RunHint />
             <Blackboard />

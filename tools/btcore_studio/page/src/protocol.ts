@@ -264,6 +264,60 @@ export interface Moment {
   problem: string;
 }
 
+// --- btcore/run RunParams → RunState: start a run of a tree with mock leaves. Each further request has the number of the run:
+// btcore/runStep RunStep, btcore/runAnswer { result, outputs }, btcore/runMoment { position, event, cut } → RunState;
+// btcore/runLeaf { key, plan: LeafPlan } → null; btcore/runFiles { test, tree } → { files: RunFile[] }; btcore/endRun → null.
+
+/** How a leaf answers: it follows outcomes such as RRS|F, or a chance; otherwise the user is asked. */
+export interface LeafPlan { outcomes?: string; chance?: number | null; seed?: number }
+
+export interface RunParams extends Document {
+  tree: string | null;
+  plans: Record<string, LeafPlan>;
+  /** The number of the run whose answers are given again; 0 for none. */
+  again: number;
+}
+
+/** *breakpoints* are the keys of nodes at whose begin the run stops. */
+export interface RunStep { to: "tick" | "into" | "over" | "out"; ticks: number; breakpoints: string[] }
+
+/** What a leaf does: SUCCESS, FAILURE, RUNNING, SKIPPED, or it raises an exception. */
+export type RunResult = "S" | "F" | "R" | "K" | "X";
+
+export interface RunQuestion {
+  key: string;
+  path: string;
+  inputs: Record<string, string>;
+  outputs: { name: string; type: string; key: string }[];
+  canRun: boolean;
+}
+
+export interface RunState {
+  run: number;
+  count: number;
+  colours: string;
+  width: number;
+  moment: Moment;
+  /** The number of begins and ends of nodes in the step after the moment; 0 between two steps. */
+  event: number;
+  /** The key of the node that has begun or ended last in the step, or "". */
+  stopped: string;
+  question: RunQuestion | null;
+  problem: string;
+  /** Only in the reply to btcore/run. */
+  keys: string[] | null;
+  calls: RunningCall[] | null;
+  leaves: Record<string, LeafPlan> | null;
+}
+
+export interface RunFile { name: string; text: string }
+
+// --- btcore/why { key, position, run } → Why: why a node did what it did in the last tick before *position* steps of the
+// run with a number, or of the recording (0).
+
+/** The node with the key "" is outside of the tree; *tried* is what another result changes in a replay, or "". */
+export interface Why { question: string; answer: string; links: { key: string; tick: number; because: string; tried: string }[] }
+
 // --- btcore/comparison { tree } → Comparison; only if the studio compares two versions of a file (see Start.versions).
 // The notification btcore/compared: one of the files has changed.
 

@@ -1,4 +1,4 @@
-// The moments of a recording.
+// The moments of a recording, and the slider over them, which runs have, too.
 
 import { effect, signal, untracked } from "@preact/signals";
 import { useMemo } from "preact/hooks";
@@ -52,36 +52,55 @@ export function step(by: number): void {
   if (recording) void goTo(recording, position.value + by);
 }
 
+interface TrackProps {
+  /** The number of steps, and the status of the root after each *width* of them. */
+  count: number;
+  colours: string;
+  width: number;
+  /** The position of the slider, and the moment that is shown. */
+  position: number;
+  at: Moment | null;
+  name: string;
+  label: string;
+  goTo: (position: number) => void;
+}
+
+/** The slider over the steps of a recording or a run, and its moment. */
+export function Track({ count, colours, width, position, at, name, label, goTo }: TrackProps) {
+  const runs = useMemo(() => [...colours.matchAll(/(.)\1*/g)], [colours]);
+  const time = at ? treeTexts.seconds(at.time) : "";
+  return (
+    <>
+      <div class="track">
+        <input
+          type="range" min={0} max={count} value={position} aria-label={label} aria-valuetext={at ? `${name}, ${time}, ${statuses[at.root]}` : ""}
+          onInput={(event) => goTo(Number(event.currentTarget.value))}
+        />
+        <svg viewBox={`0 0 ${Math.max(1, count)} 1`} preserveAspectRatio="none" aria-hidden="true">
+          {runs.map((run) => <rect key={run.index} class={`s${run[0][0]}`} x={run.index * width} width={run[0].length * width} height={1} />)}
+        </svg>
+      </div>
+      <output>
+        <b>{name}</b> · {time}
+        {at && at.position !== position && !at.problem && <small> {treeTexts.runningTo(position)}</small>}
+        {at && at.tick > 0 && <span class={`status s${at.root}`}>{statuses[at.root]}</span>}
+      </output>
+    </>
+  );
+}
+
 export function Timeline() {
   const recording = start.value?.recording;
-  const runs = useMemo(() => [...(recording?.colours ?? "").matchAll(/(.)\1*/g)], [recording]);
   if (!recording) return null;
   const at = moment.value;
   const name = !at ? "" : at.tick ? treeTexts.tick(at.tick) : at.position ? treeTexts.halt : treeTexts.beginning;
-  const time = at ? treeTexts.seconds(at.time) : "";
   return (
     <section class="timeline" aria-label={treeTexts.timeline}>
       <div class="group">
         <button title={treeTexts.back} aria-label={treeTexts.back} disabled={position.value === 0} onClick={() => step(-1)}>◀</button>
         <button title={treeTexts.forth} aria-label={treeTexts.forth} disabled={position.value === recording.count} onClick={() => step(1)}>▶</button>
       </div>
-      <div class="track">
-        <input
-          type="range" min={0} max={recording.count} value={position.value} aria-label={treeTexts.moment}
-          aria-valuetext={at ? `${name}, ${time}, ${statuses[at.root]}` : ""}
-          onInput={(event) => void goTo(recording, Number(event.currentTarget.value))}
-        />
-        <svg viewBox={`0 0 ${Math.max(1, recording.count)} 1`} preserveAspectRatio="none" aria-hidden="true">
-          {runs.map((run) => (
-            <rect key={run.index} class={`s${run[0][0]}`} x={run.index * recording.width} width={run[0].length * recording.width} height={1} />
-          ))}
-        </svg>
-      </div>
-      <output>
-        <b>{name}</b> · {time}
-        {at && at.position !== position.value && !at.problem && <small> {treeTexts.runningTo(position.value)}</small>}
-        {at && at.tick > 0 && <span class={`status s${at.root}`}>{statuses[at.root]}</span>}
-      </output>
+      <Track {...recording} position={position.value} at={at} name={name} label={treeTexts.moment} goTo={(wanted) => void goTo(recording, wanted)} />
     </section>
   );
 }

@@ -17,10 +17,13 @@ from btcore.status import FAILURE, Status
 from btcore.xml.plan.plan import Plans
 from btcore_drawing.diagram import diagram_of_document
 from btcore_studio.language.node_keys import diagram_nodes, keyed_nodes, node_keys, running_calls
+from btcore_studio.language.studio_protocol import Why, WhyLink
 
 _GROUP: Final = "btcore.recordings"
-_MAX_WAIT: Final = 0.4
+MAX_WAIT_S: Final = 0.4
 """Maximum time (s) for a reply while a part of a recording is run for the first time."""
+_MAX_EXPLAINING_S: Final = 1.0
+"""Time (s) after which no further changes are tried for an explanation."""
 _MAX_COLOURS: Final = 600
 """Maximum number of colours in the track of a recording."""
 
@@ -69,6 +72,26 @@ class Moment(Protocol):
         """Why the run cannot be run again beyond this moment, or ""."""
 
 
+class Explanation(Protocol):
+    """Why a node did what it did."""
+
+    @property
+    def question(self) -> str:
+        """The question."""
+
+    @property
+    def answer(self) -> str:
+        """The answer."""
+
+    @property
+    def links(self) -> Sequence[tuple[int, int, str, str]]:
+        """The chain from the result to what it depends on.
+
+        A link is the number of a node (0 is outside of the tree), the number of the tick, why the node did
+        what it did, and what was tried or "".
+        """
+
+
 class Timeline(Protocol):
     """A recording that is run again, used by one thread at a time."""
 
@@ -92,6 +115,14 @@ class Timeline(Protocol):
         """Return the moment after *position* steps, or the moment that was reached after *limit* s."""
         ...
 
+    def why(self, uid: int, position: int, limit_s: float) -> Explanation:
+        """Explain what a node did in the last tick before *position*, in a little more than *limit_s*.
+
+        Raises:
+            BtcoreError: There is no such tick, or it cannot be explained.
+        """
+        ...
+
 
 def open_timeline(path: Path) -> Timeline | None:
     """Return the recording in a file, or None if the file is none by its extension.
@@ -109,8 +140,24 @@ def open_timeline(path: Path) -> Timeline | None:
     return None
 
 
+def colours_of(roots: Sequence[Status]) -> tuple[int, str]:
+    """Return the track of a recording: a digit for each *width* steps, after this number."""
+    width = max(1, -(-len(roots) // _MAX_COLOURS))
+    parts = (roots[start : start + width] for start in range(0, len(roots), width))
+    statuses = (FAILURE if FAILURE in part else max(part) for part in parts)
+    return width, "".join(str(int(status)) for status in statuses)
+
+
 class RecordedRun:
-    """A recording as JSON data for pages. Every method may be called from any thread."""
+    """A recording as JSON data for pages. Every method may be called from any thread.
+
+    Args:
+        timeline: The recording.
+
+    Attributes:
+        keys: The keys of the nodes, in their order.
+        calls: The calls of trees.
+    """
 
     def __init__(self, timeline: Timeline) -> None:
         self._timeline = timeline
@@ -118,30 +165,48 @@ class RecordedRun:
         drawn = diagram_nodes(diagram_of_document(timeline.plans))
         nodes = keyed_nodes(drawn)
         keys = node_keys(nodes)
-        self._keys = list(keys.values())
-        self._calls = running_calls(nodes, keys, {node.uid: node.tree for node, _ in drawn if node.tree})
+        self.keys = list(keys.values())
+        self.calls = running_calls(nodes, keys, {node.uid: node.tree for node, _ in drawn if node.tree})
 
     def summary(self) -> dict[str, Any]:
         """Return what does not depend on the moment: the nodes, the calls, and the results over time."""
         roots = self._timeline.roots
-        width = max(1, -(-len(roots) // _MAX_COLOURS))
-        parts = (roots[start : start + width] for start in range(0, len(roots), width))
-        colours = [FAILURE if FAILURE in part else max(part) for part in parts]
+        width, colours = colours_of(roots)
         ticks = [position for position, status in enumerate(roots, 1) if status]
         return {
-            "keys": self._keys,
-            "calls": [call._asdict() for call in self._calls],
+            "keys": self.keys,
+            "calls": [call._asdict() for call in self.calls],
             "count": len(roots),
             "start": ticks[-1] if ticks else 0,
             "width": width,
-            "colours": "".join(str(int(status)) for status in colours),
+            "colours": colours,
             "warnings": self._timeline.warnings,
         }
 
     def moment(self, position: int) -> dict[str, Any]:
         """Return the moment after *position* steps, or an earlier moment if that takes too long."""
         with self._lock:
-            moment = self._timeline.at(position, _MAX_WAIT)
+            moment = self._timeline.at(position, MAX_WAIT_S)
+        return self.data_of(moment)
+
+    def why(self, key: str, position: int) -> Why:
+        """Return why the node with a key did what it did.
+
+        Raises:
+            BtcoreError: There is no such node, or nothing can be explained.
+        """
+        if key not in self.keys:
+            raise BtcoreError("this node is not in the tree that was run")
+        with self._lock:
+            found = self._timeline.why(self.keys.index(key) + 1, position, _MAX_EXPLAINING_S)
+        links = [
+            WhyLink(self.keys[uid - 1] if uid else "", tick, because, tried)
+            for uid, tick, because, tried in found.links
+        ]
+        return Why(found.question, found.answer, links)
+
+    def data_of(self, moment: Moment) -> dict[str, Any]:
+        """Return a moment of the timeline."""
         return {
             "position": moment.position,
             "tick": moment.tick,
@@ -151,7 +216,7 @@ class RecordedRun:
             "results": "".join(str(int(status)) for status in moment.results),
             "entries": moment.entries,
             "leaves": {
-                self._keys[uid - 1]: {
+                self.keys[uid - 1]: {
                     "status": int(status),
                     "inputs": dict(inputs),
                     "outputs": dict(outputs),

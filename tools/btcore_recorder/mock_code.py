@@ -1,0 +1,333 @@
+"""The mock leaves of `btcore_recorder.mock_run`: how they answer, and the ticks that are run in part."""
+
+import time
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import partial
+from random import Random
+from typing import Any, Final, NamedTuple
+
+from btcore.engine.node import TickWrapper, TreeNode
+from btcore.engine.recorded_events import (
+    ChildHalted,
+    ChildTicked,
+    ExternalHaltBegan,
+    ExternalHaltEnded,
+    Raised,
+    RecordedError,
+    StatusSet,
+)
+from btcore.errors import NodeExecutionError, TickInterrupt
+from btcore.registry.outcome_grammar import Outcome, parse_outcomes
+from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
+from btcore.tree.tree import Tree
+from btcore_recorder.inputs import Head, Input, Result, RunRecording, Step
+from btcore_recorder.moments import ObservedCode
+from btcore_recorder.recorded_tree import Inputs
+from btcore_recorder.replay import Replay
+from btcore_recorder.tree_state import capture
+
+MAX_EVENTS: Final = 50_000
+"""Maximum number of begins and ends of nodes in a tick: a tick may repeat a leaf without end."""
+MAX_TICK_S: Final = 2.0
+"""Maximum time (s, real time) of a tick."""
+_STATE_INTERVAL: Final = 50
+"""The number of steps between two states that are kept of a run."""
+
+
+class LeafPlan(NamedTuple):
+    """How a leaf answers; by default the user is asked.
+
+    Attributes:
+        outcomes: The outcomes that it follows, in the grammar of `parse_outcomes`; "" for none.
+        chance: The probability with which each tick succeeds, and otherwise fails; None if it follows no
+            chance.
+        seed: Determines the results that *chance* draws.
+    """
+
+    outcomes: str = ""
+    chance: float | None = None
+    seed: int = 0
+
+
+ASKED: Final = LeafPlan()
+
+
+class Answer(NamedTuple):
+    """What a leaf did in a tick.
+
+    Attributes:
+        position: The number of steps before the tick.
+        uid: The number of the leaf.
+        outcome: What it did.
+        is_start: Whether it was not RUNNING before.
+    """
+
+    position: int
+    uid: int
+    outcome: Outcome
+    is_start: bool
+
+
+@dataclass(slots=True)
+class MockLeaf:
+    """The answers of a leaf, and how it answers.
+
+    Attributes:
+        path: The path of the leaf.
+        is_condition: Whether each tick is a start.
+        plan: How it answers.
+        repeated: Answers of an earlier run, which come first.
+        answers: Its answers so far.
+        planned_from: The number of answers before the plan began.
+        starts: The number of starts since then.
+        since_start: The number of answers since the last of them.
+    """
+
+    path: str
+    is_condition: bool
+    plan: LeafPlan = ASKED
+    repeated: deque[Outcome] = field(default_factory=deque)
+    answers: list[Answer] = field(default_factory=list)
+    planned_from: int = 0
+    starts: int = 0
+    since_start: int = 0
+
+    def add(self, answer: Answer) -> None:
+        """Note an answer."""
+        self.answers.append(answer)
+        self._count(answer)
+
+    def _count(self, answer: Answer) -> None:
+        self.starts += answer.is_start
+        self.since_start = 1 if answer.is_start else self.since_start + 1
+
+    def keep(self, count: int) -> None:
+        """Forget all but the first answers."""
+        del self.answers[count:]
+        self.planned_from = min(self.planned_from, count)
+        self.starts = self.since_start = 0
+        for answer in self.answers[self.planned_from :]:
+            self._count(answer)
+
+    def set_plan(self, plan: LeafPlan) -> None:
+        """Follow *plan* from the next answer on."""
+        self.plan, self.planned_from = plan, len(self.answers)
+        self.repeated.clear()
+        self.starts = self.since_start = 0
+
+    def next(self, is_start: bool) -> Outcome | None:
+        """Return the next answer; None if the user has to be asked."""
+        if self.repeated:
+            return self.repeated.popleft()
+        outcomes, chance, seed = self.plan
+        if chance is not None:
+            number = Random(f"{seed} {self.path} {len(self.answers)}").random()
+            return Outcome("S" if number < chance else "F")
+        if not outcomes:
+            return None
+        starts = parse_outcomes(outcomes)
+        if self.is_condition:  # as a `MockCondition`: each tick is a start
+            letters = [outcome for start in starts for outcome in start]
+            return letters[(len(self.answers) - self.planned_from) % len(letters)]
+        if is_start:
+            return starts[self.starts % len(starts)][0]
+        start = starts[max(0, self.starts - 1) % len(starts)]
+        return start[min(self.since_start, len(start) - 1)]
+
+
+class LeafAsked(TickInterrupt):
+    """Ends a tick at a leaf without an answer."""
+
+    def __init__(self, node: TreeNode) -> None:
+        self.node = node
+
+
+class TickStopped(TickInterrupt):
+    """Ends a tick at the wanted moment within it."""
+
+
+class TickImpossible(TickInterrupt):
+    """Ends a tick that cannot be run; its text is the reason."""
+
+
+class MockCode(ObservedCode):
+    """Mock leaves. In a new tick they do what *events_of* yields, otherwise what was recorded."""
+
+    def __init__(self, inputs: Inputs, types: Mapping[str, Any]) -> None:
+        super().__init__(inputs, types)
+        self.is_new = False
+        self.log: list[Input] = []  # of the new tick
+        self.events_of: Callable[[TreeNode], Iterator[Input]]
+        self._ticked: list[Iterator[Input]] = []
+
+    def begin_step(self) -> None:
+        """Begin a step, with an empty log."""
+        super().begin_step()
+        self.log.clear()
+        self._ticked.clear()
+
+    def tick(self, node: TreeNode) -> Status:
+        """Tick a node: by *events_of* in a new tick."""
+        if not self.is_new:
+            return super().tick(node)
+        self._ticked.append(self._ticks_children(node) if ticks_its_children(node) else self.events_of(node))
+        try:
+            return super().tick(node)
+        finally:
+            self._ticked.pop()
+
+    def take(self) -> Input | None:
+        """Return the next event of the node that is ticked, and log it in a new tick."""
+        if not self.is_new:
+            return super().take()
+        event = next(self._ticked[-1])
+        self.log.append(event)
+        return event
+
+    def halt(self, node: TreeNode) -> None:
+        """Halt a node; in a new tick, also its children."""
+        if not self.is_new or not node.children:
+            super().halt(node)
+            return
+        self.log.append(ExternalHaltBegan(node.config.uid))
+        events: list[Input] = [ChildHalted(child.config.uid) for child in node.children]
+        for event in (*events, StatusSet(node.config.uid, IDLE)):
+            self.log.append(event)
+            self.apply(event, "")
+        self.log.append(ExternalHaltEnded(node.config.uid, None))
+
+    def differ(self, recorded: str, now: str) -> None:
+        """End the step: in a new tick, because a value cannot be written."""
+        if self.is_new:
+            raise TickImpossible(now)
+        super().differ(recorded, now)
+
+    def _ticks_children(self, node: TreeNode) -> Iterator[Input]:
+        """Yield what a control or decorator without code does: as `MockControl` and `MockDecorator`."""
+        uid, status = node.config.uid, SUCCESS
+        yield StatusSet(uid, RUNNING)
+        statuses = [child.status for child in node.children]
+        has_skipped_all = SUCCESS not in statuses
+        first = statuses.index(RUNNING) if RUNNING in statuses else 0
+        for child in node.children[first:]:
+            yield ChildTicked(child.config.uid)
+            if self._child_error is not None:
+                yield Raised(uid, RecordedError("NodeExecutionError", ""))
+            status = self.child_result
+            has_skipped_all = has_skipped_all and status is SKIPPED
+            if status not in (SUCCESS, SKIPPED):
+                break
+        if status is not RUNNING:
+            status = SKIPPED if has_skipped_all else FAILURE if status is FAILURE else SUCCESS
+            yield from (ChildHalted(child.config.uid) for child in node.children)
+        yield Result(uid, status)
+
+
+def ticks_its_children(node: TreeNode) -> bool:
+    """Return whether a node without code ticks its children. A person decides the result of the other."""
+    return bool(node.children) and node.config.id != "ManualSelector"
+
+
+class TickCursor:
+    """The begins and ends of the nodes of a tick, at one of which the tick can be stopped.
+
+    Attributes:
+        events: The number of each node that begins, with None, and of each that ends, with its result.
+    """
+
+    def __init__(self, tree: Tree) -> None:
+        self.events: list[tuple[int, Status | None]] = []
+        self._is_wanted: Callable[[int, int, bool], bool] | None = None
+        self._deadline: float | None = None  # None in a replay
+        for node in tree.nodes:
+            node._wrapper = wrapper = TickWrapper(node._wrapper)
+            wrapper.counts = None
+            wrapper.on_tick_start = partial(self._add, node.config.uid, None)
+            wrapper.post_tick = partial(self._end, wrapper.post_tick)
+
+    def begin(self, is_wanted: Callable[[int, int, bool], bool] | None) -> None:
+        """Begin a tick, which stops when *is_wanted* of the number of events, the UID and whether it ends."""
+        self.events.clear()
+        self._is_wanted = is_wanted
+        self._deadline = time.monotonic() + MAX_TICK_S
+
+    def end(self) -> None:
+        """Stop no further tick."""
+        self._is_wanted = self._deadline = None
+
+    def _end(
+        self, callback: Callable[[TreeNode, Status], Status] | None, node: TreeNode, status: Status
+    ) -> Status:
+        forced = IDLE if callback is None else callback(node, status)
+        self._add(node.config.uid, status)
+        return forced
+
+    def _add(self, uid: int, result: Status | None) -> None:
+        if self._deadline is None:
+            return
+        self.events.append((uid, result))
+        if self._is_wanted is not None and self._is_wanted(len(self.events), uid, result is not None):
+            raise TickStopped
+        if len(self.events) > MAX_EVENTS or time.monotonic() > self._deadline:
+            raise TickImpossible(
+                f"the tick does not end: it took more than {MAX_TICK_S:g} s or ticked nodes more than "
+                f"{MAX_EVENTS // 2:,} times; a leaf that is repeated without a pause has to return RUNNING"
+            )
+
+
+class GrowingReplay(Replay):
+    """A replay to which steps are added. While a step has been run in part, *is_within_step* is true."""
+
+    def __init__(self, head: Head) -> None:
+        self.growing: list[Step] = []
+        super().__init__(RunRecording(head, self.growing), MockCode)
+        assert isinstance(self.external, MockCode)
+        self.code = self.external
+        self.is_within_step = False
+        self._has_added_state = False
+
+    def seek(self, position: int | None = None, **others: Any) -> bool:
+        """Go to a moment, also from within a step; see `Replay.seek`."""
+        self.leave_step()
+        return super().seek(position, **others)
+
+    def begin_step(self) -> None:
+        """Keep the state before the next step, which may be run in part."""
+        if self.position not in self._states:
+            state = capture(self.tree, self.external.boards, self._encoder.encode)
+            self._states[self.position] = state, self._checksum.value
+            self._has_added_state = self.position % _STATE_INTERVAL != 0
+        self._checksum.changes = None
+        self.is_within_step = True
+
+    def run_step(self, step: Step) -> Status:
+        """Run a step after `begin_step`. Raises TickInterrupt if it is run in part."""
+        try:
+            return self._execute(step)
+        except NodeExecutionError:
+            return IDLE
+
+    def end_step(self) -> int:
+        """Note that the step was run to its end. Return its checksum."""
+        self._forget_state()
+        self.position += 1
+        return self._checksum.value
+
+    def leave_step(self) -> None:
+        """Go back to the state before a step that was run in part."""
+        if self.is_within_step:
+            self._go_back(self.position)
+            self._forget_state()
+
+    def _forget_state(self) -> None:
+        if self._has_added_state:
+            del self._states[self.position]
+        self.is_within_step = self._has_added_state = False
+
+    def cut_at(self, position: int) -> None:
+        """Remove the steps from *position* on."""
+        self.seek(position)
+        del self.growing[position:]
+        self._states = {at: state for at, state in self._states.items() if at <= position}

@@ -1,0 +1,273 @@
+// A run of the shown tree with mock leaves: its state, and the requests that change it.
+
+import { computed, effect, signal } from "@preact/signals";
+import type { LeafPlan, Live, RunFile, RunningCall, RunResult, RunState, RunStep } from "./protocol";
+import { actions, drawing, live, message, nodesByKey, showError, start, tree, uri } from "./state";
+import { runTexts } from "./texts";
+import { moment, step as stepInRecording } from "./timeline";
+import { view } from "./view";
+
+/** The shortest time between two requests while the run is played. */
+const FRAME_MS = 50;
+/** The simulated time between two ticks, the default of btcore/run. */
+const PERIOD_MS = 100;
+const MAX_TICKS = 1000;
+
+interface MockRun {
+  state: RunState;
+  keys: string[];
+  calls: RunningCall[];
+  leaves: ReadonlyMap<string, LeafPlan>;
+  uri: string;
+  tree: string | null;
+}
+
+export const mockRun = signal<MockRun | null>(null);
+/** Whether a text has changed since the run began. */
+export const isEdited = signal(false);
+/** Whether ticks follow each other until a leaf asks, and again after the answer. */
+export const isPlaying = signal(false);
+export const SPEEDS = [0.5, 1, 2, 5, 20, 100] as const;
+export const speed = signal(1);
+/** Whether trees can be run here. */
+export const canRun = computed(() =>
+  start.value !== null && !start.value.recording && !start.value.versions && !live.value?.address && Boolean(drawing.value?.tree));
+
+/** How leaves answer in the next run, by key. */
+const plans = new Map<string, LeafPlan>();
+/** The state of the connection with running trees, which is shown again after the run. */
+let connection: Live | null = null;
+let target: RunStep["to"] = "tick";
+
+// --- requests, one after the other
+
+let last: Promise<unknown> = Promise.resolve();
+
+function inTurn(act: () => Promise<void>): Promise<void> {
+  const done = last.then(act).catch((error: unknown) => {
+    isPlaying.value = false;
+    showError(error);
+  });
+  last = done;
+  return done;
+}
+
+async function request<T>(method: string, params: object): Promise<T> {
+  const run = mockRun.value;
+  if (!run) throw new Error(runTexts.noRun);
+  return actions.request<T>(method, { run: run.state.run, ...params });
+}
+
+async function update(method: string, params: object): Promise<void> {
+  show(await request<RunState>(method, params));
+}
+
+function show(state: RunState): void {
+  const run = mockRun.value;
+  if (!run) return;
+  mockRun.value = { ...run, state };
+  moment.value = state.moment;
+  const { wanted = [] } = live.value ?? {};
+  live.value = {
+    address: "", connection: "connected", detail: "", problem: state.problem, statuses: state.moment.statuses,
+    results: state.moment.results, entries: state.moment.entries, wanted, breakpoints: wanted, stopped: state.stopped,
+    keys: run.keys, calls: run.calls,
+  };
+}
+
+/** Follow the connection with running trees, which cannot be used while a run is shown. */
+export function receiveLive(state: Live): void {
+  // The nodes are sent only if they have changed.
+  connection = { ...(mockRun.value ? connection : live.value), ...state };
+  if (mockRun.value) live.value = { ...live.value!, wanted: state.wanted, breakpoints: state.wanted };
+  else live.value = connection;
+}
+
+// --- what the user does
+
+/** Start a run. @param isAgain Whether it begins with the answers of the present run. */
+export function startRun(isAgain = false): Promise<void> {
+  return inTurn(async () => {
+    if (!canRun.value) throw new Error(runTexts.cannotRun);
+    const before = isAgain ? mockRun.value : null;
+    const chosen = before ?? { uri: uri.value, tree: tree.value ?? drawing.value!.tree };
+    const state = await actions.request<RunState>("btcore/run", {
+      textDocument: { uri: chosen.uri }, tree: chosen.tree, plans: Object.fromEntries(plans), again: before?.state.run ?? 0,
+    });
+    if (!mockRun.value) connection = live.value;
+    isEdited.value = false;
+    mockRun.value = {
+      state, keys: state.keys!, calls: state.calls!, leaves: new Map(Object.entries(state.leaves!)), uri: chosen.uri, tree: chosen.tree,
+    };
+    show(state);
+    if (before) tell();
+  });
+}
+
+export function endRun(): Promise<void> {
+  isPlaying.value = false;
+  return inTurn(async () => {
+    await request("btcore/endRun", {}).catch(() => {}); // its process may be gone
+    mockRun.value = moment.value = null;
+    live.value = connection;
+    message.value = runTexts.ended;
+  });
+}
+
+/** Note that a text has changed. */
+export function noteEdit(): void {
+  if (mockRun.value) isEdited.value = true;
+}
+
+const stepParams = (ticks = 1): RunStep => ({ to: target, ticks, breakpoints: live.value?.wanted ?? [] });
+
+/** Go to the end of the tick, or to a moment in it; start a run if there is none. */
+export async function advance(to: RunStep["to"]): Promise<void> {
+  if (!mockRun.value) await startRun();
+  if (!mockRun.value) return;
+  target = to;
+  await inTurn(() => update("btcore/runStep", stepParams()));
+  tell();
+}
+
+/** Answer the question of the run, if there is one. Resolves to whether the answer was accepted. */
+export async function answer(result: RunResult, outputs: Record<string, string> = {}): Promise<boolean> {
+  const asked = mockRun.value?.state.question;
+  if (!asked) return false;
+  let isAccepted = false;
+  await inTurn(async () => {
+    // A second click on the same button must not answer the next question.
+    if (mockRun.value?.state.question !== asked) return;
+    await update("btcore/runAnswer", { result, outputs });
+    isAccepted = true;
+  });
+  if (isAccepted) goOn();
+  return isAccepted;
+}
+
+/** Answer by a key of the picture: what the fields of the question contain is used. */
+export const answerQuestion = (result: RunResult): void => {
+  const form = document.querySelector<HTMLFormElement>(".question form");
+  form?.querySelector<HTMLButtonElement>(`button[value="${result}"]`)?.click();
+};
+
+/** Go to a moment of the run; the newest of several wishes counts. */
+let wish: { position: number; event: number } | null = null;
+
+export function goTo(position: number, event = 0): Promise<void> {
+  isPlaying.value = false;
+  wish = { position, event };
+  return inTurn(async () => {
+    if (!wish) return;
+    const params = wish;
+    wish = null;
+    await update("btcore/runMoment", params);
+  });
+}
+
+/** Go a tick, or a moment in a tick, back or forward; of a recording, a tick. */
+export function step(by: number): void {
+  const state = mockRun.value?.state;
+  if (!state) {
+    stepInRecording(by);
+    return;
+  }
+  if (by > 0) void advance("tick");
+  else if (state.event) void goTo(state.moment.position, state.event - 1).then(tell);
+  else void goTo(state.moment.position - 1).then(tell);
+}
+
+/** Forget what follows the present moment. */
+export function cut(): Promise<void> {
+  const { moment: at } = mockRun.value!.state;
+  return inTurn(() => update("btcore/runMoment", { position: at.position, cut: true })).then(() => { message.value = runTexts.wasCut; });
+}
+
+/** Let a leaf answer by a plan from now on. Resolves to whether the plan is valid. */
+export async function setPlan(key: string, plan: LeafPlan): Promise<boolean> {
+  let isValid = false;
+  await inTurn(async () => {
+    await request("btcore/runLeaf", { key, plan });
+    isValid = true;
+    plans.set(key, plan);
+    const run = mockRun.value!;
+    mockRun.value = { ...run, leaves: new Map([...run.leaves, [key, plan]]) };
+    if (run.state.question?.key === key) await update("btcore/runStep", stepParams());
+  });
+  if (isValid) goOn();
+  return isValid;
+}
+
+export async function filesOfRun(isTest: boolean): Promise<RunFile[]> {
+  const name = decodeURIComponent(mockRun.value!.uri.split("/").at(-1)!);
+  return (await request<{ files: RunFile[] }>("btcore/runFiles", { test: isTest, tree: name })).files;
+}
+
+// --- play
+
+let playing = 0;
+
+/** Start a run, or let it go on, or pause it. */
+export function togglePlay(): void {
+  if (isPlaying.value) {
+    isPlaying.value = false;
+    message.value = runTexts.paused;
+  } else if (!mockRun.value) {
+    void startRun().then(() => { if (mockRun.value) void play(); });
+  } else void play();
+}
+
+/** Whether the run is not played further: the tree has ended, it is at a breakpoint, or it cannot be run. */
+const mustPause = ({ moment: { tick, root }, event, problem }: RunState) => (tick > 0 && root !== 1) || event > 0 || problem !== "";
+
+/** Tell what an answer or a plan has led to, and play on, if the run was played. */
+function goOn(): void {
+  tell();
+  const state = mockRun.value?.state;
+  if (!isPlaying.value || !state || state.question) return;
+  if (mustPause(state)) isPlaying.value = false;
+  else void play();
+}
+
+async function play(): Promise<void> {
+  const number = ++playing;
+  isPlaying.value = true;
+  target = "tick";
+  const wait = () => PERIOD_MS / speed.value;
+  while (isPlaying.value && number === playing) {
+    const begun = performance.now();
+    const ticks = Math.min(MAX_TICKS, Math.max(1, Math.round(FRAME_MS / wait())));
+    await inTurn(() => update("btcore/runStep", stepParams(ticks)));
+    const state = mockRun.value?.state;
+    if (!state || state.question) break;
+    if (mustPause(state)) isPlaying.value = false;
+    else await new Promise((resolve) => setTimeout(resolve, Math.max(0, Math.max(FRAME_MS, wait()) - (performance.now() - begun))));
+  }
+  if (number === playing) tell();
+}
+
+// --- what is said about the present moment
+
+/** Show and announce the question, or the moment. */
+function tell(): void {
+  const run = mockRun.value;
+  if (!run) return;
+  const { question, problem, stopped, event, moment: at } = run.state;
+  if (question) message.value = runTexts.asks(nameOf(question.key, question.path));
+  else if (problem) message.value = problem;
+  else if (event) message.value = runTexts.at(nameOf(stopped, stopped), at.tick);
+  else message.value = runTexts.after(at.tick, at.root);
+  const index = view.value?.structure.at(question?.key ?? stopped) ?? -1;
+  if (index >= 0) view.value?.reveal(index);
+}
+
+/** Return the name of a node, by its key or the last part of its path. */
+export const nameOf = (key: string, path: string): string =>
+  nodesByKey.value.get(key)?.name ?? path.split("/").at(-1)!.replace(/::\d+$/, "");
+
+// Another file or another connection ends the run.
+effect(() => {
+  const run = mockRun.value;
+  if (run && uri.value && uri.value !== run.uri) void endRun();
+});
+
