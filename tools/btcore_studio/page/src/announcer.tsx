@@ -99,11 +99,11 @@ function reportLive(): void {
   [connection, stopped] = [now, at];
 }
 
-/** Let a tree continue that waits at a breakpoint. It may wait at the same node in the next tick. */
-export async function release(): Promise<void> {
+/** Let a tree continue that waits at a breakpoint, whose node may return a status instead. It may wait there again in the next tick. */
+export async function release(status: "" | "SUCCESS" | "FAILURE" = ""): Promise<void> {
   stopped = "";
-  message.value = treeTexts.continued;
-  await actions.request("btcore/release", {}).catch(showError);
+  message.value = status ? treeTexts.forced(status) : treeTexts.continued;
+  await actions.request("btcore/release", { status }).catch(showError);
   setTimeout(reportLive, RELEASE_MS);
 }
 
