@@ -91,7 +91,7 @@ function reportLive(): void {
   const state = live.value?.address ? live.value : null;
   const [now, at] = [state?.connection ?? "", state?.stopped ?? ""];
   untracked(() => {
-    if (now !== connection && now === "connected") message.value = treeTexts.connected(state!.address);
+    if (now !== connection && now === "connected" && state!.address) message.value = treeTexts.connected(state!.address);
     else if (now !== connection && !now) message.value = treeTexts.disconnected;
     if (at && at !== stopped) message.value = treeTexts.stoppedAt(nodesByKey.value.get(at)?.name ?? at);
     else if (!at && stopped && now) message.value = treeTexts.continued;

@@ -80,7 +80,8 @@ export function EntryValue({ path, name, value }: { path: string; name: string; 
     requestAnimationFrame(() => button.current?.focus());
   };
   if (isEdited && !refusal) return <td><ValueField {...{ path, name, value, close }} /></td>;
-  if (refusal) return <td title={refusal}>{value}</td>;
+  // Without an address, it is a recording.
+  if (refusal) return <td title={live.value?.address ? refusal : undefined}>{value}</td>;
   return (
     <td>
       <button ref={button} class="value" title={treeTexts.setValue(name)} aria-label={treeTexts.valueOf(name, value)} onClick={() => setEdited(true)}>
