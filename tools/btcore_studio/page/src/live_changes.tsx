@@ -46,7 +46,7 @@ async function reload(): Promise<void> {
 /** The buttons beside the address of the running tree. */
 export function ChangeControls() {
   const state = live.value;
-  if (state?.connection !== "connected") return null;
+  if (state?.connection !== "connected" || !state.address) return null;
   const name = state.stopped && (nodesByKey.value.get(state.stopped)?.name ?? state.stopped);
   return (
     <>
