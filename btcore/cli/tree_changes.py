@@ -7,15 +7,13 @@ from typing import TYPE_CHECKING, Final
 
 import click
 
+from btcore.blackboard.entry_texts import value_from_text
 from btcore.blackboard.ports import Port, braced_key
 from btcore.cli import terminal
 from btcore.errors import BlackboardError, ConversionError
-from btcore.json_text import too_deep_at
 from btcore.registry.registry import Registry, SubstitutionRule
 from btcore.suggestions import did_you_mean, join_names
 from btcore.tree.tree import Tree
-from btcore.values import ValueType
-from btcore.values.numbers import read_json
 from btcore.xml.plan.plan import Plans, reachable_trees
 
 if TYPE_CHECKING:
@@ -72,7 +70,7 @@ class TreeChanges:
             entry = board.find(key)
             declared = entry.declared if entry is not None and entry.declared.strong else None
             try:
-                board.set(key, _convert_value(text, declared, tree.format), declared)
+                board.set(key, value_from_text(text, declared, tree.format), declared)
             except (BlackboardError, ConversionError) as error:
                 raise click.UsageError(f"--set {key}={text}: {error}.") from error
         if self._rules:
@@ -154,19 +152,6 @@ def _parse_entries(texts: Iterable[str]) -> dict[str, str]:
             raise click.UsageError(f"--set: '{key}' is set more than once.")
         entries[key] = value
     return entries
-
-
-def _convert_value(text: str, declared: ValueType | None, format: int) -> object:
-    """Convert the text of a value; without a type, *text* may be JSON."""
-    if declared is not None:
-        return declared.from_text(text, format)
-    try:
-        value = read_json(text)
-    except ConversionError:
-        if text.lstrip().startswith(("[", "{")) and too_deep_at(text) is not None:
-            raise
-        return text
-    return text if value is None else value
 
 
 def _warn_unused_keys(keys: Iterable[str], plans: Plans) -> None:

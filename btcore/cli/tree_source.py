@@ -16,7 +16,7 @@ from btcore.registry.registry import Registry
 from btcore.xml.define import define
 from btcore.xml.plan.plan import Plans, plan
 from btcore.xml.read.document import Document
-from btcore.xml.read.read import parse_bytes, parse_file
+from btcore.xml.read.read import parse_bytes, parse_file, parse_text
 
 if TYPE_CHECKING:
     from click.shell_completion import CompletionItem
@@ -136,10 +136,17 @@ class TreeReader:
         name = "stdin" if self.path == STDIN else self.path.stem
         return name if self.options.tree is None else f"{name}:{self.options.tree}"
 
-    def read_plans(self) -> Plans:
-        """Read and check the file, and return the plans of its tree, which have no errors."""
+    def read_plans(self, text: str | None = None) -> Plans:
+        """Read and check the file, and return the plans of its tree, which have no errors.
+
+        Args:
+            text: The text of another program in place of the file's. It includes only files of the folder.
+        """
         try:
-            document = parse_source(self.path, self.options.confined)
+            if text is None:
+                document = parse_source(self.path, self.options.confined)
+            else:
+                document = parse_text(text, "" if self.path == STDIN else str(self.path), confined=True)
             sources, nodes = self.libraries.read(document)
             if self.adapt_registry is not None:
                 nodes = self.adapt_registry(nodes)

@@ -86,6 +86,8 @@ class Observers:
         records: The transitions since the last notification, in the form of `transition_records.py`.
         tick: The number of the latest tick that has started.
         journal: Gets each transition at once, while the tree is recorded; or None.
+        before_tick: Called on the thread that ticks before each tick of the root, or None. Unlike an
+            observer, it may write to the blackboard.
     """
 
     def __init__(self, clock: Clock) -> None:
@@ -93,6 +95,7 @@ class Observers:
         self.records: list[object] = []
         self.tick = 0
         self.journal: Journal | None = None
+        self.before_tick: Callable[[], object] | None = None
         self._now: Callable[[], Any] = FAST_NOW.get(type(clock), clock.now)
         self._first = 1  # the number of the first transition in `records`
         self._count = 0  # of the transitions in `records`
@@ -179,6 +182,8 @@ class Observers:
     def begin_tick(self, tick: int) -> None:
         """Notify the observers of the recorded transitions, then start tick number *tick* of the root."""
         self.flush()
+        if self.before_tick is not None:
+            self.before_tick()
         self.tick = tick
         self._tick_start = time.perf_counter_ns()
 

@@ -48,6 +48,8 @@ class LiveState(NamedTuple):
         stopped_at: The uid of the node before which the tree waits, or 0.
         problem: Why the last breakpoint could not be set, or "".
         raised_at: The uid of the node that raised the last error, or 0.
+        refusals: By "breakpoints", "values" and "reload", why the robot refuses them to this connection, or
+            ""; empty until the robot has replied.
     """
 
     connection: str = "waiting"
@@ -61,3 +63,4 @@ class LiveState(NamedTuple):
     stopped_at: int = 0
     problem: str = ""
     raised_at: int = 0
+    refusals: Mapping[str, str] = {}

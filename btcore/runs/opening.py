@@ -19,6 +19,7 @@ from btcore.runs.choice import Choice, choose_providers, title_with_article
 from btcore.runs.providers import Need, Provider, is_settings
 from btcore.runs.report import Report
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
+from btcore.runs.tick_loop import ReloadRequests
 from btcore.suggestions import join_names
 from btcore.tree.tree import Tree
 
@@ -237,6 +238,12 @@ class RunProviders:
             opened.close()
         for provider, opened in again.items():
             opened.open(self._collect_arguments(provider))
+
+    @property
+    def reload_requests(self) -> ReloadRequests | None:
+        """The requests of clients for other trees: the attribute of this name of a provided object."""
+        found = (getattr(opened.value, "reload_requests", None) for opened in self._opened.values())
+        return next((requests for requests in found if requests is not None), None)
 
     @property
     def errors(self) -> list[BtcoreError]:

@@ -23,7 +23,7 @@ from btcore.runs.providers import Provider
 from btcore.runs.report import Report, RunPrinter
 from btcore.runs.run_end import EndReason, RunEnd, join_errors
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
-from btcore.runs.tick_loop import OnTick, Reloader, TickLoop, Until
+from btcore.runs.tick_loop import OnTick, Reloader, ReloadRequests, TickLoop, Until
 from btcore.signals import EndingSignals
 from btcore.status import Status
 from btcore.tree.tree import Tree
@@ -244,6 +244,11 @@ class Run:
         return self.providers.resources
 
     @property
+    def reload_requests(self) -> ReloadRequests | None:
+        """The requests of clients for other trees, if a provided object takes them."""
+        return self.providers.reload_requests
+
+    @property
     def clock(self) -> Clock:
         """The clock of the run."""
         return self.providers.clock
@@ -276,9 +281,9 @@ class Run:
         Args:
             until: The result that ends a tree; the run ends when all trees have ended.
             on_tick: Called with the `status` after every tick.
-            reloader: Its method `reload` is called between ticks, and may call `replace_tree`. After the end
-                of all trees, also by an exception of a leaf, the run waits until it does. The exception is
-                raised at the end, unless another tree has replaced that tree.
+            reloader: Its method `reload` is called between ticks, and may call `replace_tree`. If it is
+                endless, the run waits until it does after the end of all trees, also by an exception of a
+                leaf. The exception is raised at the end, unless another tree has replaced that tree.
 
         Raises:
             NodeExecutionError: A leaf raised an exception; it is also the attribute `error`.

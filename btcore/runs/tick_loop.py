@@ -31,8 +31,35 @@ _STATUSES_THAT_END: Final[dict[str, tuple[Status, ...]]] = {
 }
 
 
+class ReloadRequest(Protocol):
+    """A request for another tree, such as that of a client of a published run."""
+
+    @property
+    def text(self) -> str:
+        """The XML of the tree."""
+
+    def finish(self, error: str = "") -> None:
+        """End the request. *error* is why the tree was not replaced, or ""."""
+        ...
+
+
+class ReloadRequests(Protocol):
+    """The requests for other trees: the attribute `reload_requests` of a provided object."""
+
+    is_used: bool
+    """Whether the program takes the requests, which sets it."""
+
+    def take(self) -> ReloadRequest | None:
+        """Remove and return the next request, or None."""
+        ...
+
+
 class Reloader(Protocol):
     """What replaces the first tree between ticks, such as that of `btcore run --watch`."""
+
+    @property
+    def is_endless(self) -> bool:
+        """Whether the loop waits for another tree after the end of all trees."""
 
     def reload(self) -> bool:
         """Call `Run.replace_tree` if there is a new tree, and return whether there was."""
@@ -123,7 +150,7 @@ class TickLoop:
                 except NodeExecutionError as error:
                     self._error = error
                 if self._is_done and not self._is_stopping:
-                    if reloader is None:
+                    if reloader is None or not reloader.is_endless:
                         end = "done"
                     else:
                         reloader.on_end(self._error)

@@ -190,6 +190,18 @@ class Hooks:
                 hook.enabled = enabled
             self._condition.notify_all()
 
+    def call_while_stopped(self, action: Callable[[], object]) -> bool:
+        """Call *action* if a tick is stopped at a breakpoint, which it does not leave meanwhile.
+
+        Returns:
+            Whether *action* was called.
+        """
+        with self._condition:
+            is_stopped = any(hook.waiting for hook in self._hooks.values())
+            if is_stopped:
+                action()
+            return is_stopped
+
     def ignore_breakpoints(self, ignore: bool = True) -> None:
         """Ignore all breakpoints, and release a stopped tick. If *ignore* is False, respect them again."""
         with self._condition:

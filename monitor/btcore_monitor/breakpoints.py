@@ -339,14 +339,19 @@ class BreakpointClient(Closeable):
         if hooks:
             self._ask(Request.HOOK_INSERT, encode_hooks(hooks))
 
-    def release_node(self, uid: int) -> None:
+    def release_node(self, uid: int, status: str = "") -> None:
         """Let a tree that waits before the node *uid* continue.
 
+        Args:
+            uid: The number of the node.
+            status: SUCCESS or FAILURE, which replaces the node's tick; "" replaces nothing.
+
         Raises:
-            BreakpointError: The request fails.
+            BreakpointError: *status* is invalid, or the request fails.
         """
+        desired = _to_status_text(status) if status else NO_STATUS
         with contextlib.suppress(_HookGoneError):
-            self._ask(Request.BREAKPOINT_UNLOCK, encode_unlocking(BreakpointUnlock(uid, PRE)))
+            self._ask(Request.BREAKPOINT_UNLOCK, encode_unlocking(BreakpointUnlock(uid, PRE, desired)))
 
     def clear_node(self, uid: int) -> None:
         """Remove the breakpoint before the node *uid*. A tree that waits there continues.

@@ -1,6 +1,7 @@
-"""The monitor's part of `btcore studio`: watch a running tree, and set breakpoints in it.
+"""The monitor's part of `btcore studio`: watch a running tree, set breakpoints in it, and change it.
 
-Statuses and entries come from a `Feed`, so from any robot. Breakpoints need Groot 2's protocol.
+Statuses and entries come from a `Feed`, so from any robot. Breakpoints need Groot 2's protocol, and changes a
+robot of btcore.
 """
 
 import json
@@ -12,6 +13,7 @@ from btcore.options import option
 from btcore.runs.live_state import LiveState
 from btcore.runs.settings import Settings
 from btcore_monitor.environment_checks import check_installed
+from btcore_monitor.errors import MonitorError
 from btcore_monitor.key_options import KeyOptions
 from btcore_monitor.wire.groot2 import DEFAULT_ADDRESS
 
@@ -19,6 +21,7 @@ if TYPE_CHECKING:
     from btcore_monitor.breakpoints import BreakpointClient
     from btcore_monitor.events import Event, ObservedTree
     from btcore_monitor.keys import ClientKeys
+    from btcore_monitor.watch.change_client import ChangeClient
 
 _PACKAGES: Final = ("zmq", "msgpack", "lxml")
 _CONNECT_TIMEOUT_S: Final = 2.0
@@ -90,7 +93,9 @@ class RobotConnection:
         self._feed = Feed(address, record=False, keys=keys)
         self._keys = keys
         self._robot: BreakpointClient | None = None
+        self._changes: ChangeClient | None = None
         self._state = LiveState()
+        self._tree_id: str | None = None
         self._statuses: dict[int, int] = {}
         self._results: dict[int, int] = {}
         self._last_root_status = 0
@@ -111,6 +116,8 @@ class RobotConnection:
             self._has_new_status = False
             self._state = self._state._replace(statuses=dict(self._statuses), results=dict(self._results))
         self._poll_breakpoints()
+        if self._changes is not None and not self._state.refusals:
+            self._state = self._state._replace(refusals=self._changes.read_refusals() or {})
         return self._state
 
     def _take(self, event: "Event") -> None:
@@ -121,7 +128,7 @@ class RobotConnection:
             detail = f"{event.detail}: {self._end()}" if event.state == "ended" else event.detail
             self._state = state._replace(connection=event.state, detail=detail)
         elif isinstance(event, events.TreeEvent):
-            if [node.uid for node in state.nodes] != [node.uid for node in event.tree.nodes]:
+            if event.tree.tree_id != self._tree_id:
                 self._begin(event.tree)
             elif state.raised_at:
                 self._state = state._replace(raised_at=0)
@@ -174,8 +181,12 @@ class RobotConnection:
         return f"the tree returned {events.STATUS_NAMES[self._last_root_status]}"
 
     def _begin(self, tree: "ObservedTree") -> None:
+        from btcore_monitor.watch.change_client import ChangeClient
+
         self._leave_robot()
-        self._results = {}
+        self._end_changes()
+        self._changes = ChangeClient(self._feed.address, self._keys)
+        self._tree_id, self._results = tree.tree_id, {}
         connection, detail = self._state.connection, self._state.detail
         calls = {node.uid: tree.subtrees.get(node.path, "") for node in tree.nodes if node.type == "subtree"}
         self._state = LiveState(connection, detail, tree.nodes, calls)
@@ -204,14 +215,18 @@ class RobotConnection:
         stopped = self._state.stopped_at if self._state.stopped_at in present else 0
         self._state = self._state._replace(breakpoints=present, stopped_at=stopped, problem=problem)
 
-    def release(self) -> None:
-        """Let a tree that waits at a breakpoint continue."""
+    def release(self, status: str = "") -> None:
+        """Let a tree that waits at a breakpoint continue.
+
+        Args:
+            status: SUCCESS or FAILURE, which the node returns without being ticked; "" = it is ticked.
+        """
         from btcore_monitor.breakpoints import BreakpointError
 
         if self._robot is None or not self._state.stopped_at:
             return
         try:
-            self._robot.release_node(self._state.stopped_at)
+            self._robot.release_node(self._state.stopped_at, status)
             self._state = self._state._replace(stopped_at=0, problem="")
         except BreakpointError as error:
             self._state = self._state._replace(stopped_at=0, problem=str(error))
@@ -222,6 +237,39 @@ class RobotConnection:
         reached = self._robot.poll()
         if reached is not None and reached.uid in self._state.breakpoints:
             self._state = self._state._replace(stopped_at=reached.uid)
+
+    # --- changes
+
+    def set_entry(self, path: str, key: str, text: str) -> None:
+        """Set an entry of a blackboard.
+
+        Args:
+            path: The path of the subtree; "" for the main tree.
+            key: The key of the entry.
+            text: The value, as in an attribute of a port.
+
+        Raises:
+            MonitorError: The robot refuses the value, or does not reply.
+        """
+        self._connected().set_entry(path, key, text)
+
+    def replace_tree(self, xml: str) -> None:
+        """Replace the tree between two ticks. It keeps its blackboard.
+
+        Raises:
+            MonitorError: The XML has errors, or the robot refuses it or does not reply.
+        """
+        self._connected().replace_tree(xml)
+
+    def _connected(self) -> "ChangeClient":
+        if self._changes is None or not self._state.refusals:
+            raise MonitorError("no robot is connected")
+        return self._changes
+
+    def _end_changes(self) -> None:
+        changes, self._changes = self._changes, None
+        if changes is not None:
+            changes.close()
 
     def _leave_robot(self) -> None:
         from btcore_monitor.breakpoints import BreakpointError
@@ -240,6 +288,7 @@ class RobotConnection:
     def close(self) -> None:
         """End the connection and remove its breakpoints. The robot continues."""
         self._leave_robot()
+        self._end_changes()
         self._feed.close()
 
 

@@ -58,6 +58,13 @@ class MonitorSettings(OutputOptions, Settings):
             "otherwise any client that reaches the port."
         ),
     ] = False
+    allow_changes: Annotated[
+        bool,
+        one_run_option(
+            "Let these clients also set entries of blackboards, and reload the tree between two ticks "
+            "(btcore studio); with --bind only with keys."
+        ),
+    ] = False
     key_file: (
         Annotated[
             Path,
@@ -124,6 +131,7 @@ class MonitorSettings(OutputOptions, Settings):
             ([*DRAWING_OPTION_NAMES, "--verbose"], self.outputs, outputs),
             (["--key-file", "--bind", "--port"], self.is_published, f"--publish, {outputs}"),
             (["--allow-control"], "groot2" in self.publish, "--publish groot2: Groot 1 has no control"),
+            (["--allow-changes"], self.allow_control, "--allow-control"),
             (["--insecure"], self.allow_control, "--allow-control"),
             (["--key-file"], self.allow_key, "--allow-key with the public keys of the clients"),
             (["--allow-key", "--watch-port"], self.key_file, "--key-file with the robot's secret key"),

@@ -88,6 +88,7 @@ def _publish(
             bind=settings.bind,
             resources=resources,
             allow_control=settings.allow_control,
+            allow_changes=settings.allow_changes,
             keys=keys,
             watch_port=settings.watch_port,
             insecure=settings.insecure,

@@ -227,12 +227,13 @@ def check_run(browser: Any, folder: Path, pictures: Path | None) -> list[str]:
     file.write_text(ROUNDS, encoding="utf-8")
     wrong: list[str] = []
     command = [sys.executable, "-m", "btcore", "run", str(file), "--publish", "groot2", "--port", "17667"]
-    published = Popen([*command, "--allow-control"], stdout=DEVNULL, stderr=DEVNULL, env=environment())
+    command += ["--allow-control", "--allow-changes"]
+    published = Popen(command, stdout=DEVNULL, stderr=DEVNULL, env=environment())
     try:
         with start_studio(str(file), "--live", "17667") as url:
             page = open_page(browser, url, wrong)
             page.wait_for_selector(".canvas.live g.s1[data-uid='1']")
-            page.wait_for_selector(".blackboard td:text('Küche')")
+            page.wait_for_selector(".blackboard td:has-text('Küche')")
             # A whole round, so that every node has a result.
             page.wait_for_selector(f"{CARDS}.r3[data-uid='14']")
             page.click(f"{CARDS}[data-uid='12']")
@@ -240,6 +241,15 @@ def check_run(browser: Any, folder: Path, pictures: Path | None) -> list[str]:
             page.wait_for_selector(f"{CARDS}.stopped[data-uid='12']")
             if pictures is not None:
                 page.screenshot(path=pictures / "studio.png", animations="disabled")
+            page.click(".blackboard button.value:has-text('Küche')")
+            page.keyboard.type("Flur")
+            if pictures is not None:
+                page.emulate_media(color_scheme="dark")
+                page.screenshot(path=pictures / "studio_change.png", animations="disabled")
+                page.emulate_media(color_scheme="light")
+            page.keyboard.press("Enter")
+            page.wait_for_selector(".blackboard td:has-text('Flur')")
+            page.focus(".canvas")
             page.keyboard.press("b")
             page.wait_for_selector(".continue", state="hidden")
             page.wait_for_selector(f"{CARDS}.s1[data-uid='12']")

@@ -1,4 +1,4 @@
-"""The studio watches a published tree, and sets breakpoints in it."""
+"""The studio watches a published tree, sets breakpoints in it, and changes it."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -33,7 +33,7 @@ def tree() -> btcore.Tree:
 @pytest.fixture
 def connection(tree: btcore.Tree) -> Iterator[RobotConnection]:
     with (
-        serve(tree, groot2_port=0, allow_control=True) as publisher,
+        serve(tree, groot2_port=0, allow_control=True, allow_changes=True) as publisher,
         closing(RobotExtension().connect(publisher.address)) as connection,
     ):
         assert isinstance(connection, RobotConnection)
@@ -89,13 +89,54 @@ def test_breakpoint_stops_at_one_of_two_equal_names(tree: btcore.Tree, connectio
     tree.tick_once()
 
 
+def test_value_is_set_and_status_is_forced_at_a_breakpoint(
+    tree: btcore.Tree, connection: RobotConnection
+) -> None:
+    with pytest.raises(MonitorError, match="no robot is connected"):
+        connection.set_entry("", "lap", "5")
+    state = until(connection, lambda state: state.refusals)
+    assert (state.refusals["breakpoints"], state.refusals["values"]) == ("", "")
+    connection.set_breakpoints([3])
+    ticking = threading.Thread(target=tree.tick_once, daemon=True)
+    ticking.start()
+    # What the stopped tick has written arrives, although the tick has not ended.
+    until(connection, lambda state: state.stopped_at and ("", "lap", "3") in state.entries)
+    connection.set_entry("", "lap", "4")
+    until(connection, lambda state: ("", "lap", "4") in state.entries)
+    with pytest.raises(MonitorError, match="no entry 'lop'; did you mean 'lap'"):
+        connection.set_entry("", "lop", "5")
+    connection.release("FAILURE")
+    ticking.join(timeout=90)
+    assert (tree.status, tree.blackboard["lap"]) == (btcore.FAILURE, 4)
+    # The next tick stops again, and the node is ticked unless a status is forced again.
+    ticking = threading.Thread(target=tree.tick_once, daemon=True)
+    ticking.start()
+    until(connection, lambda state: state.stopped_at)
+    connection.release()
+    ticking.join(timeout=90)
+    assert tree.status is btcore.SUCCESS
+
+
+def test_breakpoints_can_be_set_in_a_tree_that_replaces_an_equal_one(tree: btcore.Tree) -> None:
+    with (
+        serve(tree, groot2_port=0, allow_control=True) as publisher,
+        closing(RobotConnection(publisher.address)) as connection,
+    ):
+        first = until(connection, lambda state: state.nodes)
+        connection.set_breakpoints([3])
+        publisher.replace_tree(btcore.loads(XML))
+        state = until(connection, lambda state: state.nodes is not first.nodes)
+        assert state.breakpoints == frozenset()
+
+
 def test_robot_without_control_is_reported(tree: btcore.Tree) -> None:
     with serve(tree, groot2_port=0) as publisher, closing(RobotConnection(publisher.address)) as connection:
         until(connection, lambda state: state.nodes)
         connection.set_breakpoints([3])
-        state = connection.poll(0.01)
+        state = until(connection, lambda state: state.refusals)
         assert "does not allow control" in state.problem
         assert not state.breakpoints
+        assert "--allow-changes" in state.refusals["values"]
 
 
 def test_robot_with_groot1_is_watched_but_has_no_breakpoints(tree: btcore.Tree) -> None:

@@ -177,9 +177,11 @@ class _Shape:
         for number, node in enumerate(self.nodes, 1):
             parent = self.parents[number]
             parent_element = trees[parent] if parent in trees else elements[parent]
-            element = elements[number] = etree.SubElement(parent_element, node.id)
+            # The XML of Nav2's bags is the user's, where a call has the ID of the called tree.
+            is_by_id = node.type is NodeType.SUBTREE and not self.is_built_in(node)
+            element = elements[number] = etree.SubElement(parent_element, "SubTree" if is_by_id else node.id)
             if node.type is NodeType.SUBTREE:
-                id = ids.get(node.path, "Tree")
+                id = ids.get(node.path, node.id if is_by_id else "Tree")
                 id = f"{id}#{number}" if id in taken else id
                 taken.add(id)
                 element.set("ID", id)
@@ -199,7 +201,10 @@ def _tree_ids(xml: str) -> dict[str, str]:
         return {}
     parser = etree.XMLParser(resolve_entities=False, no_network=True, load_dtd=False, huge_tree=True)
     root = etree.fromstring(xml.encode("utf-8", "replace"), parser)
-    return {tree.get("_fullpath", ""): tree.get("ID", "Tree") for tree in root.iterchildren("BehaviorTree")}
+    ids = [(tree.get("_fullpath"), tree.get("ID", "Tree")) for tree in root.iterchildren("BehaviorTree")]
+    if ids and all(path is None for path, _ in ids):  # the XML from which the robot loaded its tree
+        return {"": root.get("main_tree_to_execute") or ids[0][1]}
+    return {path or "": id for path, id in ids}
 
 
 def _ports(node: RecordedNode) -> Mapping[str, str]:

@@ -153,10 +153,11 @@ class RunSession:
         with log_to_console(console), run:
             on_tree(run.tree)
             with closing(Progress(console, run.tree, self._tree_reader.name, settings.duration)) as progress:
-                if self._file_watcher is not None:
+                requests = run.reload_requests
+                if self._file_watcher is not None or requests is not None:
                     from btcore.cli.reloads import Reloads  # most runs do not need it
 
-                    self._reloads = Reloads(run, self._tree_reader, self._file_watcher, progress)
+                    self._reloads = Reloads(run, self._tree_reader, self._file_watcher, requests, progress)
                 with suppress(NodeExecutionError):  # it is printed after the summary
                     run.tick_to_end(self._options.until, on_tick=progress.on_tick, reloader=self._reloads)
             if count := run.missed_ticks:

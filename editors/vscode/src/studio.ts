@@ -21,6 +21,8 @@ const FOR_SERVER = new Set([
   "btcore/copy",
   "btcore/watch",
   "btcore/release",
+  "btcore/setEntry",
+  "btcore/reload",
   "btcore/run",
   "btcore/runStep",
   "btcore/runAnswer",

@@ -36,6 +36,7 @@ def serve(
     # for whom
     keys: RobotKeys | None = None,
     allow_control: bool = False,
+    allow_changes: bool = False,
     insecure: bool = False,
     max_heartbeat_delay: float = MAX_HEARTBEAT_DELAY_S,
 ) -> Publisher:
@@ -65,6 +66,8 @@ def serve(
         bind: The interface (`*`: all interfaces).
         keys: Encrypt all connections, and accept only clients with these public keys.
         allow_control: Whether clients may set breakpoints and inject statuses by Groot 2's requests.
+        allow_changes: Whether clients may also set entries of blackboards and, in `btcore run`, reload the
+            tree. On other interfaces than loopback only with *keys*, even if *insecure*.
         insecure: Whether *allow_control* is permitted without *keys* on other interfaces than loopback.
         max_heartbeat_delay: Time in s (wall clock) after which hooks are disabled and a tick that waits at a
             breakpoint continues, if the clients that set or released breakpoints send no request.
@@ -88,12 +91,18 @@ def serve(
     if watch_port is not None and keys is None:
         raise ServeError("a port for watching without keys has no effect, because there are no keys")
     if keys is None and not is_loopback(bind):
+        if allow_changes:
+            raise ServeError(
+                f"changes from the network ('{bind}') need keys: use --key-file and --allow-key, or serve(…, "
+                "keys=RobotKeys(…))"
+            )
         _check_exposure(bind, allow_control, insecure)
     if groot2_port is None and groot1_port is None:
         raise ServeError("there is nothing to serve: groot2_port and groot1_port are None")
     sockets = PublisherSockets(groot2_port, groot1_port, bind, run_channel, keys, watch_port)
     try:
-        return Publisher(tree, sockets, resources, grace, max_heartbeat_delay if allow_control else None)
+        hook_delay = max_heartbeat_delay if allow_control else None
+        return Publisher(tree, sockets, resources, grace, hook_delay, allow_changes)
     except BaseException:
         sockets.close()
         raise

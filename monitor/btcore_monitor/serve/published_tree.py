@@ -1,5 +1,6 @@
 """A published tree: its observer on the tick thread, and its servers on the publisher's thread."""
 
+import contextlib
 import time
 import uuid
 from collections.abc import Callable, Sequence
@@ -8,6 +9,7 @@ from typing import Final
 from btcore.loading.tree_xml import tree_to_xml
 from btcore.tree.tree import Tree
 from btcore_monitor.serve.blackboards import BlackboardTracker
+from btcore_monitor.serve.change_queue import ChangeQueue
 from btcore_monitor.serve.groot1 import Groot1Server
 from btcore_monitor.serve.groot2 import Groot2Server, read_statuses
 from btcore_monitor.serve.hook_controller import HookController
@@ -43,6 +45,11 @@ class PublishedTree:
         sockets: The sockets of the publisher, which determine the protocols that are served.
         max_heartbeat_delay: The maximum heartbeat delay of hooks in s, or None without hooks.
         previous: The tree that this tree replaces, or None.
+
+    Attributes:
+        tree: The tree.
+        tree_id: Its ID on the wire.
+        entry_changes: Changes of entries that clients request.
     """
 
     def __init__(
@@ -57,6 +64,7 @@ class PublishedTree:
         serves_run_channel = sockets.run_channel is not None
         tree_uuid = uuid.uuid4()
         self.tree_id = tree_uuid.hex
+        self.entry_changes = ChangeQueue()
         self._scene_sources = (
             [source for source in resources if isinstance(source, SceneSource)] if serves_run_channel else []
         )
@@ -87,14 +95,20 @@ class PublishedTree:
     def subscribe(self) -> None:
         """Observe the tree from now on."""
         self._unsubscribe_observer = self.tree.subscribe(self._observer)
+        observers = self.tree.context.observers
+        assert observers is not None, "there is an observer"
+        observers.before_tick = self.entry_changes.execute_all
         if self._scene_sources:
             self._observer.queue_scene(self.tree.clock.now(), time.time_ns())
 
     def unsubscribe(self) -> None:
         """Stop observing and controlling the tree."""
         self.remove_hooks()
+        self.entry_changes.refuse("the run has ended, or has another tree")
         if self._unsubscribe_observer is not None:
             self._unsubscribe_observer()
+            if self.tree.context.observers is not None:
+                self.tree.context.observers.before_tick = None
 
     def remove_hooks(self) -> None:
         """Remove all hooks and reject later requests about hooks. Any thread may call this method."""
@@ -137,6 +151,22 @@ class PublishedTree:
             if self.groot1_server is not None:
                 self.groot1_server.correct_statuses(statuses, time.time_ns(), time.monotonic())
         return bool(queue)
+
+    def queue_boards_at_breakpoint(self) -> None:
+        """Queue the blackboards of a tick that is stopped at a breakpoint."""
+        # Another thread of the program may write to the blackboard: it is then queued after the tick.
+        with contextlib.suppress(RuntimeError):
+            self.tree.hooks.call_while_stopped(self._queue_boards)
+
+    def change_entries_at_breakpoint(self) -> None:
+        """Execute the changes of entries that wait, if a tick is stopped at a breakpoint."""
+        if self.entry_changes.has_waiting and self.tree.hooks.call_while_stopped(
+            self.entry_changes.execute_all
+        ):
+            self.queue_boards_at_breakpoint()
+
+    def _queue_boards(self) -> None:
+        self._observer.queue_boards(self.tree.clock.now(), time.time_ns())
 
     def _create_boards_reply(self, names: list[str]) -> bytes:
         boards = self._boards

@@ -16,6 +16,7 @@ import zmq
 
 from btcore.tree.tree import Tree
 from btcore_monitor.closeable import Closeable
+from btcore_monitor.serve.change_server import ChangeServer
 from btcore_monitor.serve.published_tree import PublishedTree
 from btcore_monitor.serve.publisher_sockets import PublisherSockets
 from btcore_monitor.serve.request_socket import RequestSocket
@@ -42,6 +43,7 @@ class Publisher(Closeable):
         grace: Maximum time (s, wall clock) that closing waits for clients that have not received the end.
         max_heartbeat_delay: The time (s) without requests after which hooks are disabled; None = clients
             cannot set hooks.
+        allow_changes: Whether clients may set entries of blackboards, and reload the tree.
 
     Attributes:
         port: The port of Groot 2's requests, or of Groot 1's if Groot 2 is not served.
@@ -49,6 +51,7 @@ class Publisher(Closeable):
         groot1_port: The port of Groot 1's updates, or None; the next port answers its requests.
         watch_address: The address of the tree for a client on this machine that has no key, or "".
         watch_groot1_port: The port of Groot 1's updates for clients without keys, or None.
+        reload_requests: Trees that clients send to replace the tree, or None if they may not.
     """
 
     def __init__(
@@ -58,6 +61,7 @@ class Publisher(Closeable):
         resources: Sequence[object],
         grace: float,
         max_heartbeat_delay: float | None = None,
+        allow_changes: bool = False,
     ) -> None:
         self._sockets = sockets
         self.port = sockets.port
@@ -68,6 +72,8 @@ class Publisher(Closeable):
         self._grace = grace
         self._resources = resources
         self._max_heartbeat_delay = max_heartbeat_delay
+        self._change_server = ChangeServer(allow_changes, max_heartbeat_delay is not None)
+        self.reload_requests = self._change_server.reloads if allow_changes else None
         # After `replace_tree`, the previous tree stays `_published_tree` until its queue is drained.
         self._ticking_tree = self._published_tree = PublishedTree(
             tree, resources, sockets, max_heartbeat_delay
@@ -177,6 +183,8 @@ class Publisher(Closeable):
             while not self._stopping.is_set():
                 has_more = self._drain()
                 self._send_notifications()
+                self._published_tree.change_entries_at_breakpoint()
+                self._change_server.send_replies(self._published_tree.entry_changes)
                 ready = dict(poller.poll(0 if has_more else _POLL_MS))
                 if sockets.authenticator is not None and sockets.authenticator.socket in ready:
                     sockets.authenticator.answer()
@@ -197,6 +205,8 @@ class Publisher(Closeable):
             while self._drain():
                 pass
             self._serve_groot1({}, at_once=True)
+            self._change_server.close()
+            self._change_server.send_replies(self._published_tree.entry_changes)
         except Exception:
             _log.exception("the publisher stops; the tree goes on")
         finally:
@@ -237,16 +247,20 @@ class Publisher(Closeable):
 
     def _answer(self, requests: RequestSocket, may_control: bool = True) -> None:
         self._drain()  # so that the reply is up to date, unless the tree floods the queue
-        frames = requests.receive()
-        if frames is not None:
-            client = requests.client if may_control else None
-            requests.answer(self._published_tree.groot2_server.answer(frames, client))
+        frames, published = requests.receive(), self._published_tree
+        if frames is None or self._change_server.receive(requests, frames, published, may_control):
+            return
+        client = requests.client if may_control else None
+        requests.answer(published.groot2_server.answer(frames, client))
 
     def _send_notifications(self) -> None:
         hook_controller = self._published_tree.groot2_server.hook_controller
         if hook_controller is not None:
-            for frames in hook_controller.take_notifications():
+            notifications = hook_controller.take_notifications()
+            for frames in notifications:
                 self._sockets.notifications.send_multipart(frames, zmq.DONTWAIT)
+            if notifications and self._published_tree.run_channel_server is not None:
+                self._published_tree.queue_boards_at_breakpoint()
 
     def _serve_groot1(self, ready: Mapping[Socket, int], at_once: bool = False) -> None:
         sockets, server = self._sockets.groot1, self._published_tree.groot1_server

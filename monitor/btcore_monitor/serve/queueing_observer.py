@@ -153,14 +153,18 @@ class QueueingObserver(Observer):
         # Transitions are small and must not be lost, so only scenes and blackboards are skipped.
         if self._weight_queued - self.weight_taken > _MAX_QUEUED_WEIGHT:
             return
+        self.queue_boards(stamp, wall)
+        if self._scene_sources:
+            self.queue_scene(stamp, wall)
+
+    def queue_boards(self, stamp: int, wall: int) -> None:
+        """Queue the blackboards if they changed: after a tick, or while a tick is stopped at a breakpoint."""
         if self._blackboard_tracker is not None:
             boards = self._blackboard_tracker.snapshot_if_changed()
             if boards is not None:
-                queue.append(BlackboardItem(stamp, wall, boards))
+                self.queue.append(BlackboardItem(stamp, wall, boards))
                 self._weight_queued += 1
         self.boards_checked_at = time.monotonic_ns()
-        if self._scene_sources:
-            self.queue_scene(stamp, wall)
 
     def queue_scene(self, stamp: int, wall: int) -> None:
         """Queue the moving part of the scene, unless the last scene is too recent.

@@ -55,6 +55,11 @@ class RequestSocket:
         """The connection of the last request that `receive` returned."""
         return self._envelope[0]
 
-    def answer(self, frames: Sequence[bytes]) -> None:
-        """Send *frames* as the reply to the last request that `receive` returned."""
-        self.socket.send_multipart([*self._envelope, *frames], zmq.DONTWAIT)
+    @property
+    def envelope(self) -> Sequence[bytes]:
+        """The envelope of the last request that `receive` returned, for a later reply."""
+        return self._envelope
+
+    def answer(self, frames: Sequence[bytes], envelope: Sequence[bytes] | None = None) -> None:
+        """Send *frames* as the reply to the request of *envelope*; default the last of `receive`."""
+        self.socket.send_multipart([*(envelope or self._envelope), *frames], zmq.DONTWAIT)

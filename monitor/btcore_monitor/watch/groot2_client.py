@@ -8,6 +8,7 @@ and sending a reply while more frames wait is an error of its REP socket that en
 
 import random
 import time
+from enum import IntEnum
 from typing import Final
 
 import zmq
@@ -36,14 +37,14 @@ class Groot1DetectedError(ProtocolError):
 class Groot2Client(RequestClient):
     """A client of one robot. See `RequestClient` for the parameters."""
 
-    _pending_kind = Request.FULLTREE
+    _pending_kind: IntEnum = Request.FULLTREE
     _unique_id = 0
 
-    def request(self, kind: Request, body: bytes | None = None) -> Reply:
+    def request(self, kind: IntEnum, body: bytes | None = None) -> Reply:
         """Send a request and return the robot's reply.
 
         Args:
-            kind: The kind of request.
+            kind: The kind of request: a `Request`, or a `ChangeRequest` of btcore.
             body: The request's second frame, if the kind has one.
 
         Raises:
@@ -62,7 +63,7 @@ class Groot2Client(RequestClient):
 
     # `request` in two steps, for callers that wait for other sockets at the same time.
 
-    def send_request(self, kind: Request, body: bytes | None = None) -> None:
+    def send_request(self, kind: IntEnum, body: bytes | None = None) -> None:
         """Send a request. A pending request is abandoned."""
         self._pending_kind = kind
         self._unique_id = random.getrandbits(32)
@@ -85,7 +86,9 @@ class Groot2Client(RequestClient):
         try:
             reply = groot2.decode_reply(frames)
         except RobotRefusedError as error:
-            raise RobotRefusedError(f"{self.address} refuses {request.name}: {error}") from None
+            raise RobotRefusedError(
+                f"{self.address} refuses {request.name}: {error}", error.sentence
+            ) from None
         except ProtocolError:
             if find_tree(frames) is None:
                 raise
@@ -100,7 +103,7 @@ class Groot2Client(RequestClient):
             )
         return reply
 
-    def send_last_request(self, kind: Request, body: bytes | None = None) -> None:
+    def send_last_request(self, kind: IntEnum, body: bytes | None = None) -> None:
         """Send a last request before `close`, without waiting for its reply."""
         self.send_request(kind, body)
         self.is_reply_pending = False

@@ -11,7 +11,16 @@ class ProtocolError(MonitorError, ValueError):
 
 
 class RobotRefusedError(ProtocolError):
-    """The robot answered a request with an error. The message is the text that the robot sent."""
+    """The robot answered a request with an error.
+
+    Args:
+        message: The message.
+        sentence: The text that the robot sent, if *message* has more.
+    """
+
+    def __init__(self, message: str, sentence: str = "") -> None:
+        super().__init__(message)
+        self.sentence = sentence or message
 
 
 def describe_bytes(data: bytes) -> str:

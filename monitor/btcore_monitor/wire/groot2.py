@@ -122,7 +122,7 @@ class RequestHeader(NamedTuple):
         return cls(kind, unique_id, protocol)
 
 
-def encode_request(kind: Request, unique_id: int, body: bytes | None = None) -> list[bytes]:
+def encode_request(kind: IntEnum, unique_id: int, body: bytes | None = None) -> list[bytes]:
     """Return the frames of a request.
 
     Args:

@@ -235,6 +235,8 @@ def test_a_tree_that_was_reloaded_is_ticked_at_once() -> None:
     attempts = iter([False, True])  # at the beginning of the wait after the first tick, and 50 ms later
 
     class Reloader:
+        is_endless = True
+
         def reload(self) -> bool:
             if not next(attempts, False):
                 return False

@@ -472,7 +472,7 @@ PIECES = st.builds(
     CHANGES | UIDS,
 )
 BODIES = st.builds(lambda value: json.dumps(value).encode(), PIECES | HOOKS | st.lists(HOOKS, max_size=3))
-KINDS = st.sampled_from(list(b"TSBIRNUDAXrtZ\x00IRU"))
+KINDS = st.sampled_from(list(b"TSBIRNUDAXrtZ\x00IRU?=<"))
 HEADERS = st.builds(lambda kind, rest: bytes([2, kind]) + rest, KINDS, st.binary(min_size=4, max_size=4))
 
 

@@ -12,13 +12,26 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 import btcore
-from btcore import FAILURE, RUNNING, SUCCESS, Observer, Registry, SimClock, Status, SystemClock, Transition
+from btcore import (
+    FAILURE,
+    IDLE,
+    RUNNING,
+    SUCCESS,
+    Observer,
+    Registry,
+    SimClock,
+    Status,
+    SystemClock,
+    Transition,
+)
 from btcore.cli.main import main
 from btcore.logs import BtLog, Recording, read_log
 from btcore.logs.files import LogError
 from btcore_recorder import Replay, inputs, record
 from btcore_recorder.files import read_recording
 from btcore_recorder.import_log import import_log
+from btcore_recorder.moments import Moments
+from tests.tools.btcore_bags.test_bags import EVENTS, XML, write_nav2_bag
 from tests.tools.btcore_recorder.test_replay import ACTIONS, DOCUMENTS, act, random_tree
 
 DOOR = """<root BTCPP_format="4"><BehaviorTree ID="Door"><Sequence>
@@ -105,6 +118,24 @@ def test_the_condition_of_a_subtree_within_a_subtree_decides(tmp_path: Path, con
 def test_logs_of_behaviortree_cpp_are_imported(name: str, captures: Path) -> None:
     log = read_log(captures / name)
     assert replayed(import_log(log)) == logged(log)
+
+
+def test_bag_of_nav2_is_imported_with_its_subtrees(tmp_path: Path) -> None:
+    events = [
+        *EVENTS[:2],
+        (3, "Again", "IDLE", "RUNNING"),
+        EVENTS[2],
+        (4, "Wait", "SUCCESS", "IDLE"),
+        (3, "Again", "RUNNING", "SUCCESS"),
+    ]
+    bag = write_nav2_bag(tmp_path / "nav.mcap", events)
+    (tmp_path / "nav.xml").write_text(XML)
+    log = read_log(bag)
+    imported = import_log(log)
+    assert replayed(imported) == logged(log)
+    moments = Moments(imported)
+    assert [tree for tree in moments.plans.trees if tree.startswith("Recover")] == ["Recover", "Recover#5"]
+    assert moments.at(moments.count).statuses == (RUNNING, FAILURE, SUCCESS, IDLE, IDLE, IDLE)
 
 
 @pytest.fixture

@@ -11,7 +11,9 @@ the protocols list, and `btcore.runs.live_state.LiveState`.
 
 import asyncio
 import threading
+from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
+from concurrent.futures import Future
 from contextlib import suppress
 from typing import Any, Final, Protocol
 
@@ -28,6 +30,9 @@ _END_S: Final = 20.0
 """Maximum time (s) for the end of a connection."""
 _MAX_BREAKPOINTS: Final = 1_000
 _MAX_ADDRESS: Final = 300
+_MAX_CHANGES: Final = 10
+"""Maximum changes of a page that wait for the running tree."""
+NOT_CONNECTED: Final = "no running tree is connected"
 
 
 class LiveConnection(Protocol):
@@ -48,8 +53,33 @@ class LiveConnection(Protocol):
         """
         ...
 
-    def release(self) -> None:
-        """Let a tree that waits at a breakpoint continue."""
+    def release(self, status: str = "") -> None:
+        """Let a tree that waits at a breakpoint continue.
+
+        Args:
+            status: SUCCESS or FAILURE, which the node returns without being ticked; "" = it is ticked.
+        """
+        ...
+
+    def set_entry(self, path: str, key: str, text: str) -> None:
+        """Set an entry of a blackboard.
+
+        Args:
+            path: The path of the subtree; "" for the main tree.
+            key: The key of the entry.
+            text: The value, as in an attribute of a port.
+
+        Raises:
+            BtcoreError: The value is refused.
+        """
+        ...
+
+    def replace_tree(self, xml: str) -> None:
+        """Replace the tree between two ticks. It keeps its blackboard.
+
+        Raises:
+            BtcoreError: The XML is refused.
+        """
         ...
 
     def close(self) -> None:
@@ -92,11 +122,15 @@ class LiveTree:
     Args:
         extension: Connects with running trees; None uses the installed extension.
         notify: Called with the parameters of `btcore/live` after each change.
+
+    Attributes:
+        refusal: Why the page may not change a running tree, or "".
     """
 
     def __init__(self, extension: LiveExtension | None, notify: Callable[[dict[str, Any]], None]) -> None:
+        self.refusal = ""
         self._extension = extension
-        self._notify = notify
+        self._notify_page = notify
         self._followed: _FollowedTree | None = None
         self._wanted: frozenset[str] = frozenset()
 
@@ -127,10 +161,40 @@ class LiveTree:
         else:
             self._followed.set_breakpoints(self._wanted)
 
-    def release(self) -> None:
-        """Let a tree that waits at a breakpoint continue."""
+    def release(self, status: str = "") -> None:
+        """Let a tree that waits at a breakpoint continue.
+
+        Args:
+            status: SUCCESS or FAILURE, which the node returns without being ticked; "" = it is ticked.
+
+        Raises:
+            BtcoreError: *status* is given, and the page may not change the tree.
+        """
+        if status and self.refusal:
+            raise BtcoreError(self.refusal)
         if self._followed is not None:
-            self._followed.release()
+            self._followed.release(status)
+
+    async def change(self, change: Callable[[LiveConnection], None]) -> None:
+        """Change the running tree.
+
+        Args:
+            change: Changes it, on the thread of the connection.
+
+        Raises:
+            BtcoreError: The change is refused, or no tree is connected.
+        """
+        if self.refusal or self._followed is None or self._followed.is_ended:
+            raise BtcoreError(self.refusal or NOT_CONNECTED)
+        await asyncio.wrap_future(self._followed.change(change))
+
+    def _notify(self, data: dict[str, Any]) -> None:
+        if self.refusal:
+            data["refusals"] = {
+                **data["refusals"],
+                **dict.fromkeys(("force", "values", "reload"), self.refusal),
+            }
+        self._notify_page(data)
 
     def end(self) -> None:
         """Let the connection end soon, which removes its breakpoints."""
@@ -160,8 +224,11 @@ class _FollowedTree:
         self._connection = connection
         self._wanted = wanted
         self._notify = notify
-        self._releases = 0
+        # What the page wants of the connection; the thread takes it.
+        self._releases: deque[str] = deque()
+        self._changes: deque[tuple[Callable[[LiveConnection], None], Future[None]]] = deque()
         self._ended = threading.Event()
+        self._is_over = False
         self._loop = asyncio.get_running_loop()
         notify(_live_data(address, None, {}, wanted, ""))
         self._thread = threading.Thread(target=self._follow, daemon=True)
@@ -170,8 +237,17 @@ class _FollowedTree:
     def set_breakpoints(self, wanted: frozenset[str]) -> None:
         self._wanted = wanted
 
-    def release(self) -> None:
-        self._releases += 1
+    def release(self, status: str) -> None:
+        self._releases.append(status)
+
+    def change(self, change: Callable[[LiveConnection], None]) -> Future[None]:
+        if len(self._changes) >= _MAX_CHANGES:
+            raise BtcoreError("earlier changes still wait for the running tree")
+        future: Future[None] = Future()
+        self._changes.append((change, future))
+        if self._is_over:
+            self._refuse_changes()
+        return future
 
     def end(self) -> None:
         self._ended.set()
@@ -190,10 +266,9 @@ class _FollowedTree:
         keys: dict[int, str] = {}
         calls: list[RunningCall] = []
         state: LiveState | None = None
-        # What was published, set and released.
+        # What was published and set.
         shown: tuple[LiveState | None, frozenset[str]] = (None, frozenset())
         has_set: frozenset[str] = frozenset()
-        released = 0
         try:
             while not self._ended.is_set():
                 before, state = state, self._connection.poll(_POLL_S)
@@ -209,9 +284,9 @@ class _FollowedTree:
                 if keys and wanted != has_set:
                     self._connection.set_breakpoints([uid for uid, key in keys.items() if key in wanted])
                     has_set = wanted
-                if self._releases != released:
-                    released = self._releases
-                    self._connection.release()
+                self._execute_changes()
+                while self._releases:
+                    self._connection.release(self._releases.popleft())
                 if state is not shown[0] or wanted != shown[1]:
                     shown = state, wanted
                     self._publish(state, keys, wanted, calls if has_other_nodes else None)
@@ -219,6 +294,27 @@ class _FollowedTree:
             self._publish(state, keys, self._wanted, calls, str(error))
         finally:
             self._connection.close()
+            self._is_over = True
+            self._refuse_changes()
+
+    def _refuse_changes(self) -> None:
+        with suppress(IndexError):  # there are no more
+            while True:
+                _, future = self._changes.popleft()
+                if future.set_running_or_notify_cancel():
+                    future.set_exception(BtcoreError(NOT_CONNECTED))
+
+    def _execute_changes(self) -> None:
+        while self._changes:
+            change, future = self._changes.popleft()
+            if not future.set_running_or_notify_cancel():
+                continue
+            try:
+                change(self._connection)
+            except BtcoreError as error:
+                future.set_exception(error)
+            else:
+                future.set_result(None)
 
     def _publish(
         self,
@@ -257,6 +353,7 @@ def _live_data(
         "breakpoints": [],
         "stopped": "",
         "raised": "",
+        "refusals": {},
     }
     if state is not None:
         uids = [node.uid for node in state.nodes]
@@ -270,6 +367,10 @@ def _live_data(
             "breakpoints": [keys[uid] for uid in sorted(state.breakpoints) if uid in keys],
             "stopped": keys.get(state.stopped_at, ""),
             "raised": keys.get(state.raised_at, ""),
+            # A status is forced at a breakpoint.
+            "refusals": {**state.refusals, "force": state.refusals.get("breakpoints", "")}
+            if state.refusals
+            else {},
         }
     if failure:
         data |= {"connection": "lost", "detail": failure}

@@ -6,7 +6,7 @@ Each feature is a module with functions of `(project, document, …)`. Their res
 import asyncio
 import gc
 import inspect
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Awaitable, Callable, Generator, Iterable
 from concurrent.futures import Future
 from contextlib import suppress
 from functools import partial
@@ -59,8 +59,10 @@ from btcore_studio.language.studio_protocol import (
     EditParams,
     Leaf,
     LeafParams,
+    NewEntryParams,
     Palette,
     Place,
+    ReleaseParams,
     WatchParams,
 )
 from btcore_studio.language.tree_reading import known_document
@@ -213,7 +215,10 @@ class TreeServer(LanguageServer):
         self._collection: asyncio.TimerHandle | None = None
 
     def add_request(
-        self, method: str, params_class: type[Params], handler: Callable[[Params], Data | None]
+        self,
+        method: str,
+        params_class: type[Params],
+        handler: Callable[[Params], Data | Awaitable[None] | None],
     ) -> None:
         """Register a request that is not in the Language Server Protocol.
 
@@ -397,12 +402,23 @@ def _add_studio_requests(server: TreeServer) -> None:
     def set_breakpoints(params: BreakpointsParams) -> None:
         server.live.set_breakpoints(params.keys)
 
-    def release(params: Data) -> None:
-        server.live.release()
+    def release(params: ReleaseParams) -> None:
+        server.live.release(params.status)
+
+    async def set_entry(params: NewEntryParams) -> None:
+        await server.live.change(
+            lambda connection: connection.set_entry(params.path, params.key, params.value)
+        )
+
+    async def reload(params: DocumentParams) -> None:
+        text = document(params.text_document.uri).text
+        await server.live.change(lambda connection: connection.replace_tree(text))
 
     server.add_request("btcore/watch", WatchParams, watch)
     server.add_request("btcore/breakpoints", BreakpointsParams, set_breakpoints)
-    server.add_request("btcore/release", Data, release)
+    server.add_request("btcore/release", ReleaseParams, release)
+    server.add_request("btcore/setEntry", NewEntryParams, set_entry)
+    server.add_request("btcore/reload", DocumentParams, reload)
     for method, params_class, handler in PageRuns(project).requests:
         server.add_request(method, params_class, partial(handler))  # pygls sets attributes of it
 

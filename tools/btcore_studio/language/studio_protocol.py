@@ -4,7 +4,7 @@ They are requests of the language server beside those of the Language Server Pro
 lines and UTF-16 code units, both from 0.
 """
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal
 
 import msgspec
 
@@ -498,7 +498,7 @@ class CopyResult(Data, frozen=True):
     xml: str
 
 
-# --- btcore/watch, btcore/breakpoints; the parameters of btcore/live are made in live.py
+# --- btcore/watch and what follows it; the parameters of btcore/live are made in live.py
 
 
 class WatchParams(Data, frozen=True):
@@ -511,6 +511,20 @@ class BreakpointsParams(Data, frozen=True):
     """The *keys* of the nodes before which the running tree stops."""
 
     keys: list[str]
+
+
+class ReleaseParams(Data, frozen=True):
+    """The *status* that the node at the breakpoint returns without being ticked; "" = it is ticked."""
+
+    status: Literal["", "SUCCESS", "FAILURE"] = ""
+
+
+class NewEntryParams(Data, frozen=True):
+    """The *value* of an entry, as in an attribute of a port; *path* is that of the subtree, or ""."""
+
+    path: Annotated[str, msgspec.Meta(max_length=4_000)]
+    key: Annotated[str, msgspec.Meta(max_length=1_000)]
+    value: Annotated[str, msgspec.Meta(max_length=10_000)]
 
 
 # --- btcore/run, and the requests of the run that it starts

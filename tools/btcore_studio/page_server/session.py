@@ -265,6 +265,8 @@ class PageSession:
         self._waiting_size = 0
         self._has_waiting = asyncio.Event()
         self._language_server = create_server(studio.shown.live)
+        if studio.shown.is_read_only:
+            self._language_server.live.refusal = "this studio is read-only: it does not change a running tree"
         # pygls sends by `write` of this object.
         self._language_server.protocol.set_writer(self, include_headers=False)
         features = self._language_server.protocol.fm

@@ -1,4 +1,4 @@
-"""A page watches a running tree, and sets breakpoints in it."""
+"""A page watches a running tree, sets breakpoints in it, and changes it."""
 
 import asyncio
 from collections.abc import Callable, Mapping, Sequence
@@ -45,6 +45,7 @@ class State(NamedTuple):
     stopped_at: int = 0
     problem: str = ""
     raised_at: int = 0
+    refusals: Mapping[str, str] = {"breakpoints": "", "values": "", "reload": "no reload"}
 
 
 @dataclass
@@ -64,9 +65,17 @@ class Connection:
         self.calls.append(list(uids))
         self.state = self.state._replace(breakpoints=frozenset(uids), stopped_at=uids[0] if uids else 0)
 
-    def release(self) -> None:
-        self.calls.append("release")
+    def release(self, status: str = "") -> None:
+        self.calls.append(f"release {status}".strip())
         self.state = self.state._replace(stopped_at=0)
+
+    def set_entry(self, path: str, key: str, text: str) -> None:
+        if text == "invalid":
+            raise BtcoreError(f"'{key}' is not set")
+        self.calls.append((path, key, text))
+
+    def replace_tree(self, xml: str) -> None:
+        self.calls.append(xml)
 
     def close(self) -> None:
         self.calls.append("close")
@@ -133,6 +142,68 @@ def test_states_and_breakpoints_have_the_keys_of_the_drawing() -> None:
         assert page.data["address"] == page.data["connection"] == ""
         await live.close()
         assert connection.calls == [[4], "release", [], [4], [], [4], "close"]
+
+    asyncio.run(watch())
+
+
+def test_status_is_forced_and_tree_is_changed() -> None:
+    async def watch() -> None:
+        connection, page = Connection(), Page()
+        live = LiveTree(Extension(connection), page.notify)
+        with pytest.raises(BtcoreError, match="no running tree is connected"):
+            await live.change(lambda connection: connection.replace_tree("<root/>"))
+        live.set_breakpoints([KEYS[4]])
+        live.watch("somewhere")
+        await page.until(lambda data: data["stopped"])
+        assert page.data["refusals"] == {"breakpoints": "", "force": "", "values": "", "reload": "no reload"}
+        await live.change(lambda connection: connection.set_entry("", "key", "2"))
+        with pytest.raises(BtcoreError, match="'key' is not set"):
+            await live.change(lambda connection: connection.set_entry("", "key", "invalid"))
+        await live.change(lambda connection: connection.replace_tree("<root/>"))
+        live.release("FAILURE")
+        await page.until(lambda data: not data["stopped"])
+        await live.close()
+        assert connection.calls == [[4], ("", "key", "2"), "<root/>", "release FAILURE", "close"]
+        with pytest.raises(BtcoreError, match="no running tree is connected"):
+            await live.change(lambda connection: connection.replace_tree("<root/>"))
+
+    asyncio.run(watch())
+
+
+def test_change_is_refused_when_the_connection_fails() -> None:
+    async def watch() -> None:
+        connection, page = Connection(), Page()
+        live = LiveTree(Extension(connection), page.notify)
+        live.watch("somewhere")
+        await page.until(lambda data: data["connection"] == "connected")
+        connection.failure = "the robot refuses the keys"
+        await page.until(lambda data: data["connection"] == "lost")
+        with pytest.raises(BtcoreError, match="no running tree is connected"):
+            await live.change(lambda connection: connection.replace_tree("<root/>"))
+
+    asyncio.run(watch())
+
+
+def test_read_only_page_changes_nothing() -> None:
+    async def watch() -> None:
+        connection, page = Connection(), Page()
+        live = LiveTree(Extension(connection), page.notify)
+        live.refusal = "read-only"
+        live.set_breakpoints([KEYS[4]])
+        live.watch("somewhere")
+        await page.until(lambda data: data["stopped"])
+        assert page.data["refusals"] == {
+            "breakpoints": "",
+            "force": "read-only",
+            "values": "read-only",
+            "reload": "read-only",
+        }
+        with pytest.raises(BtcoreError, match="read-only"):
+            live.release("SUCCESS")
+        with pytest.raises(BtcoreError, match="read-only"):
+            await live.change(lambda connection: connection.set_entry("", "key", "2"))
+        await live.close()
+        assert connection.calls == [[4], "close"]
 
     asyncio.run(watch())
 

@@ -91,7 +91,7 @@ function reportLive(): void {
   const state = live.value?.address ? live.value : null;
   const [now, at] = [state?.connection ?? "", state?.stopped ?? ""];
   untracked(() => {
-    if (now !== connection && now === "connected") message.value = treeTexts.connected(state!.address);
+    if (now !== connection && now === "connected" && state!.address) message.value = treeTexts.connected(state!.address);
     else if (now !== connection && !now) message.value = treeTexts.disconnected;
     if (at && at !== stopped) message.value = treeTexts.stoppedAt(nodesByKey.value.get(at)?.name ?? at);
     else if (!at && stopped && now) message.value = treeTexts.continued;
@@ -99,11 +99,11 @@ function reportLive(): void {
   [connection, stopped] = [now, at];
 }
 
-/** Let a tree continue that waits at a breakpoint. It may wait at the same node in the next tick. */
-export async function release(): Promise<void> {
+/** Let a tree continue that waits at a breakpoint, whose node may return a status instead. It may wait there again in the next tick. */
+export async function release(status: "" | "SUCCESS" | "FAILURE" = ""): Promise<void> {
   stopped = "";
-  message.value = treeTexts.continued;
-  await actions.request("btcore/release", {}).catch(showError);
+  message.value = status ? treeTexts.forced(status) : treeTexts.continued;
+  await actions.request("btcore/release", { status }).catch(showError);
   setTimeout(reportLive, RELEASE_MS);
 }
 

@@ -3,6 +3,7 @@
 import { computed, effect, signal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { release } from "./announcer";
+import { ChangeControls, EntryValue } from "./live_changes";
 import type { Live, RunningCall } from "./protocol";
 import { actions, drawing, live, message, nodesByKey, showError, shownFile, start, tree, uri } from "./state";
 import { treeTexts } from "./texts";
@@ -168,6 +169,7 @@ export function LiveControls() {
       {state?.stopped && (
         <button type="button" class="continue" title={`${treeTexts.continue} (C)`} onClick={() => void release()}>{treeTexts.continue}</button>
       )}
+      <ChangeControls />
     </form>
   );
 }
@@ -189,7 +191,7 @@ export function Blackboard() {
     const place = `${path}\0${key}`;
     const isNew = shownValues.has(place) && shownValues.get(place) !== value;
     shownValues.set(place, value);
-    rows.push(<tr key={place} class={isNew ? "new" : ""}><th scope="row">{key}</th><td>{value}</td></tr>);
+    rows.push(<tr key={place} class={isNew ? "new" : ""}><th scope="row">{key}</th><EntryValue path={path} name={key} value={value} /></tr>);
   }
   return (
     <section class="blackboard">

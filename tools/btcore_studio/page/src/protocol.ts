@@ -207,7 +207,8 @@ export interface Leaf { name: string; text: string; testName: string; test: stri
 
 // --- btcore/copy: { nodes: Place[] } → { xml }: the elements, with the models that they need.
 
-// --- btcore/watch { address } ("" ends it), btcore/breakpoints { keys }, btcore/release: → null.
+// --- btcore/watch { address } ("" ends it), btcore/breakpoints { keys }, btcore/release { status: "" | "SUCCESS" | "FAILURE" }: → null.
+// btcore/setEntry { path, key, value }, btcore/reload Document: → null, or the reason of a refusal.
 // The notification btcore/live has the state of the running tree; *keys* and *calls* only if the nodes have changed.
 
 /** A SubTree node of a running tree. The *size* nodes after it are below it. *path* has the names of the calls down to it. */
@@ -228,6 +229,8 @@ export interface Live {
   stopped: string;
   /** The key of the node that raised the last error, or "". */
   raised?: string;
+  /** Why something is not possible, or "". Empty until the robot has replied. */
+  refusals?: { breakpoints?: string; force?: string; values?: string; reload?: string };
   keys?: string[];
   calls?: RunningCall[];
 }
