@@ -4,7 +4,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 
 from btcore.blackboard.ports import SCRIPT_ROLES, remapped_key
-from btcore.names import SCRIPT_ATTRIBUTES, port_name_error
+from btcore.names import port_name_error
 from btcore.script import lexer
 from btcore.xml.edit.editor import DocumentEditor, Edit, EditError, apply_edits, escape_value
 from btcore.xml.plan.key_uses import TreeKeys, find_name_uses, port_uses
@@ -96,6 +96,8 @@ def inline_subtree(plans: Plans, element: Element) -> Edit:
         raise EditError("the SubTree element connects a key with a key of the main tree ('@')")
     if call.constants:
         raise EditError(f"the SubTree element sets '{next(iter(call.constants))}' to a constant")
+    if node.conditions and called.root.conditions:
+        raise EditError(f"the SubTree element and the root of '{called.id}' have conditions")
     tree_keys = TreeKeys(plans)
     inner, outer = tree_keys.keys_of(called.id), tree_keys.keys_of(tree.id)
     if inner is None or outer is None:
@@ -112,8 +114,6 @@ def inline_subtree(plans: Plans, element: Element) -> Edit:
         for called_node in called.node_plans()
         for edit in _rename_keys(called_node, names, enums, tree_keys, editor, called)
     ]
-    if node.conditions and called.root.conditions:
-        raise EditError(f"the SubTree element and the root of '{called.id}' have conditions")
     for attribute, text in node.conditions.items():
         at = root_element.attributes[-1].end if root_element.attributes else root_element.tag_end
         edits.append(Edit(at, at, f' {attribute}="{escape_value(text)}"'))
@@ -178,8 +178,7 @@ def _rename_keys(
         elif port.role in SCRIPT_ROLES:
             texts[port.name] = _renamed_script(text, enums, names)
     for attribute, text in node.conditions.items():
-        if attribute in SCRIPT_ATTRIBUTES:
-            texts[attribute] = _renamed_script(text, enums, names)
+        texts[attribute] = _renamed_script(text, enums, names)
     call = node.subtree_call
     if call is not None:
         texts |= {
