@@ -7,7 +7,7 @@ from typing import Final, Literal, NamedTuple
 from btcore.diagnostic_codes import DiagnosticCode
 from btcore.escaping import escape_controls
 from btcore.fixes import Fix, Rename
-from btcore.suggestions import suggestion
+from btcore.suggestions import counted, suggestion
 
 
 class HintAndFixes(NamedTuple):
@@ -176,7 +176,7 @@ def shown_diagnostics(diagnostics: Iterable[Diagnostic]) -> tuple[list[Diagnosti
             omitted.setdefault(file, Counter())[diagnostic.code.severity] += 1
     sentences = [
         f"{file or '<text>'}: "
-        + " and ".join(f"{count:,} more {what}{'s' * (count > 1)}" for what, count in counts.items())
+        + " and ".join(counted(count, f"more {what}") for what, count in counts.items())
         for file, counts in omitted.items()
     ]
     return shown, sentences

@@ -66,7 +66,7 @@ def child_count_text(count: int) -> str:
 
 def counted(count: int, noun: str, zero: str = "0") -> str:
     """Return a number with a noun, which is given in the singular; *zero* is the word for 0."""
-    return f"{count or zero} {noun}{'' if count == 1 else 's'}"
+    return f"{f'{count:,}' if count else zero} {noun}{'' if count == 1 else 's'}"
 
 
 def join_names(names: Iterable[str], conjunction: str = "and", most: int = 8) -> str:

@@ -55,6 +55,7 @@ from btcore.xml.read.read import parse_text
 from btcore_proof.model_leaves import Choices, ModelPrompt, with_model_leaves
 from btcore_proof.propositions import parse_question
 from btcore_proof.prover import POSSIBLE, PROVED, REFUTED, Answer, Prover
+from btcore_proof.search import SearchLimits
 from btcore_proof.standard_questions import ENDS
 from btcore_proof.standard_questions import LEAVES as LEAF_QUESTION
 from btcore_proof.state_graph import StateGraph
@@ -138,7 +139,7 @@ def _domains(tree: RandomTree) -> dict[str, tuple[str, ...]]:
 
 def safety_differences(tree: RandomTree, expected: Enumeration) -> list[str]:
     """Return where the prover's answers differ from an enumeration."""
-    report = prover_of(tree).answer(expected.ticks)
+    report = prover_of(tree).answer(SearchLimits(expected.ticks))
     answers = {answer.question: answer for answer in report.answers}
     found = [text for answer in report.answers if answer.answer == REFUTED if (text := _unrepeated(answer))]
     asked = [str(question) for question in tree.questions if _is_safety(question)]
@@ -450,7 +451,7 @@ def contradictions(tree: RandomTree, runs: int, seed: str) -> list[str]:
         seed: The seed of the runs.
     """
     tree = tree._replace(is_instant=False)
-    answers = prover_of(tree).answer(memory=1 << 30, seconds=PROOF_S).answers
+    answers = prover_of(tree).answer(SearchLimits(memory=1024, time_s=PROOF_S)).answers
     proved = {answer.question for answer in answers if answer.answer == PROVED}
     checks = {question: check for question, check in standard_checks(tree).items() if question in proved}
     asked = [question for question in tree.questions if str(question) in proved]

@@ -35,7 +35,6 @@ class BagReader:
     """The messages of a bag in the format MCAP. Close it after use, or use it as a context.
 
     Args:
-        path: The file.
         definitions: The definitions of message types that are not in the common packages of ROS 2, by type.
 
     Attributes:

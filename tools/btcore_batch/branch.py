@@ -57,7 +57,8 @@ class IfThenElse(BranchNode):
             going = chosen[index] & agents
             if going:
                 branch_results = self.children[index].execute(going)
-                ended = branch_results[0] | branch_results[1] | branch_results[3]
+                success, failure, _, skipped = branch_results
+                ended = success | failure | skipped
                 chosen[index] ^= chosen[index] & ended
                 self.reset_children(ended)
                 results = merge_results(results, branch_results)
@@ -95,8 +96,8 @@ class WhileDoElse(BranchNode):
             results = merge_results(results, children[2].execute(self.drop_failed(false)))
         else:
             results = merge_results(results, (0, false, 0, 0))
-        ended = results[0] | results[1] | results[3]
-        if ended:
+        success, failure, _, skipped = results
+        if ended := success | failure | skipped:
             self.reset_children(ended)
         return results
 
@@ -130,10 +131,10 @@ class Switch(BatchNode):
                     self._running[other] ^= stopped
             # A halt may have raised.
             due = self.drop_failed(due)
-            child_results = children[index].execute(due)
-            self._running[index] = self._running[index] ^ (self._running[index] & due) | child_results[2]
-            self.reset_children(child_results[0] | child_results[1])
-            results = merge_results(results, child_results)
+            success, failure, running, skipped = children[index].execute(due)
+            self._running[index] = self._running[index] ^ (self._running[index] & due) | running
+            self.reset_children(success | failure)
+            results = merge_results(results, (success, failure, running, skipped))
         return results
 
     def _chosen(self, agents: AgentSet) -> list[AgentSet]:

@@ -19,11 +19,10 @@ class SubTree(BatchDecorator):
         idle = agents ^ self.not_idle(agents)
         if idle:
             self.set_running(idle)
-        results = self.child.execute(agents)
-        completed = results[0] | results[1]
-        if completed:
+        success, failure, running, skipped = self.child.execute(agents)
+        if completed := success | failure:
             self.child.reset_by_parent(completed)
-        return results
+        return success, failure, running, skipped
 
 
 class ResultDecorator(BatchDecorator):

@@ -109,18 +109,13 @@ class BatchNode:
         """
         conditions = self.conditions
         results = self.tick(agents) if conditions is None else conditions.execute(self, agents)
+        success, failure, running, skipped = results
         if self.context.raised:
             # Agents for which this node or a node below it has raised are in no result.
-            raised = self.context.raised
-            success, failure, running, skipped = results
-            results = (
-                success ^ (success & raised),
-                failure ^ (failure & raised),
-                running ^ (running & raised),
-                skipped ^ (skipped & raised),
-            )
-        self.store(results[0], results[1], results[2])
-        return results
+            drop = self.drop_failed
+            success, failure, running, skipped = drop(success), drop(failure), drop(running), drop(skipped)
+        self.store(success, failure, running)
+        return success, failure, running, skipped
 
     def store(self, success: AgentSet, failure: AgentSet, running: AgentSet) -> None:
         """Store the results of a tick. The statuses of agents in none of the sets do not change.
@@ -242,11 +237,10 @@ class BatchConditions:
         success, failure, skipped, remaining = self.check_preconditions(node, agents)
         running = 0
         if remaining:
-            results = node.tick(remaining)
-            success |= node.drop_failed(results[0])
-            failure |= node.drop_failed(results[1])
-            running = results[2]
-            skipped |= results[3]
+            succeeded, failed, running, not_ticked = node.tick(remaining)
+            success |= node.drop_failed(succeeded)
+            failure |= node.drop_failed(failed)
+            skipped |= not_ticked
         self.run_postconditions(node, success, failure)
         return success, failure, running, skipped
 

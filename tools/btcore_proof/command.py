@@ -35,9 +35,10 @@ from btcore_proof.declarations_template import template_of
 from btcore_proof.model_leaves import with_model_leaves
 from btcore_proof.prover import PROVED, REFUTED, Answer, Report
 from btcore_proof.saved_counterexamples import RECORDING, TreeReference, file_name, source_of_test
+from btcore_proof.search import SearchLimits
 from btcore_proof.state_graph import StateGraph
 from btcore_proof.state_graph_pictures import MAX_STATES, draw_graph, graph_to_dot
-from btcore_proof.tree_files import MEMORY_MB, declarations_of, prover_of, record_counterexample
+from btcore_proof.tree_files import declarations_of, prover_of, record_counterexample
 
 _INTERVAL_S: Final = 0.2
 
@@ -72,30 +73,7 @@ _INTERVAL_S: Final = 0.2
     help="Assume that leaves take no time. By default, any time may pass within a tick, so that timers of a "
     "tick may start at different times.",
 )
-@click.option(
-    "--ticks", type=click.IntRange(1), metavar="N", help="Search runs of at most N ticks. Default: no limit."
-)
-@click.option(
-    "--time",
-    "time_s",
-    type=click.FloatRange(0, min_open=True),
-    metavar="S",
-    help="End the search after S seconds, with the answers so far. Default: no limit.",
-)
-@click.option(
-    "--memory",
-    type=click.IntRange(100),
-    default=MEMORY_MB,
-    show_default=True,
-    metavar="MB",
-    help="End the search when its processes have used this much memory; without effect on Windows.",
-)
-@click.option(
-    "--jobs",
-    type=click.IntRange(1),
-    metavar="N",
-    help="Number of processes of a long search, on Linux.  [default: one per core, but 1 on two cores]",
-)
+@pass_options(SearchLimits, "limits")
 @click.option(
     "--save",
     type=click.Path(file_okay=False, path_type=Path),
@@ -124,10 +102,7 @@ def prove(
     given: Sequence[str],
     declarations: Path | None,
     instant_leaves: bool,
-    ticks: int | None,
-    time_s: float | None,
-    memory: int,
-    jobs: int | None,
+    limits: SearchLimits,
     save: Path | None,
     dot: Path | None,
     strict: bool,
@@ -162,8 +137,9 @@ def prove(
     prover = prover_of(plans, questions, declared, given, instant_leaves)
     if init:
         return _write_template(path, prover.tree)
+    limits.jobs = limits.jobs or _default_jobs()
     with _Progress() as progress:
-        report = prover.answer(ticks, memory << 20, progress, jobs or _default_jobs(), time_s)
+        report = prover.answer(limits, progress)
     if save is not None:
         has_libraries = _has_libraries(prover.tree, libraries.nodes, options.plugins)
         used = TreeReference(
@@ -281,7 +257,7 @@ def _print(report: Report) -> None:
             console.print(Text.assemble(*line), soft_wrap=True)
     states = report.answers[0].states
     console.print(
-        Text(f"{counted(states, 'state')}, {report.transitions:,} ticks run", style="dim"),
+        Text(f"{counted(states, 'state')}, {counted(report.transitions, 'tick')} run", style="dim"),
         soft_wrap=True,
     )
 

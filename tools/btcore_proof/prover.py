@@ -36,7 +36,7 @@ from btcore_proof.model_leaves import (
     unread_keys,
 )
 from btcore_proof.propositions import ParsedProposition, Question, QuestionError, parse_proposition
-from btcore_proof.search import search
+from btcore_proof.search import SearchLimits, search
 from btcore_proof.standard_questions import (
     ENDS,
     EXCEPTIONS,
@@ -147,22 +147,12 @@ class Prover:
         choices = Choices(self._domains)
         self.tree = tree = limited(choices, clock_for_search())
         parsed: list[ParsedProposition] = []
-        favourable: set[int] = set()
-        self._questions: list[_Prepared] = []
-        for question in questions:
-            texts_of_parts = [question.first, question.second] if question.second else [question.first]
-            try:
-                parts = [parse_proposition(part, tree) for part in texts_of_parts]
-            except QuestionError as error:
-                self._questions.append(_Prepared(question, error=str(error)))
-                continue
-            first = len(parsed)
-            parsed += parts
-            self._questions.append(_Prepared(question, first, len(parsed) - 1))
-            if question.kind == "leads to":
-                favourable.add(len(parsed) - 1)
-            elif question.kind == "before":
-                favourable.add(first)
+        self._questions = [_prepare(question, tree, parsed) for question in questions]
+        favourable = {
+            each.second if each.question.kind == "leads to" else each.first
+            for each in self._questions
+            if each.question.kind != "never" and not each.error
+        }
         self.errors = [prepared.error for prepared in self._questions if prepared.error]
         self._endless = endless_nodes(tree)
         self._first_endless = len(parsed)
@@ -188,7 +178,6 @@ class Prover:
         self._assumed = (
             "if leaves take no time" if instant_leaves and self.explorer.keeper.timer_slots else ""
         )
-        self._view = _View(self.explorer.graph, [])
         self._beginnings: list[dict[str, object]] = []
         for beginning in beginnings_of(tree, choices, self._domains, given):
             write_entries(tree, beginning)
@@ -197,38 +186,34 @@ class Prover:
 
     def answer(
         self,
-        most_ticks: int | None = None,
-        memory: int | None = None,
+        limits: SearchLimits | None = None,
         progress: Callable[[StateGraph], object] | None = None,
-        jobs: int = 1,
-        seconds: float | None = None,
     ) -> Report:
         """Search, and answer the standard questions and the given ones."""
         users = self.explorer.users
         with nullcontext() if users is None else users.guarded():
-            search(self.explorer, most_ticks, memory, progress, jobs, seconds)
+            search(self.explorer, limits or SearchLimits(), progress)
         graph = self.explorer.graph
         views = [_View(graph, cyclic_parts(graph))]
         guessed = self.explorer.signals.guessed
         if any(edge.signals & guessed for edges in graph.edges for edge in edges):
             certain = graph.without(guessed)
             views.insert(0, _View(certain, cyclic_parts(certain)))
-        asked: list[Callable[[], Answer]] = [
+        asked: list[Callable[[_View], Answer]] = [
             partial(self._answer_standard_question, name) for name in STANDARD_QUESTIONS
         ]
         asked += [partial(self._answer_own_question, prepared) for prepared in self._questions]
         return Report([self._answer_in(views, ask) for ask in asked], graph.transitions)
 
-    def _answer_in(self, views: Sequence[_View], ask: Callable[[], Answer]) -> Answer:
+    def _answer_in(self, views: Sequence[_View], ask: Callable[[_View], Answer]) -> Answer:
         """Return the answer to a question: refuted if a run without guesses shows it, else by the last view.
 
         Args:
             views: The whole graph; before it, if there are guesses, the part that does not depend on them.
-            ask: Answers the question by the present view.
+            ask: Answers the question by a view.
         """
         for view in views:
-            self._view = view
-            answer = ask()
+            answer = ask(view)
             if answer.answer == REFUTED and (view is views[0] or answer.counterexample is None):
                 return answer
         if view is views[0]:
@@ -242,18 +227,18 @@ class Prover:
 
     # --- the standard questions
 
-    def _answer_standard_question(self, question: str) -> Answer:
+    def _answer_standard_question(self, question: str, view: _View) -> Answer:
         if question is ENDS:
-            return self._answer_ends()
+            return self._answer_ends(view)
         if question is LEAVES:
-            return self._answer_leaves()
-        violation = self._view.graph.violations.get(question)
+            return self._answer_leaves(view.graph)
+        violation = view.graph.violations.get(question)
         if violation is not None:
-            return self._refuted_answer(question, violation.message, [violation.step])
-        return self._proved_answer(question)
+            return self._refuted_answer(view.graph, question, violation.message, [violation.step])
+        return self._proved_answer(view.graph, question)
 
-    def _answer_ends(self) -> Answer:
-        graph, signals, endless = self._view.graph, self.explorer.signals, self._endless
+    def _answer_ends(self, view: _View) -> Answer:
+        graph, signals, endless = view.graph, self.explorer.signals, self._endless
         ends = any(edge.target in RESULT_OF for edges in graph.edges for edge in edges)
         runs = [signals.holds(self._first_endless + number) for number in range(len(endless))]
         runs_none = signals.fails(self._first_endless + len(endless))
@@ -267,40 +252,34 @@ class Prover:
                 failing_conditions |= signals.failed(number)
             else:
                 actions_succeed.append(Fairness(signals.failed(number), signals.succeeded(number)))
-        cycle = self._find_cycle([*fairness, pauses, *actions_succeed], avoided=failing_conditions)
+        cycle = _find_cycle(view, [*fairness, pauses, *actions_succeed], avoided=failing_conditions)
         if cycle is not None and (ends or not endless):
             return self._refuted_answer(
-                ENDS, "it can go on forever although no leaf fails forever", [], cycle
+                graph, ENDS, "it can go on forever although no leaf fails forever", [], cycle
             )
-        if self._limits():
-            return self._proved_answer(ENDS)
+        if _limits(graph):
+            return self._proved_answer(graph, ENDS)
         if endless and not ends:
             return self._proved_answer(
-                ENDS, f"never by itself, because of {join_names(_quoted(endless), 'and')}"
+                graph, ENDS, f"never by itself, because of {join_names(_quoted(endless), 'and')}"
             )
         reasons = [
             f"'{node.config.path}' runs forever"
             for node, its in zip(endless, runs, strict=True)
-            if self._find_cycle([*fairness, Fairness(0, its)], avoided=runs_none)
+            if _find_cycle(view, [*fairness, Fairness(0, its)], avoided=runs_none)
         ]
         for number, leaf in enumerate(signals.leaves):
             succeeds, fails = signals.succeeded(number), signals.failed(number)
             sometimes_fails = [*fairness, pauses, Fairness(0, fails)]
-            if self._find_cycle(sometimes_fails, avoided=succeeds):
+            if _find_cycle(view, sometimes_fails, avoided=succeeds):
                 reasons.append(f"'{leaf.config.path}' fails forever")
-            elif isinstance(leaf, Condition) and self._find_cycle([*sometimes_fails, Fairness(0, succeeds)]):
+            elif isinstance(leaf, Condition) and _find_cycle(view, [*sometimes_fails, Fairness(0, succeeds)]):
                 reasons.append(f"'{leaf.config.path}' changes its result forever")
         detail = f"unless {join_names(reasons, 'or')}" if reasons else ""
-        return self._proved_answer(ENDS, detail)
+        return self._proved_answer(graph, ENDS, detail)
 
     def _runs_endless_node(self, tick: Tick) -> bool:
         return any(node._status is RUNNING for node in self._endless)
-
-    def _find_cycle(self, conditions: Sequence[Fairness], avoided: int = 0) -> FairCycle | None:
-        """Return a fair cycle without the signals *avoided*, or None."""
-        return find_fair_cycle(
-            self._view.graph, self._view.cyclic_parts, conditions, lambda edge: not edge.signals & avoided
-        )
 
     def _fairness(self) -> list[Fairness]:
         """Return the conditions that an action that is not endless ends, and that every timer expires."""
@@ -312,7 +291,7 @@ class Prover:
         ]
         return conditions + [Fairness(0, signals.stopped(number)) for number in range(signals.timers)]
 
-    def _answer_leaves(self) -> Answer:
+    def _answer_leaves(self, graph: StateGraph) -> Answer:
         problems: list[str] = []
         for node in self.tree.nodes:
             counts = tick_counts_of(node)
@@ -326,14 +305,14 @@ class Prover:
                     problems.append(f"'{node.config.path}' never succeeds")
                 if FAILURE in model.results and not counts.failure:
                     problems.append(f"'{node.config.path}' never fails")
-        if not problems or self._limits():
-            return self._proved_answer(LEAVES)
+        if not problems or _limits(graph):
+            return self._proved_answer(graph, LEAVES)
         return self._answer(LEAVES, REFUTED, "; ".join(problems))
 
     # --- questions of the user
 
-    def _answer_own_question(self, prepared: _Prepared) -> Answer:
-        graph, signals = self._view.graph, self.explorer.signals
+    def _answer_own_question(self, prepared: _Prepared, view: _View) -> Answer:
+        graph, signals = view.graph, self.explorer.signals
         question = prepared.question
         if prepared.error:
             return self._answer(question.text, UNKNOWN_ANSWER, prepared.error)
@@ -345,43 +324,42 @@ class Prover:
         if question.kind == "never":
             if occurs:
                 first_step = min(occurs, key=lambda step: graph.depths[step[0]])
-                return self._refuted_answer(question.text, "", [first_step])
-            return self._proved_answer(question.text)
+                return self._refuted_answer(graph, question.text, "", [first_step])
+            return self._proved_answer(graph, question.text)
         if question.kind == "before":
-            return self._answer_before(question, first, second)
-        counterexample = self._find_counterexample(occurs, second, question.within)
+            return self._answer_before(graph, question, first, second)
+        counterexample = self._find_counterexample(view, occurs, second, question.within)
         if counterexample is not None:
             steps, cycle = counterexample
             outcome = "not within this number of ticks" if question.within is not None else "never follows"
-            return self._refuted_answer(question.text, f"'{question.second}' {outcome}", steps, cycle)
-        answer = self._proved_answer(question.text)
+            return self._refuted_answer(graph, question.text, f"'{question.second}' {outcome}", steps, cycle)
+        answer = self._proved_answer(graph, question.text)
         if answer.answer == PROVED and not occurs:
             return answer._replace(is_vacuous=True, detail=f"'{question.first}' never occurs")
         return answer
 
-    def _answer_before(self, question: Question, first: int, second: int) -> Answer:
-        graph = self._view.graph
+    def _answer_before(self, graph: StateGraph, question: Question, first: int, second: int) -> Answer:
         starts = [state for state, parent in enumerate(graph.parents) if parent is None]
         steps_to = states_from(graph, starts, lambda edge: not edge.signals & first)
         for state in steps_to:
             for edge in graph.edges[state]:
                 if edge.signals & second and not edge.signals & first:
                     steps = [*steps_back(steps_to, state), (state, edge)]
-                    return self._refuted_answer(question.text, "", steps)
-        answer = self._proved_answer(question.text)
+                    return self._refuted_answer(graph, question.text, "", steps)
+        answer = self._proved_answer(graph, question.text)
         occurs = any(edge.signals & second for edges in graph.edges for edge in edges)
         if answer.answer == PROVED and not occurs:
             return answer._replace(is_vacuous=True, detail=f"'{question.second}' never occurs")
         return answer
 
     def _find_counterexample(
-        self, occurs: Sequence[Step], second: int, within: int | None
+        self, view: _View, occurs: Sequence[Step], second: int, within: int | None
     ) -> tuple[list[Step], FairCycle | None] | None:
         """Return a run in which *second* does not follow: steps from a state, and the cycle at its end."""
-        graph = self._view.graph
+        graph = view.graph
         pending = [step for step in occurs if not step[1].signals & second]
         if within is not None:
-            return self._find_late_counterexample(pending, second, within)
+            return _find_late_counterexample(graph, pending, second, within)
         for step in pending:
             if step[1].target in _ENDS:
                 return [step], None
@@ -400,7 +378,7 @@ class Prover:
                     return [entered[origin], *steps, (state, edge)], None
         parts = [
             {vertex: edges for vertex, edges in part.items() if vertex in steps_to}
-            for part in self._view.cyclic_parts
+            for part in view.cyclic_parts
         ]
         cycle = find_fair_cycle(graph, parts, self._fairness(), lambda edge: not edge.signals & second)
         if cycle is None:
@@ -408,42 +386,6 @@ class Prover:
         steps = steps_back(steps_to, cycle.start)
         origin = steps[0][0] if steps else cycle.start
         return [entered[origin], *steps], cycle
-
-    def _find_late_counterexample(
-        self, pending: Sequence[Step], second: int, within: int
-    ) -> tuple[list[Step], FairCycle | None] | None:
-        """Return a shortest run in which *second* does not follow in time: steps from a vertex."""
-        graph = self._view.graph
-        begun: dict[int, list[Step]] = {}
-        for step in pending:
-            begun.setdefault(graph.depths[step[0]], []).append(step)
-        # For each vertex the path to it with the fewest ticks left, and their number: no other ends sooner.
-        waiting: dict[int, tuple[list[Step], int]] = {}
-        depth = min(begun, default=0)
-        while waiting or depth <= max(begun, default=-1):
-            steps = [([step], within) for step in begun.get(depth, ())]
-            within_tick = deque(waiting.items())
-            passed: dict[int, int] = {}
-            while within_tick:
-                vertex, (path, left) = within_tick.popleft()
-                for edge in graph.edges[vertex]:
-                    if edge.signals & second:
-                        continue
-                    longer = [*path, (vertex, edge)]
-                    if graph.ends_tick(edge):
-                        steps.append((longer, left - 1))
-                    elif left < passed.get(edge.target, within + 1):
-                        passed[edge.target] = left
-                        within_tick.append((edge.target, (longer, left)))
-            waiting = {}
-            for path, left in steps:
-                target = path[-1][1].target
-                if left == 0 or target in _ENDS:
-                    return path, None
-                if target >= 0 and (target not in waiting or left < waiting[target][1]):
-                    waiting[target] = path, left
-            depth += 1
-        return None
 
     # --- answers
 
@@ -454,23 +396,18 @@ class Prover:
         ticks = len(shown.ticks) if shown is not None else max(graph.depths, default=0) + 1
         return Answer(question, answer, detail, ticks, graph.states, shown)
 
-    def _proved_answer(self, question: str, detail: str = "") -> Answer:
+    def _proved_answer(self, graph: StateGraph, question: str, detail: str = "") -> Answer:
         """Return that *question* is proved, or unknown if not everything was searched."""
-        limits = self._limits()
+        limits = _limits(graph)
         if limits:
             return self._answer(question, UNKNOWN_ANSWER, "; ".join(limits))
         keys = [f"{{{key}}}" for key in sorted(self.explorer.choices.assumed)]
         compared = f"if scripts can compare the values of {join_names(keys, 'and')}" if keys else ""
         return self._answer(question, PROVED, ", ".join(filter(None, [self._assumed, compared, detail])))
 
-    def _limits(self) -> list[str]:
-        """Return why the search has not seen everything: its bounds, and an error that ends runs."""
-        graph = self._view.graph
-        errors = [graph.violations[name] for name in (INPUTS, EXCEPTIONS) if name in graph.violations]
-        return [*graph.bounds, *(f"not searched beyond this error: {error.message}" for error in errors[:1])]
-
     def _refuted_answer(
         self,
+        graph: StateGraph,
         question: str,
         message: str,
         steps: Sequence[Step],
@@ -479,12 +416,12 @@ class Prover:
         """Return that *question* is refuted, if the ordinary engine reproduces the run.
 
         Args:
+            graph: The graph of the view.
             question: The question.
             message: What is wrong.
             steps: The end of the run, from a state.
             cycle: The cycle that follows.
         """
-        graph = self._view.graph
         cycle_steps = cycle.steps if cycle is not None else []
         origin = [*steps, *cycle_steps][0][0]
         before = [*graph.path_to(origin), *steps]
@@ -535,6 +472,64 @@ class Prover:
         """Return the number of the beginning whose state is *state*."""
         starts = [number for number, parent in enumerate(self.explorer.graph.parents) if parent is None]
         return starts.index(state)
+
+
+def _limits(graph: StateGraph) -> list[str]:
+    """Return why the search has not seen everything: its bounds, and an error that ends runs."""
+    errors = [graph.violations[name] for name in (INPUTS, EXCEPTIONS) if name in graph.violations]
+    return [*graph.bounds, *(f"not searched beyond this error: {error.message}" for error in errors[:1])]
+
+
+def _find_cycle(view: _View, conditions: Sequence[Fairness], avoided: int = 0) -> FairCycle | None:
+    """Return a fair cycle without the signals *avoided*, or None."""
+    return find_fair_cycle(view.graph, view.cyclic_parts, conditions, lambda edge: not edge.signals & avoided)
+
+
+def _find_late_counterexample(
+    graph: StateGraph, pending: Sequence[Step], second: int, within: int
+) -> tuple[list[Step], FairCycle | None] | None:
+    """Return a shortest run in which *second* does not follow in time: steps from a vertex."""
+    begun: dict[int, list[Step]] = {}
+    for step in pending:
+        begun.setdefault(graph.depths[step[0]], []).append(step)
+    # For each vertex the path to it with the fewest ticks left, and their number: no other ends sooner.
+    waiting: dict[int, tuple[list[Step], int]] = {}
+    depth = min(begun, default=0)
+    while waiting or depth <= max(begun, default=-1):
+        steps = [([step], within) for step in begun.get(depth, ())]
+        within_tick = deque(waiting.items())
+        passed: dict[int, int] = {}
+        while within_tick:
+            vertex, (path, left) = within_tick.popleft()
+            for edge in graph.edges[vertex]:
+                if edge.signals & second:
+                    continue
+                longer = [*path, (vertex, edge)]
+                if graph.ends_tick(edge):
+                    steps.append((longer, left - 1))
+                elif left < passed.get(edge.target, within + 1):
+                    passed[edge.target] = left
+                    within_tick.append((edge.target, (longer, left)))
+        waiting = {}
+        for path, left in steps:
+            target = path[-1][1].target
+            if left == 0 or target in _ENDS:
+                return path, None
+            if target >= 0 and (target not in waiting or left < waiting[target][1]):
+                waiting[target] = path, left
+        depth += 1
+    return None
+
+
+def _prepare(question: Question, tree: Tree, parsed: list[ParsedProposition]) -> _Prepared:
+    """Add the propositions of a question to *parsed*."""
+    texts = [question.first, question.second] if question.second else [question.first]
+    try:
+        parts = [parse_proposition(text, tree) for text in texts]
+    except QuestionError as error:
+        return _Prepared(question, error=str(error))
+    parsed += parts
+    return _Prepared(question, len(parsed) - len(parts), len(parsed) - 1)
 
 
 def _runs(node: TreeNode) -> Callable[[Tick], bool]:

@@ -4,53 +4,88 @@ import math
 import pickle
 from collections.abc import Callable
 from itertools import islice
-from typing import Final
+from typing import Annotated, Final
 
+from btcore.options import Options, option
 from btcore_proof.exploration import Explorer
 from btcore_proof.search_processes import CAN_FORK, STATES_AT_A_TIME, SearchProcesses, memory_used
 from btcore_proof.state_graph import StateGraph
 
+MEMORY_MB: Final = 4000
+"""The default limit of the memory of a search (MB)."""
 _FEW_STATES: Final = 500
 """The number of states up to which one process is enough."""
 _CHECK_INTERVAL: Final = 64
 """The number of states after which the memory is checked, and the progress is shown."""
 
 
+class SearchLimits(Options):
+    """When a search ends, and how many processes it uses."""
+
+    ticks: (
+        Annotated[int, option("Search runs of at most N ticks. Default: no limit.", metavar="N", ge=1)] | None
+    ) = None
+    time_s: (
+        Annotated[
+            float,
+            option(
+                "End the search after S seconds, with the answers so far. Default: no limit.",
+                metavar="S",
+                gt=0,
+                name="time",
+            ),
+        ]
+        | None
+    ) = None
+    memory: Annotated[
+        int,
+        option(
+            "End the search when its processes have used this much memory; without effect on Windows.",
+            metavar="MB",
+            ge=100,
+        ),
+    ] = MEMORY_MB
+    jobs: (
+        Annotated[
+            int,
+            option(
+                "Number of processes of a long search, on Linux.  "
+                "[default: one per core, but 1 on two cores]",
+                metavar="N",
+                ge=1,
+            ),
+        ]
+        | None
+    ) = None
+
+
 def search(
-    explorer: Explorer,
-    most_ticks: int | None = None,
-    memory: int | None = None,
-    progress: Callable[[StateGraph], object] | None = None,
-    jobs: int = 1,
-    seconds: float | None = None,
+    explorer: Explorer, limits: SearchLimits, progress: Callable[[StateGraph], object] | None = None
 ) -> None:
     """Search until every state is known, or a bound is reached. The result is in the graph of the explorer.
 
     Args:
         explorer: The search, with its initial states.
-        most_ticks: The greatest number of ticks of a run; None = no limit.
-        memory: The memory (bytes) that the processes may use; None = no limit.
+        limits: The limits. The states that are found do not depend on the number of processes.
         progress: Called from time to time.
-        jobs: The number of processes. The states that are found do not depend on it.
-        seconds: The time (s, real time) after which the search ends; None = no limit.
     """
-    if seconds is not None:
-        explorer.limit_time(seconds)
+    if limits.time_s is not None:
+        explorer.limit_time(limits.time_s)
     graph, waiting = explorer.graph, explorer.waiting
     processes: SearchProcesses | None = None
     next_check = 0
-    if not CAN_FORK:
-        jobs = 1
+    jobs = limits.jobs or 1 if CAN_FORK else 1
+    most_ticks = math.inf if limits.ticks is None else limits.ticks
     try:
         while waiting and not explorer.is_out_of_time():
-            if most_ticks is not None and graph.depths[waiting[0]] >= most_ticks:
+            if graph.depths[waiting[0]] >= most_ticks:
                 graph.bounds.setdefault(f"runs of more than {most_ticks} ticks were not searched", None)
                 break
             if graph.expanded >= next_check:
                 next_check = graph.expanded + _CHECK_INTERVAL
                 used = memory_used() + (processes.memory if processes is not None else 0)
-                if memory is not None and used > memory:
-                    graph.bounds.setdefault(f"the memory limit of {memory >> 20} MB was reached", None)
+                if used > limits.memory << 20:
+                    graph.bounds.setdefault(f"the memory limit of {limits.memory} MB was reached", None)
                     break
                 if progress is not None:
                     progress(graph)
@@ -61,9 +96,7 @@ def search(
                 explorer.expand(waiting[0])
             else:
                 next_states = islice(waiting, jobs * STATES_AT_A_TIME)
-                numbers = [
-                    number for number in next_states if graph.depths[number] < (most_ticks or math.inf)
-                ]
+                numbers = [number for number in next_states if graph.depths[number] < most_ticks]
                 try:
                     processes.expand(numbers)
                 except pickle.PicklingError:

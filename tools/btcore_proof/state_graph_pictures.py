@@ -118,12 +118,7 @@ def _lines(outcomes: list[list[str]]) -> list[str]:
 
 
 def graph_to_dot(states: Sequence[DrawnState], edges: Sequence[DrawnEdge]) -> str:
-    """Return a graph in the language of Graphviz.
-
-    Args:
-        states: The states.
-        edges: The edges.
-    """
+    """Return a graph in the language of Graphviz."""
     lines = ["digraph states {", '  node [shape=box, style="rounded,filled", fontname=Helvetica];']
     for state in states:
         fill, line = _COLOURS[state.kind]

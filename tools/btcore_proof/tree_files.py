@@ -4,7 +4,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from os import PathLike
 from pathlib import Path
-from typing import Final
 
 from btcore.clock import Clock
 from btcore.loading.instantiate import instantiate
@@ -27,9 +26,8 @@ from btcore_proof.outcome_replay import (
 )
 from btcore_proof.propositions import parse_question
 from btcore_proof.prover import PROVED, Answer, Prover, Report, beginnings_of, write_entries
+from btcore_proof.search import MEMORY_MB, SearchLimits
 
-MEMORY_MB: Final = 4000
-"""The default limit of the memory of a search (MB)."""
 File = str | PathLike[str]
 
 
@@ -97,7 +95,7 @@ def prove(
     declared = declarations_of(Path(file), declarations)
     plans = _plans(file, nodes, models, tree, format, declared)
     prover = prover_of(plans, questions, declared, given, instant_leaves)
-    return prover.answer(ticks, memory << 20, None, jobs, seconds)
+    return prover.answer(SearchLimits(ticks, seconds, memory, jobs))
 
 
 def assert_proved(report: Report) -> None:

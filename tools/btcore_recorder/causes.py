@@ -16,7 +16,7 @@ from btcore.engine.recorded_events import MessageLogged, Raised
 from btcore.errors import BtcoreError, ScriptError
 from btcore.script.expressions import Literal as ScriptLiteral
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
-from btcore.suggestions import join_names
+from btcore.suggestions import counted, join_names
 from btcore.xml.plan.key_uses import WRITING, find_name_uses, iter_subexpressions, parse_statements
 from btcore_recorder.inputs import Result, is_external
 from btcore_recorder.replay import Replay
@@ -421,8 +421,7 @@ class CauseFinder:
             return f"wrote {what}{script} {'in' if write.uid else 'before'} this tick"
         ticks = self.tick(index) - self.tick(at)
         seconds = self.time(index) - self.time(at)
-        before = f"{ticks:,} {'tick' if ticks == 1 else 'ticks'} ({seconds:g} s) before it was read"
-        return f"wrote {what}{script}, {before}"
+        return f"wrote {what}{script}, {counted(ticks, 'tick')} ({seconds:g} s) before it was read"
 
     def _describe_other_entries(self, index: int, at: int, entry: EntryName) -> str:
         """Return which entries of the same key were written later in other trees, for a sentence."""

@@ -80,8 +80,8 @@ class FileRecorder:
     Args:
         tree: As in `record`, which creates the recorder.
         path: As in `record`.
+        rotation: When the recording continues in a new file.
         exclude: As in `record`.
-        rotation: When the recording continues in a new file; None = never.
         options: What is recorded besides what the ticks depend on.
 
     Attributes:
@@ -93,8 +93,8 @@ class FileRecorder:
         self,
         tree: Tree,
         path: str | os.PathLike[str],
+        rotation: Rotation,
         exclude: Sequence[str] = (),
-        rotation: Rotation | None = None,
         options: RecorderOptions = NO_OPTIONS,
     ) -> None:
         self.path = Path(path)
@@ -104,8 +104,8 @@ class FileRecorder:
         self._tree = tree
         self._queue: SimpleQueue[RawStep | _TypeFound | _SegmentBegun] = SimpleQueue()
         self._added_values = 0
-        self._taken_values = 0
-        self._unwritten_values = 0
+        self._encoded_values = 0
+        self._written_values = 0
         self._is_rotating = False  # whether the first segment of another file is in the queue
         self._loss = ""  # why steps are being lost
         self._recorder = Recorder(tree, self._add_step, self._add_type, exclude, options)
@@ -144,21 +144,21 @@ class FileRecorder:
     # --- the thread that ticks
 
     def _add_step(self, step: RawStep) -> None:
-        queued = self._added_values - self._taken_values
+        queued = self._added_values - self._written_values
         if not self._loss and queued + len(step.records) > MAX_QUEUED_VALUES:
             self._lose("the disk is too slow")
         if not self._loss:
             self._added_values += len(step.records)
             self._queue.put(step)
-            is_full = self._rotation is not None and self._is_full(self._rotation, step.time)
+            is_full = self._is_full(step.time)
             if is_full or step.time - self._segment_time > SEGMENT_DURATION_S * NS_PER_S:
                 self._begin_segment("", step.time, is_full)
         elif not queued:  # try again, from the end of this step on
             loss, self._loss = self._loss, ""
             self._begin_segment(loss, step.time)
 
-    def _is_full(self, rotation: Rotation, time: int) -> bool:
-        duration_s = (time - self._file_time) / NS_PER_S
+    def _is_full(self, time: int) -> bool:
+        rotation, duration_s = self._rotation, (time - self._file_time) / NS_PER_S
         is_long = rotation.max_duration_s is not None and duration_s >= rotation.max_duration_s
         is_large = rotation.max_bytes is not None and self._size >= rotation.max_bytes
         return (is_long or is_large) and not self._is_rotating
@@ -188,14 +188,13 @@ class FileRecorder:
             self._write_queued()
 
     def _write_queued(self) -> None:
-        values = 0
         while True:
             try:
                 item = self._queue.get_nowait()
             except Empty:
                 break
             if isinstance(item, RawStep):
-                values += len(item.records)
+                self._encoded_values += len(item.records)
                 types: list[WrittenLine] = [["type", *found] for found in self._types.items()]
                 self._encoder.add(types + self._recorder.lines(item), self._head.wall_time_at(item.time))
                 self._types.clear()
@@ -205,14 +204,10 @@ class FileRecorder:
             elif not (item.begins_file and self._begin_file(item)):
                 self._encoder.add(segment_lines(item.gap, item.state), self._head.wall_time_at(item.time))
         if self._write(self._encoder.take()):
-            self._taken_values += self._unwritten_values + values
-            self._unwritten_values = 0
-        else:
-            self._unwritten_values += values
+            self._written_values = self._encoded_values
 
     def _begin_file(self, segment: _SegmentBegun) -> bool:
         """Continue in a new file; return False if the present file has to be continued."""
-        assert self._rotation is not None
         self._is_rotating = False
         if not self._write(self._encoder.take()):
             return False
@@ -438,7 +433,7 @@ def record(
     return FileRecorder(
         tree,
         files.next(tree.id),
-        exclude,
         Rotation(lambda: files.next(tree.id), max_bytes, max_duration_s),
+        exclude,
         RecorderOptions(keeps_transitions),
     )

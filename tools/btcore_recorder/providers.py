@@ -124,7 +124,7 @@ class TreeRecordings:
             rotation = Rotation(
                 lambda: files.next(tree.id), max_size and max_size * 1e6, settings.record_max_time
             )
-            self._file_recorder = FileRecorder(tree, file, exclude, rotation, options)
+            self._file_recorder = FileRecorder(tree, file, rotation, exclude, options)
         else:
             self._ring = RingRecorder(tree, file, exclude, self._note_halt, options=options)
 

@@ -16,7 +16,7 @@ from btcore.logs.recording import LoggedTransition, parse_nodes
 from btcore.status import IDLE, Transition
 from btcore.tree.tree import Tree
 from btcore_bags.log import BagLog, read_bag
-from btcore_recorder.file_recorder import FileRecorder
+from btcore_recorder.file_recorder import FileRecorder, Rotation
 from btcore_recorder.inputs import RunRecording
 from btcore_recorder.moments import Moment, Moments
 from btcore_recorder.replay import Replay
@@ -105,7 +105,7 @@ class _RecordingLog(FileRecorder):
 
 def write_recording(tree: Tree, path: Path) -> Log:
     """Record *tree* to a file, as a log of it is written."""
-    return cast(Log, _RecordingLog(tree, path))
+    return cast(Log, _RecordingLog(tree, path, Rotation(lambda: path)))
 
 
 FORMAT: Final = LogFormat(write_recording, read_as_log)

@@ -7,6 +7,7 @@ import btcore
 from btcore.clock import NS_PER_S
 from btcore.engine.observers import Observer
 from btcore.engine.transition_records import Transitions
+from btcore.suggestions import counted
 from btcore_recorder.facts import hash_documents, hash_file
 from btcore_recorder.replay import Difference, Replay
 
@@ -74,7 +75,7 @@ class Verification(NamedTuple):
         return data
 
     def __str__(self) -> str:
-        count = f"{self.ticks:,} ticks with {self.transitions:,} transitions"
+        count = f"{counted(self.ticks, 'tick')} with {counted(self.transitions, 'transition')}"
         damage = f"\nthe file is incomplete: {self.damage}" if self.damage else ""
         if self.difference is None:
             return f"equal: {count}{damage}"

@@ -48,8 +48,8 @@ from btcore_recorder.replay import Replay
 from btcore_recorder.tree_state import restore_entries, restore_nodes
 
 File = str | os.PathLike[str]
-EndReason = Literal["the tree ended", "the recording ended", "no result is recorded", "a node raised"]
-"""Why a changed run ended."""
+EndReason = Literal["the tree ended", "no result is recorded", "a node raised"]
+"""Why a changed run ended before the recording."""
 
 
 class SetEntry(NamedTuple):
@@ -93,7 +93,7 @@ class ChangedRun(NamedTuple):
     Attributes:
         ticks: The number of its ticks.
         status: The result of its last tick.
-        end: Why it ended.
+        end: Why it ended before the recording; None if it did not.
         ended_at: The path of the node that raised or lacks a result; else "".
         differs_from: The first tick with other transitions, or another result, than in the recorded run; None
             if there is none.
@@ -107,7 +107,7 @@ class ChangedRun(NamedTuple):
 
     ticks: int
     status: Status
-    end: EndReason
+    end: EndReason | None
     ended_at: str
     differs_from: int | None
     recorded: str
@@ -118,9 +118,13 @@ class ChangedRun(NamedTuple):
     unused: Sequence[str]
 
     @property
+    def _reason(self) -> str:
+        return self.end or "the recording ended"
+
+    @property
     def is_same(self) -> bool:
         """Whether the run did what was recorded."""
-        return self.differs_from is None and self.end == "the recording ended"
+        return self.differs_from is None and self.end is None
 
     def __str__(self) -> str:
         lines = [f"the same in all {self.ticks:,} ticks"]
@@ -131,7 +135,7 @@ class ChangedRun(NamedTuple):
             lines = [f"it differs from tick {self.differs_from} on: recorded: {recorded}; now: {now}"]
         place = f" at '{self.ended_at}'" if self.ended_at else ""
         with_result = "" if self.end == "no result is recorded" else f" with {self.status.name}"
-        lines.append(f"it ends in tick {self.ticks}{with_result}, because {self.end}{place}")
+        lines.append(f"it ends in tick {self.ticks}{with_result}, because {self._reason}{place}")
         if self.assumed_from is not None:
             lines.append(
                 f"from tick {self.assumed_from} on it rests on assumptions: nodes start in other ticks than "
@@ -154,7 +158,8 @@ class ChangedRun(NamedTuple):
     def as_data(self) -> dict[str, object]:
         """Return the run as data of JSON."""
         failure = None if self.failure is None else self.failure._asdict()
-        return {**self._asdict(), "status": self.status.name, "failure": failure, "same": self.is_same}
+        own = {"status": self.status.name, "end": self._reason, "failure": failure, "same": self.is_same}
+        return self._asdict() | own
 
 
 @dataclass
@@ -260,14 +265,34 @@ class _Activations(ExternalCode):
         self._mocked: dict[str, Iterator[Outcome]] = {}
         self.present_tick = 0
         self.assumed_from: int | None = None
-        self.paths: Sequence[str] = ()
         self.uids: Mapping[int, int] = {}  # of the recorded tree → of the changed tree
-        self.scopes: Mapping[int, int] = {}
-        self.forced: dict[tuple[int, bool], Status] = {}
-        self.pauses: set[tuple[int, int]] = set()
+        self._paths: Sequence[str] = ()
+        self._scopes: Mapping[int, int] = {}
+        self._forced_statuses: dict[tuple[int, bool], Status] = {}
+        self._pauses: set[tuple[int, int]] = set()
         self._left = {path: deque(known) for path, known in activations.items()}
         self._results = results
         self._present: dict[str, tuple[_Activation, int]] = {}
+
+    def match_nodes(
+        self, recorded_paths: Sequence[str], paths: Sequence[str], scopes: Mapping[int, int]
+    ) -> None:
+        """Match the nodes of the recorded tree with nodes of the same path, and its scopes with *scopes*."""
+        uids = {path: uid for uid, path in enumerate(paths, start=1)}
+        self.uids = {uid: uids[path] for uid, path in enumerate(recorded_paths, start=1) if path in uids}
+        self._paths, self._scopes = paths, scopes
+
+    def begin_inputs(self, inputs: Iterable[Input]) -> None:
+        """Take the statuses that callbacks force, and the pauses, from the inputs of a step."""
+        known = [event for event in inputs if getattr(event, "uid", 0) in self.uids]
+        self._forced_statuses = {
+            (self.uids[event.uid], event.is_pre_tick): event.status
+            for event in known
+            if isinstance(event, StatusForced)
+        }
+        self._pauses = {
+            (self.uids[event.uid], event.repetitions) for event in known if isinstance(event, Paused)
+        }
 
     def assume(self) -> None:
         """Note that the run rests on an assumption from the present tick on."""
@@ -275,7 +300,7 @@ class _Activations(ExternalCode):
             self.assumed_from = self.present_tick
 
     def tick(self, node: TreeNode) -> Status:
-        path = self.paths[node.config.uid - 1]
+        path = self._paths[node.config.uid - 1]
         if node.status is not RUNNING or path not in self._present:
             left = self._left.get(path)
             if not left:
@@ -333,7 +358,7 @@ class _Activations(ExternalCode):
         return self._results.get((self.present_tick, path))
 
     def halt(self, node: TreeNode) -> None:
-        path = self.paths[node.config.uid - 1]
+        path = self._paths[node.config.uid - 1]
         present = self._present.pop(path, None)
         activation = None if present is None else present[0]
         left = self._left.get(path)
@@ -349,16 +374,16 @@ class _Activations(ExternalCode):
         reset_status(node)
 
     def paused(self, uid: int, count: int) -> bool:
-        return (uid, count) in self.pauses or super().paused(uid, count)
+        return (uid, count) in self._pauses or super().paused(uid, count)
 
     def pre_tick(self, node: TreeNode) -> Status:
-        return self.forced.pop((node.config.uid, True), SKIPPED)
+        return self._forced_statuses.pop((node.config.uid, True), SKIPPED)
 
     def post_tick(self, node: TreeNode, status: Status) -> Status:
-        return self.forced.pop((node.config.uid, False), SKIPPED)
+        return self._forced_statuses.pop((node.config.uid, False), SKIPPED)
 
     def apply(self, event: Input | None, now: str) -> None:
-        for name, new in (("uid", self.uids), ("scope", self.scopes)):
+        for name, new in (("uid", self.uids), ("scope", self._scopes)):
             old = getattr(event, name, None)
             if old is not None:
                 if old not in new:
@@ -382,9 +407,6 @@ class _Activations(ExternalCode):
 
 class RecordedRun:
     """A recorded run: what its external nodes did, by path, and its transitions.
-
-    Args:
-        recording: The recording.
 
     Raises:
         BtcoreError: Its replay differs from it.
@@ -424,7 +446,7 @@ class ChangedReplay:
         tree: The tree.
         position: The number of steps that have been run.
         status: The result of the last tick.
-        end: Why the run ended; "the recording ended" until then.
+        end: Why the run ended before the recording; None if it did not.
         ended_at: The path of the node that raised or lacks a result; else "".
         unmatched: The paths of the recorded nodes that the other tree does not have.
         other_result: The first tick with another result than recorded, the recorded one and the present one;
@@ -459,16 +481,14 @@ class ChangedReplay:
         external = _Activations(head.types, activations, results, outcomes or {}, missing)
         self.tree = tree = load_recorded(head, external, StepClock())
         nodes = tree.nodes_by_path()
-        external.paths = list(nodes)
+        paths = list(nodes)
         leaves = [path for path, node in nodes.items() if is_external(type(node))]
         for path in (*(node for _, node in results), *(outcomes or ())):
             _check_node(path, leaves, "the tree, whose results are recorded")
         for new in matches.values():
-            _check_node(new, external.paths, "the tree")
-        uids = {path: uid for uid, path in enumerate(external.paths, start=1)}
-        recorded_uids = {uid: matches.get(path, path) for uid, path in enumerate(run.paths, start=1)}
-        external.uids = {uid: uids[path] for uid, path in recorded_uids.items() if path in uids}
-        external.scopes = _match_scopes(run.tree, tree, len(head.outer))
+            _check_node(new, paths, "the tree")
+        recorded_paths = [matches.get(path, path) for path in run.paths]
+        external.match_nodes(recorded_paths, paths, _match_scopes(run.tree, tree, len(head.outer)))
         if document is None or _nodes(tree) == _nodes(run.tree):
             entries = restore_entries(head.state, external.boards, external.entry)
             restore_nodes(head.state, tree, entries, external.decode)
@@ -477,10 +497,10 @@ class ChangedReplay:
                 "the recording begins within a run: it has no start for a tree with other nodes; use a "
                 "recording that begins earlier"
             )
-        self.unmatched = [path for path in activations if path not in external.paths]
+        self.unmatched = [path for path in activations if path not in nodes]
         self.position = 0
         self.status = IDLE
-        self.end: EndReason = "the recording ended"
+        self.end: EndReason | None = None
         self.ended_at = ""
         self.other_result: tuple[int, Status, Status] | None = None
         self._recording = recording
@@ -515,7 +535,7 @@ class ChangedReplay:
 
     def step(self) -> bool:
         """Run the next step. Return False if there is none, or the run ended."""
-        if self.position == len(self._recording.steps) or self.end != "the recording ended":
+        if self.position == len(self._recording.steps) or self.end is not None:
             return False
         step = self._recording.steps[self.position]
         self.position += 1
@@ -532,15 +552,7 @@ class ChangedReplay:
         external.hold_entries()
         self._clock.inputs.begin(event for event in step.inputs if isinstance(event, TimeRead))
         self._clock.begin(step.time)
-        events = [event for event in step.inputs if getattr(event, "uid", 0) in external.uids]
-        external.forced = {
-            (external.uids[event.uid], event.is_pre_tick): event.status
-            for event in events
-            if isinstance(event, StatusForced)
-        }
-        external.pauses = {
-            (external.uids[event.uid], event.repetitions) for event in events if isinstance(event, Paused)
-        }
+        external.begin_inputs(step.inputs)
         try:
             if step.tick:
                 tree.ticks = step.tick - 1
@@ -558,7 +570,7 @@ class ChangedReplay:
         except TickInterrupt:
             assert external.node is not None
             self.end, self.ended_at = "no result is recorded", external.node.path
-        return self.end == "the recording ended"
+        return self.end is None
 
 
 def run_changed(
@@ -579,9 +591,10 @@ def run_changed(
     changed.tree.flush_observers()
     matches = matches or {}
     transitions = [each._replace(path=matches.get(each.path, each.path)) for each in run.transitions]
-    is_whole = changed.end == "the recording ended"
     pairs = zip_longest(transitions, collected.found)
-    differing = (pair for pair in pairs if pair[0] != pair[1] and (is_whole or pair[1] is not None))
+    differing = (
+        pair for pair in pairs if pair[0] != pair[1] and (changed.end is None or pair[1] is not None)
+    )
     differs_from: int | None = None
     recorded = now = ""
     if (pair := next(differing, None)) is not None:

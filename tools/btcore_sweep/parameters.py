@@ -10,7 +10,8 @@ an empty value the option is omitted.
 
 import csv
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from itertools import product
@@ -68,12 +69,16 @@ def parse_seeds(text: str) -> tuple[int, ...]:
             raise click.UsageError(f"--seeds {text}: {part} descends; write {last}..{first}.")
         _check_count(len(seeds) + last - first + 1, text)
         seeds += range(first, last + 1)
-    if len(set(seeds)) < len(seeds):
-        duplicate = next(seed for number, seed in enumerate(seeds) if seed in seeds[:number])
+    if duplicates := find_duplicates(seeds):
         raise click.UsageError(
-            f"--seeds {text}: {duplicate} is listed more than once; equal seeds give equal episodes."
+            f"--seeds {text}: {duplicates[0]} is listed more than once; equal seeds give equal episodes."
         )
     return tuple(seeds)
+
+
+def find_duplicates(values: Sequence[Hashable]) -> list[Hashable]:
+    """Return the values that *values* contains more than once."""
+    return [value for value, count in Counter(values).items() if count > 1]
 
 
 def format_seeds(seeds: tuple[int, ...]) -> str:
@@ -179,9 +184,8 @@ def _expand(key: str, text: str) -> tuple[str, ...]:
     for part in parts:
         match = _RANGE.fullmatch(part.strip())
         values += [part] if match is None else _expand_range(key, part.strip(), *match.groups())
-    if len(set(values)) < len(values):
-        duplicate = next(value for number, value in enumerate(values) if value in values[:number])
-        raise click.UsageError(f"--param {key}={text}: '{duplicate}' is listed more than once.")
+    if duplicates := find_duplicates(values):
+        raise click.UsageError(f"--param {key}={text}: '{duplicates[0]}' is listed more than once.")
     return tuple(values)
 
 

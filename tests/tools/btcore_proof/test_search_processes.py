@@ -11,6 +11,7 @@ import btcore_proof.search
 from btcore import In, Out
 from btcore.values import ValueType
 from btcore_proof.prover import Prover
+from btcore_proof.search import SearchLimits
 from btcore_proof.search_processes import CAN_FORK, SearchProcesses
 from btcore_proof.state_graph import StateGraph
 from btcore_proof.tree_state import TreeState
@@ -92,7 +93,7 @@ def states_of(prover: Prover) -> set[TreeState]:
 @pytest.mark.parametrize("jobs", [2, 3])
 def test_answers_do_not_depend_on_the_number_of_processes(jobs: int) -> None:
     first, second = prover_for(TREE, *QUESTIONS), prover_for(TREE, *QUESTIONS)
-    alone, together = first.answer(), second.answer(jobs=jobs)
+    alone, together = first.answer(), second.answer(SearchLimits(jobs=jobs))
     assert len(states_of(first)) > 150
     assert states_of(second) == states_of(first)
     assert together.answers == alone.answers
@@ -100,10 +101,11 @@ def test_answers_do_not_depend_on_the_number_of_processes(jobs: int) -> None:
 
 
 def test_bounds_apply_to_all_processes() -> None:
-    alone, together = prover_for().answer(most_ticks=3), prover_for().answer(most_ticks=3, jobs=2)
+    alone = prover_for().answer(SearchLimits(ticks=3))
+    together = prover_for().answer(SearchLimits(ticks=3, jobs=2))
     assert together.answers == alone.answers
     assert together.answers[0].detail == "runs of more than 3 ticks were not searched"
-    detail = prover_for().answer(memory=1 << 20, jobs=2).answers[0].detail
+    detail = prover_for().answer(SearchLimits(memory=1, jobs=2)).answers[0].detail
     assert detail == "the memory limit of 1 MB was reached"
 
 
@@ -120,7 +122,7 @@ def test_one_process_ends_search_if_values_equal_only_themselves(
     monkeypatch.setattr(SearchProcesses, "close", record)
     later = '<Delay delay_msec="10"><Connect handle="{h}"/></Delay>'
     tree = f'<Sequence>{later}{later}<Use handle="{{h}}"/></Sequence>'
-    alone, together = prover_for(tree).answer(), prover_for(tree).answer(jobs=2)
+    alone, together = prover_for(tree).answer(), prover_for(tree).answer(SearchLimits(jobs=2))
     assert together.answers == alone.answers
     assert {answer.answer for answer in alone.answers} == {"proved"}
     assert len(waiting) == 1
@@ -137,7 +139,7 @@ def test_an_interrupted_search_ends_its_processes() -> None:
             assert len(children()) == 2
             raise KeyboardInterrupt
 
-    answers = prover_for().answer(progress=interrupt, jobs=2).answers
+    answers = prover_for().answer(SearchLimits(jobs=2), interrupt).answers
     assert {answer.detail for answer in answers} == {"the search was interrupted"}
     assert not children()
 
@@ -147,7 +149,7 @@ def test_a_process_that_is_killed_makes_the_answers_unknown() -> None:
         for process in children():
             os.kill(process, signal.SIGKILL)
 
-    answers = prover_for().answer(progress=kill, jobs=2).answers
+    answers = prover_for().answer(SearchLimits(jobs=2), kill).answers
     assert {answer.answer for answer in answers} == {"unknown"}
     assert answers[0].detail == "a process of the search has ended, perhaps for lack of memory"
     assert not children()

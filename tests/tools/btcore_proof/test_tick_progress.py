@@ -6,7 +6,7 @@ from typing import Annotated
 import pytest
 
 from btcore import ControlNode, DecoratorNode, In, InOut, NodeSpec, Out, Status
-from btcore_proof.search import search
+from btcore_proof.search import SearchLimits, search
 from btcore_proof.state_graph import Outcome
 from btcore_proof.tick_progress import TickProgress
 from tests.tools.btcore_proof.trees import ConditionLeaf, InstantLeaf, LastingLeaf, prover_of
@@ -134,7 +134,7 @@ def ticks_of(xml: str) -> set[tuple[Hashable, Hashable, int]]:
     entries = {"m": 0, "n": 1}
     explorer = prover_of(xml, leaves=leaves, entries=entries, domains={"n": ("0", "1", "2")}).explorer
     explorer.start()
-    search(explorer)
+    search(explorer, SearchLimits())
     graph, known = explorer.graph, dict[int, set[Outcome]]()
     assert graph.is_complete
     return {

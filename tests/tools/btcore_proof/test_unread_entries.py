@@ -4,7 +4,7 @@ from typing import Annotated
 
 from btcore import In, Out
 from btcore_proof.prover import PROVED, REFUTED, Prover
-from btcore_proof.search import search
+from btcore_proof.search import SearchLimits, search
 from btcore_proof.standard_questions import INPUTS
 from tests.tools.btcore_proof.trees import InstantLeaf, LastingLeaf, answers_of, prover_of
 
@@ -61,7 +61,7 @@ def test_an_entry_is_searched_only_if_something_reads_it() -> None:
         '<Check route="{route}"/></Sequence>'
     )
     explorer = prover_for(tree, []).explorer
-    search(explorer)
+    search(explorer, SearchLimits())
     # After outputs of Plan, with any result, Check succeeds or fails; without a route it raises.
     assert explorer.graph.transitions == 4
     read = tree.replace("<Check ", '<Script code="code := error"/><Check ')

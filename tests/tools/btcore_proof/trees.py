@@ -8,6 +8,7 @@ from btcore.tree.tree import Tree
 from btcore_proof.model_leaves import Choices, ModelPrompt, with_model_leaves
 from btcore_proof.propositions import parse_question
 from btcore_proof.prover import Answer, Prover
+from btcore_proof.search import SearchLimits
 
 
 class InstantLeaf(SyncAction):
@@ -55,4 +56,4 @@ def prover_of(
 
 def answers_of(prover: Prover, jobs: int = 1) -> dict[str, Answer]:
     """Return the answers by question."""
-    return {answer.question: answer for answer in prover.answer(jobs=jobs).answers}
+    return {answer.question: answer for answer in prover.answer(SearchLimits(jobs=jobs)).answers}

@@ -23,6 +23,25 @@ CHOICES = ParameterOptions(
 )
 
 
+class CountedText(str):
+    """A text that counts how often its instances are compared."""
+
+    compared = 0
+
+    def __hash__(self) -> int:
+        return super().__hash__()
+
+    def __eq__(self, other: object) -> bool:
+        CountedText.compared += 1
+        return super().__eq__(other)
+
+
+def test_duplicates_are_found_without_comparing_all_pairs() -> None:
+    values = [CountedText(number) for number in range(1000)]
+    assert parameters.find_duplicates([*values, CountedText(7)]) == ["7"]
+    assert CountedText.compared < len(values)
+
+
 @pytest.mark.parametrize(
     ("text", "meant"),
     [

@@ -15,7 +15,7 @@ from btcore.field_options import ExtensibleCommand, pass_options
 from btcore.logs import LoggedTransition, Recording, read_log
 from btcore.logs.recording import format_transition
 from btcore.status import FAILURE, RUNNING, SUCCESS, Status
-from btcore.suggestions import did_you_mean
+from btcore.suggestions import counted, did_you_mean
 from btcore_recorder.commands.rerun import RerunOptions
 from btcore_recorder.moments import Moment
 
@@ -135,7 +135,7 @@ def _save(log: Recording, file: Path) -> None:
 
     run = log.run if isinstance(log, ReplayedLog) else import_log(log)
     save_recording(file, run, [node.path for node in Replay(run).tree.nodes])
-    click.echo(f"{file}: {sum(step.tick > 0 for step in run.steps):,} ticks of {log.path}")
+    click.echo(f"{file}: {counted(sum(step.tick > 0 for step in run.steps), 'tick')} of {log.path}")
     if not isinstance(log, ReplayedLog):
         terminal.print_warning(f"{file}: {describe_reconstruction(run.head)}")
 

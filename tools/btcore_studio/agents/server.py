@@ -246,11 +246,7 @@ def _text(text: str) -> types.TextContent:
 
 
 class CallLog:
-    """A middleware that writes a line of JSON for each request: its parameters, duration and outcome.
-
-    Args:
-        file: The file.
-    """
+    """A middleware that writes a line of JSON for each request: its parameters, duration and outcome."""
 
     def __init__(self, file: TextIO) -> None:
         self._file = file

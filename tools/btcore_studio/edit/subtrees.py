@@ -4,12 +4,12 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 
 from btcore.blackboard.ports import SCRIPT_ROLES, remapped_key
-from btcore.names import SCRIPT_ATTRIBUTES, port_name_error
+from btcore.names import port_name_error
 from btcore.script import lexer
 from btcore.xml.edit.editor import DocumentEditor, Edit, EditError, apply_edits, escape_value
 from btcore.xml.plan.key_uses import TreeKeys, find_name_uses, port_uses
 from btcore.xml.plan.plan import Plans
-from btcore.xml.plan.tree_plan import NodePlan, TreePlan
+from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.read.element import Element
 
 
@@ -33,20 +33,7 @@ def extract_subtree(plans: Plans, element: Element, id: str) -> list[Edit]:
         raise EditError("in format 3, a SubTree element changes when the nodes of its tree are halted")
     if id in plans.definitions.by_id:
         raise EditError(f"there is a tree '{id}' already")
-    keys = TreeKeys(plans).keys_in(_branch(node))
-    if keys is None:
-        raise EditError("a node of the branch may use any key, or is unknown")
-    calls = [
-        branch_node.subtree_call for branch_node in _branch(node) if branch_node.subtree_call is not None
-    ]
-    if any(outer.startswith("@") for call in calls for outer in call.remaps.values()):
-        raise EditError("a SubTree element of the branch connects a key with a key of the main tree ('@')")
-    # A key with "@" is the key of the main tree, in every tree.
-    connected = sorted(key for key in keys if not key.startswith("@"))
-    for key in connected:
-        if error := port_name_error(key):
-            raise EditError(f"the key '{key}' cannot be an attribute of a SubTree element: {error}")
-    connections = "".join(f' {key}="{{{key}}}"' for key in connected)
+    connections = "".join(f' {key}="{{{key}}}"' for key in _keys_to_connect(plans, node))
     source = tree.definition.document.source_map
     editor = DocumentEditor(source.scan)
     branch, tree_element = source.scanned(element), source.scanned(tree.definition.element)
@@ -92,18 +79,10 @@ def inline_subtree(plans: Plans, element: Element) -> Edit:
     called = plans.trees[call.tree_id]
     if called.root is None:
         raise EditError(f"the tree '{called.id}' has no nodes")
-    if any(outer.startswith("@") for outer in call.remaps.values()):
-        raise EditError("the SubTree element connects a key with a key of the main tree ('@')")
-    if call.constants:
-        raise EditError(f"the SubTree element sets '{next(iter(call.constants))}' to a constant")
+    if node.conditions and called.root.conditions:
+        raise EditError(f"the SubTree element and the root of '{called.id}' have conditions")
     tree_keys = TreeKeys(plans)
-    inner, outer = tree_keys.keys_of(called.id), tree_keys.keys_of(tree.id)
-    if inner is None or outer is None:
-        raise EditError("a node of one of the trees may use any key, or is unknown")
-    names: dict[str, str] = {}
-    for key in sorted(inner):
-        outer_key = key if key.startswith("@") else call.outer_key(key)
-        names[key] = outer_key or _free_name(called.id, key, outer)
+    names = _names_in_caller(tree_keys, tree, call)
     editor = DocumentEditor(called.definition.document.source_map.scan)
     root_element = called.definition.document.source_map.scanned(called.root.element)
     enums = plans.registry.types.enums
@@ -112,8 +91,6 @@ def inline_subtree(plans: Plans, element: Element) -> Edit:
         for called_node in called.node_plans()
         for edit in _rename_keys(called_node, names, enums, tree_keys, editor, called)
     ]
-    if node.conditions and called.root.conditions:
-        raise EditError(f"the SubTree element and the root of '{called.id}' have conditions")
     for attribute, text in node.conditions.items():
         at = root_element.attributes[-1].end if root_element.attributes else root_element.tag_end
         edits.append(Edit(at, at, f' {attribute}="{escape_value(text)}"'))
@@ -149,6 +126,39 @@ def _branch(node: NodePlan) -> Iterator[NodePlan]:
         yield from _branch(child)
 
 
+def _keys_to_connect(plans: Plans, branch: NodePlan) -> list[str]:
+    """Return the keys that a SubTree element in the place of a branch connects."""
+    nodes = [*_branch(branch)]
+    keys = TreeKeys(plans).keys_in(nodes)
+    if keys is None:
+        raise EditError("a node of the branch may use any key, or is unknown")
+    calls = [node.subtree_call for node in nodes if node.subtree_call is not None]
+    if any(outer.startswith("@") for call in calls for outer in call.remaps.values()):
+        raise EditError("a SubTree element of the branch connects a key with a key of the main tree ('@')")
+    # A key with "@" is the key of the main tree, in every tree.
+    connected = sorted(key for key in keys if not key.startswith("@"))
+    for key in connected:
+        if error := port_name_error(key):
+            raise EditError(f"the key '{key}' cannot be an attribute of a SubTree element: {error}")
+    return connected
+
+
+def _names_in_caller(tree_keys: TreeKeys, tree: TreePlan, call: SubtreeCall) -> dict[str, str]:
+    """Return a key of the calling *tree* for each key of the called tree."""
+    if any(outer.startswith("@") for outer in call.remaps.values()):
+        raise EditError("the SubTree element connects a key with a key of the main tree ('@')")
+    if call.constants:
+        raise EditError(f"the SubTree element sets '{next(iter(call.constants))}' to a constant")
+    inner, outer = tree_keys.keys_of(call.tree_id), tree_keys.keys_of(tree.id)
+    if inner is None or outer is None:
+        raise EditError("a node of one of the trees may use any key, or is unknown")
+    names: dict[str, str] = {}
+    for key in sorted(inner):
+        outer_key = key if key.startswith("@") else call.outer_key(key)
+        names[key] = outer_key or _free_name(call.tree_id, key, outer)
+    return names
+
+
 def _free_name(tree_id: str, key: str, taken: set[str]) -> str:
     """Return a key for an entry that only the called tree uses, and add it to *taken*."""
     name = re.sub(r"\W", "_", f"{tree_id}_{key}")
@@ -178,8 +188,7 @@ def _rename_keys(
         elif port.role in SCRIPT_ROLES:
             texts[port.name] = _renamed_script(text, enums, names)
     for attribute, text in node.conditions.items():
-        if attribute in SCRIPT_ATTRIBUTES:
-            texts[attribute] = _renamed_script(text, enums, names)
+        texts[attribute] = _renamed_script(text, enums, names)
     call = node.subtree_call
     if call is not None:
         texts |= {

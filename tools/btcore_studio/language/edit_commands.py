@@ -7,7 +7,6 @@ errors that the operation would add are reasons, and a node may lack children wh
 from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Final
-from weakref import WeakKeyDictionary
 
 from msgspec.structs import replace
 
@@ -65,8 +64,6 @@ MAX_PREVIEWED: Final = 1_000
 _MAX_WARNINGS: Final = 10
 _UNFINISHED: Final = frozenset({WRONG_CHILD_COUNT, FIRST_TICK_REFUSED, MISSING_PORT, MISSING_SUBTREE_PORT})
 """Errors of a tree that is being built."""
-# The last operations whose warnings may be requested.
-_LAST: Final["WeakKeyDictionary[Project, _Operation]"] = WeakKeyDictionary()
 
 
 def compute_edit(project: Project, command: AnyCommand, drawing: DrawingParams | None = None) -> EditResult:
@@ -85,23 +82,19 @@ def compute_edit(project: Project, command: AnyCommand, drawing: DrawingParams |
     result = operation.result()
     if drawing is None or [*result.edit.changes] != [drawing.text_document.uri]:
         return replace(result, notes=list(dict.fromkeys([*result.notes, *operation.warnings()])))
-    _LAST[project] = operation
+    project.find_new_warnings = operation.warnings
     edited = operation.drafts.draft(drawing.text_document.uri).source
     return replace(result, drawing=draw_document(project, edited, drawing))
 
 
 def last_warnings(project: Project) -> NewWarnings:
     """Return the new warnings of the last edit that was returned with a drawing."""
-    operation = _LAST.pop(project, None)
-    return NewWarnings(operation.warnings() if operation is not None else [])
+    find, project.find_new_warnings = project.find_new_warnings, list
+    return NewWarnings(find())
 
 
 def copy_nodes(project: Project, places: Sequence[Place]) -> str:
-    """Return nodes as XML, with the trees and the models that they need.
-
-    Args:
-        project: The project.
-        places: The nodes. Nodes below other nodes are copied with them.
+    """Return nodes as XML, with the nodes below them, and the trees and the models that they need.
 
     Raises:
         EditError: A place is not that of a node.
@@ -112,10 +105,6 @@ def copy_nodes(project: Project, places: Sequence[Place]) -> str:
 
 def preview_edit(project: Project, command: AnyCommand) -> Preview:
     """Return the problems that an operation would add. The documents remain.
-
-    Args:
-        project: The project.
-        command: The operation.
 
     Raises:
         EditError: The operation cannot be applied; the message is the reason.

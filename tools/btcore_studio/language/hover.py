@@ -8,6 +8,7 @@ from urllib.parse import unquote
 
 from lsprotocol import types
 
+from btcore.suggestions import counted
 from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.scan import Place, ScannedElement
 from btcore_studio.language.descriptions import (
@@ -106,8 +107,7 @@ def _tree(project: Project, document: SourceDocument, id: str) -> str:
     lines = []
     for tree in symbols.trees_called(id, document.uri)[:_MAX_PLACES]:
         place = _link(symbols, tree.file, tree.element.start)
-        nodes = f"{len(tree.nodes):,} node{'s' * (len(tree.nodes) != 1)}"
-        lines += [f"**{code(id)}** — tree with {nodes}, {place}", ""]
+        lines += [f"**{code(id)}** — tree with {counted(len(tree.nodes), 'node')}, {place}", ""]
         for model in symbols.models(id, document.uri, of_subtree=True):
             for name, port in islice(model.ports.items(), _MAX_PORTS):
                 lines.append(

@@ -17,11 +17,6 @@ def inlay_hints(project: Project, document: SourceDocument, range: types.Range) 
 
     The first place of each key in a tree has the type of the entry and, if the entry is on the blackboard of
     a calling tree under another name, that name. `=` and `{=}` have the key that they stand for.
-
-    Args:
-        project: The project of the document.
-        document: The document.
-        range: The range.
     """
     first, last = document.positions.offset(range.start), document.positions.offset(range.end)
     hints: list[tuple[int, str]] = []

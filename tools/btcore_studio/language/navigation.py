@@ -55,11 +55,6 @@ def find_definition(project: Project, document: SourceDocument, offset: int) -> 
 
     A key is defined where the trees first write it, else where they first name it. A node is defined by the
     source of its Python leaf, else by its model.
-
-    Args:
-        project: The project.
-        document: The document with the cursor.
-        offset: The offset of the cursor.
     """
     links = links_of(project)
     symbols = links.symbols

@@ -33,11 +33,6 @@ _DESCRIPTION = "A comment, which Groot shows."
 def form_of(project: Project, source: SourceDocument, place: Place) -> NodeForm:
     """Return the form of a node.
 
-    Args:
-        project: The project.
-        source: The document.
-        place: The place of the node.
-
     Raises:
         EditError: There is no node at the place.
     """

@@ -43,12 +43,7 @@ _STRUCTURE: Final = {
 
 
 def find_document_symbols(project: Project, document: SourceDocument) -> list[DocumentSymbol]:
-    """Return the outline: the trees with their nodes, the includes and the models.
-
-    Args:
-        project: The project.
-        document: The document.
-    """
+    """Return the outline: the trees with their nodes, the includes and the models."""
     # The other files are not read, because editors request the outline after each change.
     nodes, format = project.registry, written_format(document.scan)
     outline: list[DocumentSymbol] = []
@@ -92,12 +87,7 @@ def find_workspace_symbols(project: Project, query: str) -> list[WorkspaceSymbol
 
 
 def find_folding_ranges(project: Project, document: SourceDocument) -> list[FoldingRange]:
-    """Return the ranges of lines that an editor can fold: elements, comments and groups of includes.
-
-    Args:
-        project: The project.
-        document: The document.
-    """
+    """Return the ranges of lines that an editor can fold: elements, comments and groups of includes."""
     line = document.positions.line
     ranges: list[FoldingRange] = []
     includes: list[ScannedElement] = []

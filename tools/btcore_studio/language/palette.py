@@ -20,12 +20,7 @@ BUILT_IN = "BehaviorTree.CPP"
 
 
 def palette_of(project: Project, source: SourceDocument) -> Palette:
-    """Return what can be added to the trees of a document, sorted by ID: nodes, then trees.
-
-    Args:
-        project: The project.
-        source: The document.
-    """
+    """Return what can be added to the trees of a document, sorted by ID: nodes, then trees."""
     reading = read_trees(project, source)
     format = reading.definitions.format
     models = {model.get("ID"): model for model in reversed(model_elements(reading.document))}

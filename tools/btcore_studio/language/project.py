@@ -2,7 +2,7 @@
 
 import os
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from pathlib import Path
@@ -147,6 +147,7 @@ class Project:
         settings: The settings of the client.
         registry: The available nodes. Nodes of Python libraries are mock nodes with the same ports.
         models: The nodes of Python libraries and model files by ID, with the places of their source.
+        find_new_warnings: Returns the new warnings of the last edit that was returned with a drawing.
     """
 
     def __init__(self) -> None:
@@ -154,6 +155,7 @@ class Project:
         self.settings = Settings()
         self.registry = Registry.standard()
         self.models: dict[str, NodeModel] = {}
+        self.find_new_warnings: Callable[[], list[str]] = list
         self._open: dict[str, SourceDocument] = {}
         self._on_disk: dict[Path, tuple[FileStamp | None, SourceDocument]] = {}
         self._files: list[Path] | None = None

@@ -82,8 +82,6 @@ class ProjectSymbols:
     all their trees can call each other by ID.
 
     Args:
-        documents: The documents by URI.
-        registry: The known nodes and enums.
         earlier: Earlier symbols, whose results are used again for unchanged documents.
 
     Attributes:

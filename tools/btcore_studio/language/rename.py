@@ -57,11 +57,6 @@ _Target = NamedKey | NamedTree | NamedNode | NodeName
 def prepare_rename(project: Project, document: SourceDocument, offset: int) -> PrepareRenamePlaceholder:
     """Return the name at the cursor and its place.
 
-    Args:
-        project: The project.
-        document: The document with the cursor.
-        offset: The offset of the cursor.
-
     Raises:
         RenameError: There is nothing that can be renamed.
     """
@@ -86,12 +81,6 @@ def rename_symbol(project: Project, document: SourceDocument, offset: int, new_n
     A key is renamed in its tree. SubTree elements that remap the key keep the key on their other side;
     `_autoremap`, shared blackboards and `@` make several trees use one name, so it changes in all of them.
     The code of programs and leaves is not changed, nor are texts that name a key when the tree runs.
-
-    Args:
-        project: The project.
-        document: The document with the cursor.
-        offset: The offset of the cursor.
-        new_name: The new name.
 
     Raises:
         RenameError: There is nothing that can be renamed, or the new name is invalid or in use.
