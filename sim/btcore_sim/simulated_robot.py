@@ -69,7 +69,6 @@ class CarryPath:
 
     Attributes:
         end: The time of the last pose (ns).
-        height: The height of the robot's base link (m).
     """
 
     def __init__(self, poses: Sequence[Pose2D], speed: float, start_time: int, height: float) -> None:
