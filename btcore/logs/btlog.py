@@ -78,6 +78,9 @@ class BtLogWriter:
         with _gaps_file(self.path).open("a", encoding="utf-8", newline="\n") as file:
             file.write(f"{self._count} {' '.join(reason.split())}\n")
 
+    def finish(self) -> None:
+        """Do nothing: the format has no end. Other writers complete their files."""
+
     def close(self) -> None:
         """Close the file."""
         self._file.close()

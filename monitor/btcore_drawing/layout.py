@@ -183,53 +183,71 @@ def _cost(shape: _Shape, aspect: float) -> float:
     return max(shape.width, shape.height * aspect)
 
 
+class _Level(NamedTuple):
+    """The nodes at a depth; the y of their tops, of the lowest end of a card, and of the next level."""
+
+    nodes: list[int]
+    top: float
+    end: float
+    below: float
+
+
+def _levels(boxes: Sequence[Box]) -> list[_Level]:
+    levels, nodes, top = [], [0], 0.0
+    while nodes:
+        inner = [boxes[index] for index in nodes if boxes[index].children]
+        end = top + max([boxes[index].pad + boxes[index].height for index in nodes])
+        below = end + max([box.gap for box in inner], default=0.0)
+        levels.append(_Level(nodes, top, end, below))
+        nodes, top = [child for box in inner for child in box.children], below
+    return levels
+
+
 def _in_levels(boxes: Sequence[Box], limit: float) -> _Shape:
     """Return the root's shape with children in rows, and the cards of a level at the same height.
 
     Subtrees without frames are packed by their contours. Children hang from a spine if their row would be
     wider than *limit*. The time is linear in the number of boxes.
     """
-    levels, level, top = [], [0], 0.0
-    while level:
-        inner = [boxes[index] for index in level if boxes[index].children]
-        end = top + max([boxes[index].pad + boxes[index].height for index in level])
-        below = end + max([box.gap for box in inner], default=0.0)
-        levels.append((level, top, end, below))
-        level, top = [child for box in inner for child in box.children], below
     shapes: list[_Shape] = [_Shape(0.0, 0.0, 0.0)] * len(boxes)
     sides: list[tuple[_Side, _Side]] = [(_Side([]), _Side([]))] * len(boxes)
-    for level, top, end, below in reversed(levels):
-        for index in level:
-            box, left, right = boxes[index], _Side([]), _Side([])
+    for level in reversed(_levels(boxes)):
+        for index in level.nodes:
+            box = boxes[index]
             children = [shapes[child] for child in box.children]
-            starts: list[float] = []
-            for child in box.children:
-                child_left, child_right = sides[child]
-                start = right.distance(child_left) + GAP_X if starts else 0.0
-                starts.append(start)
-                child_left.x += start
-                child_right.x += start
-                left, right = left.above(child_left), child_right.above(right)
+            starts, left, right = _packed([sides[child] for child in box.children])
             shape = _Shape(box.width, box.height, 0.0)
-            if starts:
+            if children:
                 widths = [boxes[child].width for child in box.children]
-                drop = below - top - box.pad - box.height
+                drop = level.below - level.top - box.pad - box.height
                 shape = _in_columns(box, widths, [[child] for child in children], starts, drop)
-                left.x += shape.starts[0]
-                right.x += shape.starts[0]
-            start, stop = shape.anchor, shape.anchor + box.width
-            if is_wide := shape.width > limit and len(starts) > 1:
+            is_wide = shape.width > limit and len(children) > 1
+            if is_wide:
                 shape = _flowed(box, children, limit if len(children) >= ROWS_FROM else 0.0)
             if box.has_frame:
                 shape = _framed(shape)
-            bottom = end
             if is_wide or box.has_frame:
-                left, right = _Side([]), _Side([])
-                start, stop, bottom = 0.0, shape.width, top + shape.height
-            left.parts.append((bottom, start - left.x))
-            right.parts.append((bottom, stop - right.x))
+                bottom = level.top + shape.height
+                left, right = _Side([(bottom, 0.0)]), _Side([(bottom, shape.width)])
+            else:
+                for side, x in ((left, shape.anchor), (right, shape.anchor + box.width)):
+                    side.x += shape.starts[0] if children else 0.0
+                    side.parts.append((level.end, x - side.x))
             shapes[index], sides[index] = shape, (left, right)
     return shapes[0]
+
+
+def _packed(contours: Sequence[tuple[_Side, _Side]]) -> tuple[list[float], _Side, _Side]:
+    """Return the x of areas side by side, and the sides of all together. It consumes *contours*."""
+    starts: list[float] = []
+    left, right = _Side([]), _Side([])
+    for child_left, child_right in contours:
+        start = right.distance(child_left) + GAP_X if starts else 0.0
+        starts.append(start)
+        child_left.x += start
+        child_right.x += start
+        left, right = left.above(child_left), child_right.above(right)
+    return starts, left, right
 
 
 def _offers(boxes: Sequence[Box]) -> list[_Shape]:

@@ -26,7 +26,7 @@ from btcore_monitor.events import (
     TreeEvent,
 )
 from btcore_monitor.logs.sqlite import EXTENSIONS as SQLITE
-from btcore_monitor.logs.sqlite import GAP_PREFIX, SqliteWriter
+from btcore_monitor.logs.sqlite import SqliteWriter
 from btcore_monitor.wire.fulltree import write_fulltree
 
 LOGS: Final = (BTLOG, *SQLITE, BAG)
@@ -34,6 +34,9 @@ LOGS: Final = (BTLOG, *SQLITE, BAG)
 
 _LATEST: Final = (1 << 48) - 1
 """The largest time in a log, in µs since its start."""
+
+
+_Writer = BtLogWriter | BagWriter | SqliteWriter
 
 
 class LogWriter:
@@ -53,7 +56,8 @@ class LogWriter:
         """The number of gaps. Transitions that the robot never sends do not count."""
         self._trees = 0
         self._tree_id = ""
-        self._logs: list[_FileLog | _SqliteLog] = []
+        self._writers: list[_Writer] = []
+        self._rows: list[tuple[int, int, Status, Status]] = []
         self._statuses: dict[int, int] = {}
         self._start = 0
         self._next: int | None = None
@@ -74,14 +78,21 @@ class LogWriter:
 
     def flush(self) -> None:
         """Write the remaining transitions to the files."""
-        for log in self._logs:
-            log.flush()
+        rows, self._rows = self._rows, []
+        if rows:
+            for writer in self._writers:
+                writer.append(rows)
 
     def close(self) -> None:
         """Write the remaining transitions and close the files."""
-        logs, self._logs = self._logs, []
-        for log in logs:
-            log.close()
+        try:
+            self.flush()
+            for writer in self._writers:
+                writer.finish()
+        finally:
+            for writer in self._writers:
+                writer.close()
+            self._writers.clear()
 
     def _begin(self, event: TreeEvent) -> None:
         if event.tree.tree_id == self._tree_id:
@@ -103,7 +114,7 @@ class LogWriter:
         self._trees += 1
         for path in self.paths:
             file = numbered_file(path, self._trees)
-            self._logs.append((_FileLog if file.suffix in (BTLOG, BAG) else _SqliteLog)(file, event))
+            self._writers.append(_open_writer(file, event))
             self.files.append(file)
 
     def _write_change(self, event: TransitionEvent) -> None:
@@ -132,74 +143,25 @@ class LogWriter:
         since = min(max(0, stamp - self._start) // NS_PER_US, _LATEST)
         self._statuses[uid] = status
         self.transitions += 1
-        for log in self._logs:
-            log.add(since, uid, Status(previous), Status(status))
+        self._rows.append((since, uid, Status(previous), Status(status)))
 
     def _write_gap(self, reason: str, *, known: bool = False) -> None:
         """Mark a gap for *reason*. A gap that is *known* from the beginning is not counted."""
         self.gaps += not known
-        for log in self._logs:
-            log.gap(reason)
-
-
-class _FileLog:
-    """A `.btlog` file or a bag. Transitions are kept until `flush`."""
-
-    def __init__(self, path: Path, event: TreeEvent) -> None:
-        xml, start = write_fulltree(event.tree), event.wall // NS_PER_US
-        names = {node.uid: node.name for node in event.tree.nodes}
-        self._file: BtLogWriter | BagWriter
-        is_bag = path.suffix == BAG
-        self._file = BagWriter(path, xml, names, start) if is_bag else BtLogWriter(path, xml, start)
-        self._rows: list[tuple[int, int, Status, Status]] = []
-
-    def add(self, since: int, uid: int, previous: Status, status: Status) -> None:
-        self._rows.append((since, uid, previous, status))
-
-    def gap(self, reason: str) -> None:
         self.flush()
-        self._file.gap(reason)
-
-    def flush(self) -> None:
-        rows, self._rows = self._rows, []
-        if rows:
-            self._file.append(rows)
-
-    def close(self) -> None:
-        try:
-            self.flush()
-            if isinstance(self._file, BagWriter):
-                self._file.finish()
-        finally:
-            self._file.close()
+        for writer in self._writers:
+            writer.gap(reason)
 
 
-class _SqliteLog:
-    """An SQLite file. A gap is written with the next transition, because only its row has a text column."""
-
-    def __init__(self, path: Path, event: TreeEvent) -> None:
-        tree = event.tree
-        xml = write_fulltree(tree).decode("utf-8", "replace")
-        self._file = SqliteWriter(path, xml, [(node.path, node.uid) for node in tree.nodes])
-        self._file.begin_at(event.wall // NS_PER_US)
-        self._gaps: list[str] = []
-
-    def add(self, since: int, uid: int, previous: Status, status: Status) -> None:
-        extra = GAP_PREFIX + "; ".join(self._gaps) if self._gaps else ""
-        self._gaps.clear()
-        self._file.add(since, uid, previous, status, extra)
-
-    def gap(self, reason: str) -> None:
-        self._gaps.append(reason)
-
-    def flush(self) -> None:
-        self._file.flush()
-
-    def close(self) -> None:
-        try:
-            self._file.finish()
-        finally:
-            self._file.close()
+def _open_writer(path: Path, event: TreeEvent) -> _Writer:
+    nodes, xml, start = event.tree.nodes, write_fulltree(event.tree), event.wall // NS_PER_US
+    if path.suffix == BTLOG:
+        return BtLogWriter(path, xml, start)
+    if path.suffix == BAG:
+        return BagWriter(path, xml, {node.uid: node.name for node in nodes}, start)
+    writer = SqliteWriter(path, xml.decode("utf-8", "replace"), [(node.path, node.uid) for node in nodes])
+    writer.begin_at(start)
+    return writer
 
 
 WRITE_ERRORS: Final = (OSError, sqlite3.Error)

@@ -4,7 +4,6 @@ The control law is a regulated pure pursuit: the speed depends on the curvature 
 of the arc in the newest scan, on the clearance beside the arc, and on the remaining distance. The robot
 passes an obstacle on the path by a detour; the controller updates the detour while the obstacle stays.
 Collision checks treat the robot as a circle: they compare the distance to the nearest obstacle with a radius.
-`GoalChecker` and `ProgressChecker` are Nav2's SimpleGoalChecker and PoseProgressChecker.
 """
 
 import math
@@ -20,6 +19,7 @@ from btcore_navigation.clearance import ClearanceGrid, laser_pose, min_clearance
 from btcore_navigation.costmap import LocalCostmap
 from btcore_navigation.detour import find_detour
 from btcore_navigation.error_codes import Nav2ErrorCode
+from btcore_navigation.goal_checks import GoalChecker, ProgressChecker
 from btcore_navigation.parameters import ControllerParameters
 from btcore_navigation.path import NavPath, path_through
 from btcore_navigation.pure_pursuit import Carrot, PurePursuit
@@ -101,78 +101,6 @@ FollowPathHandle = GoalHandle[FollowPathGoal, FollowPathFeedback, None]
 """The handle of a `FollowPathGoal`."""
 
 
-class GoalChecker:
-    """A check whether a pose is within *xy* (m) and *yaw* (rad) of the goal.
-
-    With *stateful*, a position that was reached once stays reached until `reset`; only the heading is checked
-    from then on.
-
-    Attributes:
-        is_position_reached: Whether the last check found the robot at the goal's position, with any heading.
-    """
-
-    def __init__(self, xy: float, yaw: float, stateful: bool = True) -> None:
-        self._xy = xy
-        self._yaw = yaw
-        self._stateful = stateful
-        self.is_position_reached = False
-
-    def reset(self) -> None:
-        """Forget that the position was reached, for a new goal."""
-        self.is_position_reached = False
-
-    def check(self, pose: Pose2D, goal: Pose2D) -> bool:
-        """Return whether the robot has the position and the heading of the goal.
-
-        Args:
-            pose: The robot's pose.
-            goal: The goal, in the same frame as *pose*.
-        """
-        is_close = math.hypot(goal.x - pose.x, goal.y - pose.y) <= self._xy
-        self.is_position_reached = is_close or (self._stateful and self.is_position_reached)
-        return self.is_position_reached and abs(wrap_angle(goal.yaw - pose.yaw)) <= self._yaw
-
-
-class ProgressChecker:
-    """A check whether a robot moved *radius* (m) or turned *angle* (rad) within the last *allowance* (s).
-
-    Call `pause` to exclude time in which the robot is not allowed to move.
-    """
-
-    def __init__(self, radius: float, angle: float, allowance: float) -> None:
-        self._radius = radius
-        self._angle = angle
-        self._allowance = round(allowance * NS_PER_S)
-        self._reference: Pose2D | None = None
-        self._since = 0
-
-    def reset(self) -> None:
-        """Measure the progress from the pose and the time of the next check."""
-        self._reference = None
-
-    def pause(self, nanoseconds: int) -> None:
-        """Exclude the last *nanoseconds* from the time without progress."""
-        self._since += nanoseconds
-
-    def check(self, pose: Pose2D, now: int) -> bool:
-        """Return whether the robot makes progress. The first check after `reset` returns True.
-
-        Args:
-            pose: The robot's pose, in the same frame in all calls.
-            now: The time (ns).
-        """
-        reference = self._reference
-        if (
-            reference is None
-            or math.hypot(pose.x - reference.x, pose.y - reference.y) > self._radius
-            or abs(wrap_angle(pose.yaw - reference.yaw)) > self._angle
-        ):
-            self._reference = pose
-            self._since = now
-            return True
-        return now - self._since <= self._allowance
-
-
 class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
     """The action server of `FollowPathGoal`.
 
@@ -191,7 +119,6 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
 
     Attributes:
         name: The name of the action.
-        parameters: The parameters of the controller.
     """
 
     name = "follow_path"

@@ -1,7 +1,7 @@
 """The protocol by which Nav2's tree nodes use a navigation: goals, requests, poses and topics."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from typing import Any, Protocol, TypeVar, runtime_checkable
@@ -199,8 +199,8 @@ class NavigationServers(Protocol):
     def can_transform(self, target: str, source: str) -> bool:
         """Return whether the transform from the frame *source* to the frame *target* is available."""
 
-    def last_goals(self) -> Sequence[AnyGoalHandle | None]:
-        """Return the last goal of planner, controller, and each recovery behaviour, in this order."""
+    def last_goals(self) -> Mapping[str, AnyGoalHandle]:
+        """Return the last goals by action, in this order: planner, smoother, controller, recoveries."""
 
     @property
     def is_recovering(self) -> bool:

@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -177,7 +177,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, tuple[WaypointStatu
         self._judges_progress = True
         self._trees: dict[Path, Tree] = {}
         self._began = 0
-        self._earlier_goals: Sequence[object] = ()
+        self._earlier_goals: Mapping[str, AnyGoalHandle] = {}
         self._inherited: Sequence[AnyGoalHandle] | None = None
         """The servers' goals that were in progress when the running tree got its present goal.
 
@@ -217,7 +217,7 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, tuple[WaypointStatu
             before.halt()
         if not continues:
             board["path"] = empty_path(now)
-        in_progress = [sent for sent in self.servers.last_goals() if sent is not None and not sent.done]
+        in_progress = [sent for sent in self._earlier_goals.values() if not sent.done]
         self._inherited = in_progress if continues else None
         self.tree = tree
         self._judges_progress = next(iter(tree.find(GoalUpdater)), None) is None
@@ -271,10 +271,15 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, tuple[WaypointStatu
         """
         if self._inherited is None:
             return False
-        latest = self.servers.last_goals()
-        if all(goal is earlier for goal, earlier in zip(latest, self._earlier_goals, strict=True)):
+        if not self._new_goals():
             return True
+        latest = self.servers.last_goals().values()
         return any(goal in latest and goal.status is GoalStatus.SUCCEEDED for goal in self._inherited)
+
+    def _new_goals(self) -> dict[str, AnyGoalHandle]:
+        """Return the last goals by action, without those from before the present goal."""
+        latest, earlier = self.servers.last_goals(), self._earlier_goals
+        return {action: goal for action, goal in latest.items() if goal is not earlier.get(action)}
 
     def stop(self, handle: NavigateHandle, now: int) -> None:
         """Halt the tree, which cancels the goals that its nodes have sent."""
@@ -343,9 +348,9 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, tuple[WaypointStatu
 
     def _check_progress(self, handle: NavigateHandle, now: int) -> None:
         """Abort the goal if the robot has come no closer to it for too long."""
-        planned, earlier = self.servers.last_goals()[0], self._earlier_goals[0]
-        if planned is not None and planned is not earlier and planned.status is GoalStatus.ABORTED:
-            self._plan_failure = planned.result
+        for action, goal in self._new_goals().items():
+            if action.startswith("compute_path") and goal.status is GoalStatus.ABORTED:
+                self._plan_failure = goal.result
         if now < self._next_check or handle.feedback is None:
             return
         self._next_check = now + CHECK_PERIOD_NS
@@ -369,11 +374,9 @@ class Navigator(ActionServer[NavigateGoal, NavigateFeedback, tuple[WaypointStatu
 
     def _failure_reason(self) -> tuple[int, str]:
         """Return code and message of the first server whose last goal since the start was aborted."""
-        for current, earlier in zip(self.servers.last_goals(), self._earlier_goals, strict=True):
-            if current is None or current is earlier or current.status is not GoalStatus.ABORTED:
-                continue
-            if current.result is not None:
-                return current.result.code, current.result.message
+        for goal in self._new_goals().values():
+            if goal.status is GoalStatus.ABORTED and goal.result is not None:
+                return goal.result.code, goal.result.message
         return int(Nav2ErrorCode.NAVIGATE_UNKNOWN), "the behavior tree failed"
 
     def _end(self, handle: NavigateHandle, code: int, message: str, now: int) -> None:

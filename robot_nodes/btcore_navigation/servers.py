@@ -1,6 +1,6 @@
 """The servers of a robot in this process, as a resource for Nav2's tree nodes."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol, cast
 
@@ -138,13 +138,13 @@ class Servers(NavigationServers):
         return {
             "compute_path_to_pose": self.compute_path,
             "compute_path_through_poses": self.compute_path,
+            "smooth_path": self.smooth_path,
             "follow_path": self.follow_path,
             "spin": self.spin,
             "backup": self.back_up,
             "drive_on_heading": self.drive_on_heading,
             "wait": self.wait,
             "assisted_teleop": self.assisted_teleop,
-            "smooth_path": self.smooth_path,
             **self.navigators,
         }
 
@@ -202,11 +202,12 @@ class Servers(NavigationServers):
         """Return whether the transform from the frame *source* to the frame *target* is available."""
         return self.transforms.can_transform(target, source)
 
-    def last_goals(self) -> Sequence[AnyGoalHandle | None]:
-        """Return the last goal of planner, controller, and each recovery behaviour, in this order."""
-        servers: Sequence[ActionServer[Any, Any, Any]]
-        servers = (self.compute_path, self.follow_path, *self._recoveries())
-        return [server.current for server in servers]
+    def last_goals(self) -> Mapping[str, AnyGoalHandle]:
+        """Return the last goals by action; see `NavigationServers.last_goals`."""
+        servers = {
+            action: server for action, server in self.by_action.items() if action not in self.navigators
+        }
+        return {action: goal for action, server in servers.items() if (goal := server.current) is not None}
 
     @property
     def is_recovering(self) -> bool:

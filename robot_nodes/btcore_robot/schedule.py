@@ -128,10 +128,7 @@ class SimulatedSchedule(_PeriodicTasks):
 
     Args:
         start: The first time (ns).
-        pace: The function, or None.
-
-    Attributes:
-        pace: The function, which may be replaced.
+        pace: The function, or None. The attribute may be replaced.
 
     Examples:
         >>> from btcore_robot.robot import Phase

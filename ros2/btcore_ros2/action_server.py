@@ -76,7 +76,6 @@ class RosActionServer(Generic[Goal, Result, Feedback]):
     Args:
         session: The session whose `drain` serves the clients.
         action_type: The class of the action, such as `nav2_msgs.action.Spin`.
-        name: The name of the action.
         reject_reason: Called with the message of a new goal. It returns why the goal is rejected, or "" to
             accept it. The reason is logged, since a rejection contains no text.
         untaken_result: The result message of goals that end before they are taken; default an empty message.

@@ -15,20 +15,27 @@ from rclpy.exceptions import InvalidHandle
 from rclpy.node import NodeNameNonExistentError
 from rclpy.qos import DurabilityPolicy, QoSCompatibility, QoSProfile, ReliabilityPolicy, qos_check_compatible
 
+from btcore.clock import NS_PER_S
 from btcore_ros2.direct_take import action_clients
 from btcore_ros2.interfaces import interface_name
 
 if TYPE_CHECKING:
     from rclpy.node import Node
 
-CHECK_NS = 1_000_000_000
+CHECK_NS = NS_PER_S
 """The time (ns) between two checks of a connection."""
 
-NAME_WAIT_NS = 10_000_000_000
+NAME_WAIT_NS = 10 * NS_PER_S
 """The time (ns) that a publisher or subscription without the name of its ROS node has to get one.
 
 The name arrives after the topic. Programs that use DDS without ROS have no name at all.
 """
+
+INCOMPATIBLE = (
+    (ReliabilityPolicy.BEST_EFFORT, ReliabilityPolicy.RELIABLE),
+    (DurabilityPolicy.VOLATILE, DurabilityPolicy.TRANSIENT_LOCAL),
+)
+"""The policies of a publisher and a subscription that exclude each other."""
 
 UNKNOWN_NAME = "_NODE_NAME_UNKNOWN_"  # of rmw_fastrtps
 
@@ -52,17 +59,15 @@ def qos_problem(offered: QoSProfile, requested: QoSProfile) -> str:
     compatibility, reason = qos_check_compatible(offered, requested)
     if compatibility != QoSCompatibility.ERROR:
         return ""
-    remedies = []
-    if (offered.reliability, requested.reliability) == (
-        ReliabilityPolicy.BEST_EFFORT,
-        ReliabilityPolicy.RELIABLE,
-    ):
-        remedies.append("the subscription must be BEST_EFFORT, or the publisher RELIABLE")
-    if (offered.durability, requested.durability) == (
-        DurabilityPolicy.VOLATILE,
-        DurabilityPolicy.TRANSIENT_LOCAL,
-    ):
-        remedies.append("the subscription must be VOLATILE, or the publisher TRANSIENT_LOCAL")
+    pairs = (
+        (offered.reliability, requested.reliability),
+        (offered.durability, requested.durability),
+    )
+    remedies = [
+        f"the subscription must be {weak.name}, or the publisher {strong.name}"
+        for weak, strong in pairs
+        if (weak, strong) in INCOMPATIBLE
+    ]
     return "; ".join(remedies) or reason.removeprefix("ERROR: ").rstrip(";")
 
 
@@ -146,12 +151,8 @@ class ConnectionChecks:
         publishers = self._node.get_publishers_info_by_topic(topic)
         subscriptions = self._node.get_subscriptions_info_by_topic(topic)
         for publisher, subscription in product(publishers, subscriptions):
-            if not (self._has_name(publisher) and self._has_name(subscription)):
-                continue
-            if endpoint_name(subscription) == own:
-                yield from _problem_with_publisher(topic, publisher, subscription)
-            elif endpoint_name(publisher) == own:
-                yield from _problem_with_subscription(topic, publisher, subscription)
+            if self._has_name(publisher) and self._has_name(subscription):
+                yield from _problems_between(publisher, subscription, topic, own)
 
     def _has_name(self, info: Any) -> bool:
         """Return whether an endpoint has the name of its ROS node, or has waited for it in vain."""
@@ -183,31 +184,20 @@ class ConnectionChecks:
         return ""
 
 
-def _problem_with_publisher(topic: str, publisher: Any, own: Any) -> Iterator[str]:
-    remote = endpoint_name(publisher)
-    if publisher.topic_type != own.topic_type:
+def _problems_between(publisher: Any, subscription: Any, topic: str, own: str) -> Iterator[str]:
+    """Yield the problem of the connection between two endpoints; *own* is the name of this ROS node."""
+    names = [endpoint_name(info) for info in (publisher, subscription)]
+    if own not in names:
+        return
+    sender, receiver = ("this program" if name == own else f"the ROS node {name}" for name in names)
+    if publisher.topic_type != subscription.topic_type:
         yield (
-            f"topic {topic}: the ROS node {remote} publishes {publisher.topic_type}, this program subscribes "
-            f"to {own.topic_type}; use the type or the name of the topic that you mean"
+            f"topic {topic}: {sender} publishes {publisher.topic_type}, {receiver} subscribes to "
+            f"{subscription.topic_type}; use the type or the name of the topic that you mean"
         )
-    elif remedy := qos_problem(publisher.qos_profile, own.qos_profile):
+    elif remedy := qos_problem(publisher.qos_profile, subscription.qos_profile):
         yield (
-            f"topic {topic}: no message of the ROS node {remote} arrives, because its QoS is incompatible: "
-            f"it publishes {qos_text(publisher.qos_profile)}, this program subscribes with "
-            f"{qos_text(own.qos_profile)}; {remedy}"
-        )
-
-
-def _problem_with_subscription(topic: str, own: Any, subscription: Any) -> Iterator[str]:
-    remote = endpoint_name(subscription)
-    if subscription.topic_type != own.topic_type:
-        yield (
-            f"topic {topic}: the ROS node {remote} subscribes to {subscription.topic_type}, this program "
-            f"publishes {own.topic_type}; use the type or the name of the topic that you mean"
-        )
-    elif remedy := qos_problem(own.qos_profile, subscription.qos_profile):
-        yield (
-            f"topic {topic}: the ROS node {remote} receives no message, because its QoS is incompatible: it "
-            f"subscribes with {qos_text(subscription.qos_profile)}, this program publishes "
-            f"{qos_text(own.qos_profile)}; {remedy}"
+            f"topic {topic}: no message arrives, because the QoS is incompatible: {sender} publishes "
+            f"{qos_text(publisher.qos_profile)}, {receiver} subscribes with "
+            f"{qos_text(subscription.qos_profile)}; {remedy}"
         )

@@ -2,18 +2,13 @@
 
 import os
 import platform
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from importlib.util import find_spec
-from itertools import product
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Literal
 
-from btcore_ros2.errors import RosError
 from btcore_ros2.installation import Installation, find_installation
 from btcore_ros2.interfaces import package_remedy
-
-if TYPE_CHECKING:
-    from rclpy.node import Node
 
 BUNDLED_PACKAGES = {
     "tf2_msgs": "transforms",
@@ -66,19 +61,6 @@ def examine_machine() -> Iterator[Finding]:
             )
 
 
-def examine_network(seconds: float, ros_args: str | None) -> Iterator[Finding]:
-    """Yield the findings about the topics, services and actions that are visible after *seconds* (s).
-
-    Raises:
-        RosError: ROS 2 cannot be used.
-    """
-    from btcore_ros2.session import RosSession, node_arguments
-
-    with RosSession("btcore_doctor", arguments=node_arguments(ros_args)) as session:
-        session.wait_for(lambda: False, seconds)
-        yield from _visible(session.node)
-
-
 def _check_installation(installation: Installation) -> Finding:
     if installation.problem:
         return Finding("error", "installation", installation.problem, installation.remedy)
@@ -112,94 +94,3 @@ def _discovery(environment: Mapping[str, str]) -> Finding:
         reach = "this machine only" if range_setting == "LOCALHOST" else "no automatic discovery"
         return Finding("ok", "discovery", f"{text}: {reach}")
     return Finding("ok", "discovery", text)
-
-
-def _visible(node: "Node") -> Iterator[Finding]:
-    from btcore_ros2.connection_checks import IGNORED_TOPICS
-
-    others = {item for item in node.get_node_names_and_namespaces() if item[0] != node.get_name()}
-    if not others:
-        yield Finding(
-            "warning",
-            "ROS nodes",
-            "no other ROS node is visible",
-            "start the robot; its domain, discovery range and network must be the same",
-        )
-        return
-    yield Finding("ok", "ROS nodes", f"{len(others)} visible")
-    missing: set[str] = set()
-    for topic, types in sorted(node.get_topic_names_and_types()):
-        publishers = _endpoints(node.get_publishers_info_by_topic(topic), node)
-        subscriptions = _endpoints(node.get_subscriptions_info_by_topic(topic), node)
-        if publishers or subscriptions:
-            missing.update(name.partition("/")[0] for name in types)
-            finding = _topic(topic, types, publishers, subscriptions)
-            if finding.level != "ok" or (topic not in IGNORED_TOPICS and "/_action/" not in topic):
-                yield finding
-    for _, types in node.get_service_names_and_types():
-        missing.update(name.partition("/")[0] for name in types)
-    for package in sorted(missing):
-        if find_spec(package) is None:
-            remedy = package_remedy(package, find_installation())
-            yield Finding("warning", "messages", f"{package} is used in this network, not installed", remedy)
-    from btcore_ros2.robot.topic_report import CLOCK_REMEDY
-
-    topic = node.resolve_topic_name("/clock")
-    clocks = [_name(info) for info in node.get_publishers_info_by_topic(topic)]
-    if not clocks:
-        yield Finding("ok", "clock", f"the clocks of the machines; no ROS node publishes {topic}")
-    elif len(clocks) == 1:
-        yield Finding("ok", "clock", f"simulated time: {clocks[0]} publishes {topic}")
-    else:
-        text = f"several ROS nodes publish {topic}: {', '.join(clocks)}"
-        yield Finding("warning", "clock", text, CLOCK_REMEDY)
-
-
-def _endpoints(infos: Sequence[Any], node: "Node") -> list[Any]:
-    return [info for info in infos if info.node_name != node.get_name()]
-
-
-def _name(info: Any) -> str:
-    from btcore_ros2.connection_checks import endpoint_name
-
-    return endpoint_name(info)
-
-
-def _topic(
-    topic: str, types: Sequence[str], publishers: Sequence[Any], subscriptions: Sequence[Any]
-) -> Finding:
-    """Return the finding about *topic*: its type, and the first mismatch."""
-    from btcore_ros2.connection_checks import qos_problem, qos_text
-
-    subject = f"topic {topic}"
-    if len(types) > 1:
-        sides = [f"{_name(info)} uses {info.topic_type}" for info in (*publishers, *subscriptions)]
-        return Finding("warning", subject, "; ".join(sides), "all ROS nodes must use the same type")
-    for publisher, subscription in product(publishers, subscriptions):
-        if remedy := qos_problem(publisher.qos_profile, subscription.qos_profile):
-            text = (
-                f"{types[0]}: {_name(subscription)} ({qos_text(subscription.qos_profile)}) receives nothing "
-                f"from {_name(publisher)} ({qos_text(publisher.qos_profile)})"
-            )
-            return Finding("warning", subject, text, remedy)
-    qos = f", {qos_text(publishers[0].qos_profile)}" if publishers else ""
-    counts = f"{len(publishers)} publishing, {len(subscriptions)} subscribed"
-    return Finding("ok", subject, f"{types[0]}, {counts}{qos}")
-
-
-def diagnose(seconds: float, ros_args: str | None = None) -> Iterator[Finding]:
-    """Yield the findings about this machine and, if ROS 2 can be used, about the network.
-
-    Args:
-        seconds: How long to search for other ROS nodes (s).
-        ros_args: The arguments of the ROS node, as one text.
-    """
-    usable = True
-    for finding in examine_machine():
-        usable = usable and finding.level != "error"
-        yield finding
-    if usable:
-        try:
-            yield from examine_network(seconds, ros_args)
-        except RosError as error:
-            yield Finding("error", "ROS 2", str(error), "see the message")

@@ -83,9 +83,6 @@ class MessageValueError(RosError):
     Args:
         problems: The problems, at most `MAX_PROBLEMS`.
         name: The name of the value, with which the places of the problems begin; may be "".
-
-    Attributes:
-        problems: The problems.
     """
 
     def __init__(self, problems: Sequence[FieldProblem], name: str) -> None:

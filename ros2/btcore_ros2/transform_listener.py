@@ -25,9 +25,6 @@ class TransformListener:
     If the stamps of a frame jump back, because a simulation was reset, the moving frames are unknown until
     their next transforms arrive. A transform that is late, as over a bridge, is stored with its own stamp.
 
-    Args:
-        session: The session.
-
     Attributes:
         transforms: The frames.
         parts: The subscriptions.

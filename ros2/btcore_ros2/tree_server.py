@@ -85,7 +85,6 @@ class TreeServer:
         clock: The clock of the trees; default the clock of the session.
 
     Attributes:
-        session: The session.
         blackboard: The global blackboard.
         tree: The tree that runs, or ran last; None before the first goal.
 

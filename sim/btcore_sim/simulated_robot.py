@@ -21,7 +21,6 @@ from btcore_robot.robot import (
     LaserInfo,
     LaserScan,
     Odometry,
-    Phase,
     Pose2D,
     Robot,
     SonarReading,
@@ -36,20 +35,14 @@ from btcore_sim import scene_messages
 from btcore_sim.battery import FULL, BatteryModel
 from btcore_sim.camera import Camera, CameraSettings
 from btcore_sim.contacts import ContactCounter
-from btcore_sim.differential_drive import (
-    DifferentialDrive,
-    WheelErrorModel,
-    WheelOdometry,
-)
+from btcore_sim.differential_drive import DifferentialDrive
 from btcore_sim.errors import SimError
 from btcore_sim.faults import Fault, FaultSchedule
 from btcore_sim.kinematics import Kinematics
-from btcore_sim.laser import Laser, MovableObstacles, RayCaster
-from btcore_sim.latency import DelayedReadings
 from btcore_sim.physics_body import PhysicsBody
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.robot_description import RobotDescription, load_robot_description
-from btcore_sim.sonar import Sonars
+from btcore_sim.robot_sensors import RobotSensors
 from btcore_sim.visible_faces import VisibleFaces
 from btcore_sim.world import World
 
@@ -69,7 +62,6 @@ class CarryPath:
 
     Attributes:
         end: The time of the last pose (ns).
-        height: The height of the robot's base link (m).
     """
 
     def __init__(self, poses: Sequence[Pose2D], speed: float, start_time: int, height: float) -> None:
@@ -142,11 +134,11 @@ class SimulatedRobot(Robot):
             joint = self.physics_body.joint(held.joint)
             self.physics_body.hold_joint(joint, held.position, held.force, held.speed)
         self._wheels = [self.physics_body.joint(wheels.left), self.physics_body.joint(wheels.right)]
-        self._laser_link = self.physics_body.link(self.description.laser.link)
         mount = self.description.camera
         self._camera_link = self.physics_body.link(mount.link) if mount else -1
-        for shell in self.description.shells:
-            self.physics_body.link(shell.link)  # raises an error for an unknown link
+        # Raises an error for an unknown link.
+        for link in (self.description.laser.link, *(shell.link for shell in self.description.shells)):
+            self.physics_body.link(link)
         head = self.description.head
         self._head = [self.physics_body.joint(head.pan), self.physics_body.joint(head.tilt)] if head else []
         torso = self.description.torso
@@ -169,41 +161,15 @@ class SimulatedRobot(Robot):
         """The true distance driven (m), without kidnappings."""
         self.kidnap_times: list[int] = []
         """The times (ns) at which the robot was kidnapped: `kidnap` or `carry` was called."""
-        # The laser's light passes through glass.
-        opaque = {body: item for body, item in world.bodies.items() if not item.is_glass}
-        static_objects = [item for item in opaque.values() if item.is_static]
-        laser = self.description.laser
-        movable_bodies = {body: opaque[body] for body in world.movable if body in opaque}
-        movable_objects = MovableObstacles(world.client, movable_bodies)
-        static_ray_caster = RayCaster.of(static_objects, world.description.walls)
-        random = world.random("laser")
-        self._laser = Laser(laser.info, static_ray_caster, random, movable_objects, laser.outliers)
         self._camera = (
             Camera(VisibleFaces(world, self.physics_body), self.description.camera, camera)
             if camera and self.description.camera
             else None
         )
-        mounts = self.description.sonars
-        self._sonar_links = [self.physics_body.link(mount.link) for mount in mounts]
-        self._sonars = Sonars(world.client, mounts)
-        angles = self.physics_body.joint_positions(self._wheels)
-        wheel_errors = WheelErrorModel(self.description.odometry, world.random("odometry"))
-        self._wheel_odometry = WheelOdometry(wheels.radius, wheels.separation, angles, wheel_errors)
-        self._odometry = self._wheel_odometry.update(angles, 0)
-        self._delayed_odometry = DelayedReadings[Odometry](self.description.odometry.latency)
-        self._delayed_odometry.add(self._odometry, 0)
         self.start_pose = self.true_pose()
         """The true pose of the base at time 0."""
-        self._scan: LaserScan | None = None
-        self._delayed_scans = DelayedReadings[LaserScan](laser.latency)
-        self._sense_laser(0)
-        add_task = world.schedule.add_task
-        add_task(laser.rate, Phase.SENSORS, self._sense_laser)
-        add_task(self.description.odometry.rate, Phase.SENSORS, self._sense_wheels)
-        self._delayed_sonars = DelayedReadings[tuple[SonarReading, ...]](self.description.sonar_latency)
-        if mounts:
-            self._sense_sonars(0)
-            add_task(self.description.sonar_rate, Phase.SENSORS, self._sense_sonars)
+        self.sensors = RobotSensors(world, self.physics_body, self.description, self.faults)
+        """The laser, the odometry and the sonars."""
         self._camera_frames: list[Frame] = []
         self._last_picture_stamp = -1
         world.add_step_callbacks(self._before_step, self._after_step)
@@ -282,11 +248,11 @@ class SimulatedRobot(Robot):
 
     def scan(self) -> LaserScan | None:
         """Return the newest scan that has arrived; its ranges are read-only."""
-        return self._delayed_scans.newest(self.world.now())
+        return self.sensors.delayed_scans.newest(self.world.now())
 
     def odometry(self) -> Odometry:
         """Return the newest odometry that has arrived."""
-        return self._delayed_odometry.newest(self.world.now()) or self._odometry
+        return self.sensors.delayed_odometry.newest(self.world.now()) or self.sensors.odometry
 
     def move_head(self, pan: float, tilt: float) -> None:
         """Turn the head to *pan* and *tilt* (rad), limited to `head_info`, at the head's greatest speed."""
@@ -315,7 +281,7 @@ class SimulatedRobot(Robot):
 
     def sonars(self) -> tuple[SonarReading, ...]:
         """Return the newest reading of every sonar that has arrived."""
-        return self._delayed_sonars.newest(self.world.now()) or ()
+        return self.sensors.delayed_sonars.newest(self.world.now()) or ()
 
     def battery(self) -> BatteryState:
         """Return the battery's state. With an empty battery the base does not move."""
@@ -401,7 +367,7 @@ class SimulatedRobot(Robot):
         The newest picture is included if it was taken since the last call. Latencies are ignored, because the
         viewer draws the readings at the present poses.
         """
-        twist = self._odometry.twist
+        twist, scan = self.sensors.odometry.twist, self.sensors.scan
         picture = self._camera.newest if self._camera is not None else None
         if picture is not None and picture.stamp == self._last_picture_stamp:
             picture = None
@@ -414,7 +380,7 @@ class SimulatedRobot(Robot):
             battery=self.battery_model.level,
             collisions=self.contacts.collisions,
             grazes=self.contacts.grazes,
-            scan=None if self._scan is None else scan_message(self._scan),
+            scan=None if scan is None else scan_message(scan),
             pictures=() if picture is None else [picture_message(picture)],
         )
 
@@ -448,24 +414,3 @@ class SimulatedRobot(Robot):
             # Only changes are sent to the engine: its motors keep their targets.
             self._wheel_rates = (left, right)
             self.physics_body.spin_joints(self._wheels, self._wheel_rates, self.description.wheels.torque)
-
-    def _sense_laser(self, now: int) -> None:
-        if self.faults.has_failed("laser", now):
-            return
-        position, quaternion = self.physics_body.link_pose(self._laser_link)
-        origin, quaternion = pybullet.multiplyTransforms(
-            position, quaternion, self.description.laser.position, (0.0, 0.0, 0.0, 1.0)
-        )
-        heading = pybullet.getEulerFromQuaternion(quaternion)[2]
-        self._scan = self._laser.sweep(origin[0], origin[1], origin[2], heading, now)
-        self._scan.ranges.flags.writeable = False
-        self._delayed_scans.add(self._scan, now)
-
-    def _sense_wheels(self, now: int) -> None:
-        if not self.faults.has_failed("odometry", now):
-            self._odometry = self._wheel_odometry.update(self.physics_body.joint_positions(self._wheels), now)
-            self._delayed_odometry.add(self._odometry, now)
-
-    def _sense_sonars(self, now: int) -> None:
-        readings = self._sonars.read([self.physics_body.link_pose(link) for link in self._sonar_links], now)
-        self._delayed_sonars.add(readings, now)

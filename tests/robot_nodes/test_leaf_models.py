@@ -40,7 +40,7 @@ from btcore_navigation.navigation_servers import (
 from btcore_navigation.path import NavPath
 from btcore_proof.leaf_models import LeafModel, model_of, resources_of
 from btcore_robot.components.lifecycle import LifecycleState
-from btcore_robot.leaves.lifecycle_leaves import ObjectLocatorProtocol
+from btcore_robot.leaves.lifecycle_leaves import HeadTrackerProtocol, ObjectLocatorProtocol
 from btcore_robot.robot import Odometry, Pose2D, Twist2D, Waypoints
 
 IDLE, RUNNING, SUCCESS, FAILURE = Status.IDLE, Status.RUNNING, Status.SUCCESS, Status.FAILURE
@@ -288,7 +288,7 @@ def random_servers(rng: random.Random, used: list[str]) -> Any:
         "battery": staticmethod(maybe(Battery(0.1, 12.0, True))),
         "latest": staticmethod(lambda topic, kind: rng.choice([None, "x"]) if kind is str else None),
         "can_transform": staticmethod(lambda target, source: rng.random() < 0.5),
-        "last_goals": staticmethod(lambda: [RandomGoal(None, rng)] * 7),
+        "last_goals": staticmethod(lambda: {"spin": RandomGoal(None, rng)}),
     }
     return type("RandomServers", (), members)()
 
@@ -316,7 +316,11 @@ def random_resources(robot: Any, rng: random.Random, used: list[str], tmp_path: 
         save=lambda path: None,
     )
     server = SimpleNamespace(
-        state=LifecycleState.INACTIVE, activate=lambda: True, deactivate=lambda: True, boxes=[1]
+        state=LifecycleState.INACTIVE,
+        activate=lambda: True,
+        deactivate=lambda: True,
+        boxes=[1],
+        detection=None,
     )
     places = Waypoints({"recharge": Pose2D(0, 0, 0), "wp1": Pose2D(1, 1, 0)}, "here")
     original, scan = robot.drive, robot.scan
@@ -330,6 +334,7 @@ def random_resources(robot: Any, rng: random.Random, used: list[str], tmp_path: 
     servers = random_servers(rng, used)
     assert isinstance(explorer, Explorer)
     assert isinstance(explorer, PoseNavigator)
+    assert isinstance(server, HeadTrackerProtocol)
     assert isinstance(server, ObjectLocatorProtocol)
     assert isinstance(servers, NavigationServers)
     return [robot, servers, explorer, server, places, MapFile(tmp_path / "map.yaml")]

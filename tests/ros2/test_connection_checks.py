@@ -61,17 +61,17 @@ def test_each_mismatch_is_reported_once_with_both_sides(
     )
     assert session.wait_for(lambda: len(session.reports) == 6, LIMIT_S), session.reports
     assert dict(session.reports) == {
-        "topic /unreliable": "topic /unreliable: no message of the ROS node /robot1/peer arrives, because "
-        "its QoS is incompatible: it publishes BEST_EFFORT, VOLATILE, this program subscribes with RELIABLE, "
+        "topic /unreliable": "topic /unreliable: no message arrives, because the QoS is incompatible: the "
+        "ROS node /robot1/peer publishes BEST_EFFORT, VOLATILE, this program subscribes with RELIABLE, "
         "VOLATILE; the subscription must be BEST_EFFORT, or the publisher RELIABLE",
         "topic /number": "topic /number: the ROS node /robot1/peer publishes std_msgs/msg/Float64, this "
         "program subscribes to std_msgs/msg/String; use the type or the name of the topic that you mean",
-        "topic /wanted_number": "topic /wanted_number: the ROS node /robot1/peer subscribes to "
-        "std_msgs/msg/Float64, this program publishes std_msgs/msg/String; use the type or the name of the "
-        "topic that you mean",
-        "topic /wanted_latched": "topic /wanted_latched: the ROS node /robot1/peer receives no message, "
-        "because its QoS is incompatible: it subscribes with RELIABLE, TRANSIENT_LOCAL, this program "
-        "publishes RELIABLE, VOLATILE; the subscription must be VOLATILE, or the publisher TRANSIENT_LOCAL",
+        "topic /wanted_number": "topic /wanted_number: this program publishes std_msgs/msg/String, the ROS "
+        "node /robot1/peer subscribes to std_msgs/msg/Float64; use the type or the name of the topic that "
+        "you mean",
+        "topic /wanted_latched": "topic /wanted_latched: no message arrives, because the QoS is "
+        "incompatible: this program publishes RELIABLE, VOLATILE, the ROS node /robot1/peer subscribes with "
+        "RELIABLE, TRANSIENT_LOCAL; the subscription must be VOLATILE, or the publisher TRANSIENT_LOCAL",
         "service /switch": "service /switch: the ROS node /robot1/peer offers it with the type "
         "std_srvs/srv/Trigger, this program uses the type std_srvs/srv/SetBool; use the type or the name of "
         "the service that you mean",

@@ -178,7 +178,7 @@ def test_a_movable_object_in_any_orientation_agrees_with_the_engine(
             number, [2.0, y, 0.3], pybullet.getQuaternionFromEuler(turned), physicsClientId=client
         )
     pybullet.performCollisionDetection(physicsClientId=client)
-    laser = body._laser
+    laser = body.sensors.laser
     ours = laser.distances(0.202, 0.0, 0.0945, 0.0)
     angles = laser.info.angle_min + laser.info.angle_increment * np.arange(laser.info.rays)
     starts = [(0.202, 0.0, 0.0945)] * len(angles)

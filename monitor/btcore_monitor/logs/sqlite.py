@@ -67,6 +67,7 @@ class SqliteWriter:
         ensure_writable(path)
         self.session = 0
         self._rows: list[tuple[int, int, int, int, int, str]] = []
+        self._gaps: list[str] = []
         self._since: dict[int, int] = {}
         self._base = sqlite3.connect(
             path, timeout=_LOCK_TIMEOUT_MS / 1000, isolation_level=None, check_same_thread=False
@@ -124,6 +125,17 @@ class SqliteWriter:
         elif previous is RUNNING:
             duration = stamp - self._since.pop(uid, stamp)
         self._rows.append((stamp, self.session, uid, duration, int(status), extra))
+
+    def append(self, records: Iterable[tuple[int, int, Status, Status]]) -> None:
+        """Write transitions, given as (time since the start in µs, UID, previous, status)."""
+        for record in records:
+            self.add(*record, GAP_PREFIX + "; ".join(self._gaps) if self._gaps else "")
+            self._gaps.clear()
+        self.flush()
+
+    def gap(self, reason: str) -> None:
+        """Mark the next row: transitions before it are missing, for *reason*."""
+        self._gaps.append(reason)
 
     def flush(self) -> None:
         """Write the pending rows in a transaction; keep them if another program locks the database."""

@@ -271,7 +271,7 @@ class _TreePanels:
         self.blackboard_table.show_running(self.states)
         self.lanes.show_states(self.states, range(len(self.states.shown)))
         self.statistics_table.begin(event.stamp, event.wall, event.statuses)
-        if "ticks" in self.source.unavailable:
+        if not self._has_ticks:
             self.now_panel.show_states(self.states)
 
     def process_event(self, event: Event) -> None:
@@ -291,7 +291,7 @@ class _TreePanels:
 
     def end_unreported_tick(self) -> None:
         """Show the last changes of a robot that does not report the end of a tick."""
-        if "ticks" in self.source.unavailable and self.states.has_open_tick:
+        if not self._has_ticks and self.states.has_open_tick:
             self._end_tick(self._stamp, self._wall)
 
     def send(self) -> None:
@@ -319,6 +319,11 @@ class _TreePanels:
             self.now_panel.show_states(self.states)
 
     @property
+    def _has_ticks(self) -> bool:
+        """Whether the source reports the end of each tick, and its duration."""
+        return "ticks" not in self.source.unavailable
+
+    @property
     def _current_time(self) -> int:
         """The time (ns) of the last event on the view's timeline."""
         return self._wall if self.entity_path_prefix else self._stamp - self.rows.start_stamp
@@ -329,7 +334,7 @@ class _TreePanels:
             self._colour()
             self.blackboard_table.show_running(self.states)
             self.lanes.show_states(self.states, changed)
-            if "ticks" in self.source.unavailable:
+            if not self._has_ticks:
                 self.now_panel.show_states(self.states)
 
     def _colour(self) -> None:
@@ -356,7 +361,7 @@ class _TreePanels:
         self._move_to(event.stamp, event.wall)
         self._last_tick_stamp = event.stamp
         self._end_tick(event.stamp, event.wall)
-        if "ticks" not in self.source.unavailable:
+        if self._has_ticks:
             self.tick_plots.add_tick(event)
         self.now_panel.show_tick(event, self.states)
         self.statistics_table.update_if_due(event.stamp, event.wall)
@@ -412,7 +417,7 @@ class _TreePanels:
             self.tree_views,
             self.lanes,
             self.scene_view.create_eye(),
-            has_ticks="ticks" not in self.source.unavailable,
+            has_ticks=self._has_ticks,
             log_level=self.log_level,
             entity_path_prefix=self.entity_path_prefix,
             time_span=(self._begin_time, self._end_time),

@@ -116,8 +116,8 @@ class LogOddsGrid:
         x0, y0 = self._low_cell
         more = math.ceil(_GROWTH / self.resolution)
         # Growing by a large step makes it rare that the arrays are copied.
-        west, south = (more if first[0] < x0 else 0), (more if first[1] < y0 else 0)
-        west, south = max(west, x0 - first[0]) * (west > 0), max(south, y0 - first[1]) * (south > 0)
+        west = max(more, x0 - first[0]) if first[0] < x0 else 0
+        south = max(more, y0 - first[1]) if first[1] < y0 else 0
         east = max(more, last[0] - x0 - width) if last[0] > x0 + width else 0
         north = max(more, last[1] - y0 - height) if last[1] > y0 + height else 0
         if west or south or east or north:

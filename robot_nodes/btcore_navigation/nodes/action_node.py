@@ -179,7 +179,7 @@ class BtServiceNode(ServerNode):
 
     def tick(self) -> Status:
         """Send the request, or check for the response. A completed node sends its request again."""
-        return self.on_running() if self._status is RUNNING else self.on_start()
+        return self.on_running() if self.status is RUNNING else self.on_start()
 
     def on_start(self) -> Status:
         """Send the request."""

@@ -46,18 +46,14 @@ class RateController(DecoratorNode):
         # Before `set_status`, because `is_first_tick` reads the status.
         first = is_first_tick(self)
         if first:
-            self.due = self.period_end()
+            self.due = _period_end(self, self.hz)
         self.set_status(RUNNING)
-        if not (first or self.child._status is RUNNING or self.has_passed(self.due)):
+        if not (first or self.child.status is RUNNING or self.has_passed(self.due)):
             return RUNNING
         status = self.child.execute_tick()
         if status is SUCCESS:
-            self.due = self.period_end()
+            self.due = _period_end(self, self.hz)
         return status
-
-    def period_end(self) -> int:
-        """Return the end (ns) of a period that begins now."""
-        return read_clock(self) + math.ceil(NS_PER_S / self.hz)
 
 
 class DistanceController(DecoratorNode):
@@ -89,7 +85,7 @@ class DistanceController(DecoratorNode):
         is_first = self.start is None
         start = self.start = self.start or here
         is_far = math.hypot(here.x - start.x, here.y - start.y) >= self.distance
-        if not (is_first or is_far or self.child._status is RUNNING):
+        if not (is_first or is_far or self.child.status is RUNNING):
             return RUNNING
         status = self.child.execute_tick()
         if status is SUCCESS:
@@ -133,19 +129,15 @@ class SpeedController(DecoratorNode):
             if min(self.min_rate, self.max_rate) <= 0.0:
                 raise NodeError("<SpeedController> needs rates above 0 in min_rate and max_rate")
             self.previous_goals, self.goal_changed = goals, True
-            self.due = self.period_end(self.max_rate)
+            self.due = _period_end(self, self.max_rate)
         self.set_status(RUNNING)
         is_due = self.has_passed(self.due)
-        if not (self.goal_changed or is_due or self.child._status is RUNNING):
+        if not (self.goal_changed or is_due or self.child.status is RUNNING):
             return RUNNING
         self.goal_changed = False
         if is_due:
-            self.due = self.period_end(self.rate(speed))
+            self.due = _period_end(self, self.rate(speed))
         return self.child.execute_tick()
-
-    def period_end(self, rate: float) -> int:
-        """Return the end (ns) of a period that begins now, at *rate* (Hz)."""
-        return read_clock(self) + math.ceil(NS_PER_S / rate)
 
     def measure_speed(self) -> float:
         """Return the mean speed (m/s) that odometry reported over the last *filter_duration*."""
@@ -184,7 +176,7 @@ class GoalUpdatedController(DecoratorNode):
         goals = goal_inputs(self)
         changed = goals != self.previous_goals
         self.previous_goals = goals
-        if first or changed or self.child._status is RUNNING:
+        if first or changed or self.child.status is RUNNING:
             return self.child.execute_tick()
         return RUNNING
 
@@ -323,3 +315,8 @@ class PathLongerOnApproach(DecoratorNode):
         if path is None or before is None or path == before or path.goal != before.goal:
             return False
         return before.length() < self.prox_len and path.length() > self.length_factor * before.length()
+
+
+def _period_end(node: DecoratorNode, rate: float) -> int:
+    """Return the end (ns) of a period that begins now, at *rate* (Hz)."""
+    return read_clock(node) + math.ceil(NS_PER_S / rate)

@@ -214,7 +214,7 @@ class SmoothPath(BtActionNode):
 
     def tick(self) -> Status:
         """Start or continue to smooth the path. A completed node starts again."""
-        return self.on_running() if self._status is RUNNING else self.on_start()
+        return self.on_running() if self.status is RUNNING else self.on_start()
 
     def on_start(self) -> Status:
         """Send the goal; return FAILURE without a path."""

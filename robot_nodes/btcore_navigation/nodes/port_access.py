@@ -24,7 +24,7 @@ def blackboard_default(key: str) -> Any:
 
 def is_first_tick(node: TreeNode) -> bool:
     """Return whether this is the first tick of *node* since it was reset or skipped."""
-    return node._status is IDLE or node._status is SKIPPED
+    return node.status in (IDLE, SKIPPED)
 
 
 def optional_input(node: TreeNode, port: str) -> object:

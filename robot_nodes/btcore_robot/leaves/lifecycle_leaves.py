@@ -7,9 +7,8 @@ from btcore import RUNNING, NodeSpec, Out, StatefulAction, Status
 from btcore_robot.components.lifecycle import LifecycleState
 
 
-@runtime_checkable
-class HeadTrackerProtocol(Protocol):
-    """A head tracker: a server that follows objects with the head while it is active."""
+class _Server(Protocol):
+    """A server with a lifecycle."""
 
     @property
     def state(self) -> LifecycleState:
@@ -23,7 +22,16 @@ class HeadTrackerProtocol(Protocol):
 
 
 @runtime_checkable
-class ObjectLocatorProtocol(HeadTrackerProtocol, Protocol):
+class HeadTrackerProtocol(_Server, Protocol):
+    """A head tracker: a server that follows objects with the head while it is active."""
+
+    @property
+    def detection(self) -> object:
+        """The object in the newest image, as `btcore_robot.perception.colour.Detection`, or None."""
+
+
+@runtime_checkable
+class ObjectLocatorProtocol(_Server, Protocol):
     """An object locator: a server that finds objects in camera images while it is active."""
 
     @property
@@ -36,7 +44,7 @@ class _KeepActive(StatefulAction):
 
     spec = NodeSpec(results=frozenset())
 
-    _server: HeadTrackerProtocol
+    _server: _Server
 
     def on_start(self) -> Status:
         """Activate the server."""

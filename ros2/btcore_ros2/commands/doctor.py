@@ -1,5 +1,6 @@
 """`btcore ros2 doctor`: what works and what does not in ROS 2, and what to do about it."""
 
+from collections.abc import Iterator
 from dataclasses import asdict
 from typing import Final
 
@@ -10,7 +11,8 @@ from rich.text import Text
 from btcore.escaping import escape_controls
 from btcore.field_options import FiniteRange
 from btcore.program_runner import print_json
-from btcore_ros2.diagnosis import Finding, diagnose
+from btcore_ros2.diagnosis import Finding, examine_machine
+from btcore_ros2.errors import RosError
 
 _SIGNS: Final = {"ok": ("✓", "green"), "warning": ("!", "bold yellow"), "error": ("✗", "bold red")}
 
@@ -37,7 +39,7 @@ def doctor(seconds: float, ros_args: str | None, as_json: bool) -> None:
     """
     console = Console(highlight=False, soft_wrap=True)
     findings = []
-    for finding in diagnose(seconds, ros_args):
+    for finding in _findings(seconds, ros_args):
         findings.append(finding)
         if not as_json:
             console.print(_line(finding))
@@ -55,3 +57,18 @@ def _line(finding: Finding) -> Text:
     if finding.remedy:
         line.append(f"\n    → {escape_controls(finding.remedy)}", style="cyan")
     return line
+
+
+def _findings(seconds: float, ros_args: str | None) -> Iterator[Finding]:
+    """Yield the findings about this machine and, if ROS 2 can be used, about the network."""
+    usable = True
+    for finding in examine_machine():
+        usable = usable and finding.level != "error"
+        yield finding
+    if usable:
+        from btcore_ros2.network_diagnosis import examine_network
+
+        try:
+            yield from examine_network(seconds, ros_args)
+        except RosError as error:
+            yield Finding("error", "ROS 2", str(error), "see the message")

@@ -118,9 +118,6 @@ class _TreeSource:
         session: The session, whose ROS node has the parameters.
         trees: The files and folders; if there are none, they are those of the parameter `behavior_trees`.
         plugins: The values of the option `--plugin`.
-
-    Attributes:
-        session: The session.
     """
 
     def __init__(

@@ -26,9 +26,6 @@ class RosCallError(RosError):
     Args:
         code: The kind of failure.
         message: What failed.
-
-    Attributes:
-        code: The kind of failure.
     """
 
     def __init__(self, code: ActionErrorCode | ServiceErrorCode, message: str) -> None:

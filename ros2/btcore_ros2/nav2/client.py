@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any, cast
 
 from btcore import Clock
@@ -31,6 +31,7 @@ from btcore_ros2.nav2.service_requests import service_of, write_request
 from btcore_ros2.parameters import declare_parameter
 from btcore_ros2.session import RosSession
 
+PLANNING = ("compute_path_to_pose", "compute_path_through_poses", "smooth_path")
 RECOVERIES = ("spin", "backup", "drive_on_heading", "wait", "assisted_teleop")
 CANCEL_AGE_NS = 10_000_000
 """The age (ns) from which on `cancel_goals` cancels a goal, as in Nav2."""
@@ -166,11 +167,10 @@ class Nav2Client(NavigationServers):
         self._session.refresh()
         return self._listener.transforms.can_transform(target.lstrip("/"), source.lstrip("/"))
 
-    def last_goals(self) -> Sequence[AnyGoalHandle | None]:
-        """Return the last goal of planner, controller, and each recovery behaviour, in this order."""
-        goals = self._last_goals
-        planned = [goals.get(f"compute_path_{kind}") for kind in ("to_pose", "through_poses")]
-        return [*planned, goals.get("smooth_path"), goals.get("follow_path"), *map(goals.get, RECOVERIES)]
+    def last_goals(self) -> Mapping[str, AnyGoalHandle]:
+        """Return the last goals by action; see `NavigationServers.last_goals`."""
+        goals, actions = self._last_goals, (*PLANNING, "follow_path", *RECOVERIES)
+        return {action: goals[action] for action in actions if action in goals}
 
     @property
     def is_recovering(self) -> bool:

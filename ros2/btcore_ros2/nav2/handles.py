@@ -18,19 +18,13 @@ from btcore_ros2.session import RosSession
 class NamedClient:
     """An rclpy client and the name of its server.
 
-    Args:
-        client: The client.
-        name: The name of the server.
-        is_visible: Returns whether the server is visible.
-        discovery_ns: The time (ns) in which the server may appear. Afterwards, a server that is missing
-            counts as absent, and only the time-out of the node remains.
-
     Attributes:
         client: The client.
         name: The name of the server.
         created: The time (ns, of `time.monotonic_ns`) when this object was created.
         is_visible: Returns whether the server is visible.
-        discovery_ns: The time (ns) in which the server may appear.
+        discovery_ns: The time (ns) in which the server may appear. Afterwards, a server that is missing
+            counts as absent, and only the time-out of the node remains.
     """
 
     def __init__(self, client: Any, name: str, is_visible: Callable[[], bool], discovery_ns: int) -> None:

@@ -47,9 +47,6 @@ class NavigatorServer:
         plugins: Libraries with further nodes for the trees.
         rate: The rate (Hz) of ticks.
 
-    Attributes:
-        session: The session.
-
     Raises:
         RegistrationError: A library of *plugins* can't be used.
         RosError: The package nav2_msgs is missing.

@@ -24,9 +24,6 @@ log = logging.getLogger(__name__)
 class PoseListener:
     """A subscriber of `/tf` and `/tf_static`; without tf2_msgs, of `amcl_pose`.
 
-    Args:
-        session: The session.
-
     Attributes:
         transforms: The frames.
     """

@@ -84,9 +84,6 @@ class RosRobot(TopicRobot):
         session: The ROS node.
         description: The robot's topics and facts.
 
-    Attributes:
-        description: The robot's topics and facts.
-
     Raises:
         RosError: A topic is not available within the description's `start_timeout`, or a message package is
             not installed.
@@ -383,9 +380,7 @@ class RosRobot(TopicRobot):
 
     def _wait_for_topics(self) -> None:
         """Wait until the robot is complete; raise a RosError that names what is missing."""
-        while not self._session.wait_for(
-            lambda: not self._missing(), min(MISMATCH_TIME_S, self._start_time_left())
-        ):
+        while not self._session.wait_for(self._is_complete, min(MISMATCH_TIME_S, self._start_time_left())):
             if self._has_mismatch() or not self._start_time_left():
                 raise RosError(self._missing_report())
         self._start_laser()
@@ -419,7 +414,7 @@ class RosRobot(TopicRobot):
         return (
             all(watch.timeout is None or watch.arrival >= 0 for watch in self._watches)
             and not self._silent_topics(self._time.now(), 1.0)
-            and not self._missing()
+            and self._is_complete()
         )
 
     def _has_mismatch(self) -> bool:
@@ -429,32 +424,28 @@ class RosRobot(TopicRobot):
             has_other_type(node, self._velocity.topic, self._publishers.message_class, published=False)
         )
 
-    def _missing(self) -> list[str]:
-        """Return the keys of the description for which something has not arrived yet."""
-        missing = super()._missing()
-        # Asked last, since a look at the graph is slow.
-        if not (missing or takes(self._node, self._velocity.topic, self._publishers.message_class)):
-            missing.append("velocity")
-        return missing
+    def _is_complete(self) -> bool:
+        """Return whether all readings have arrived and the velocity has a subscriber."""
+        # In this order, since a look at the graph is slow.
+        return not self._missing() and self._has_velocity_subscriber()
+
+    def _has_velocity_subscriber(self) -> bool:
+        return takes(self._node, self._velocity.topic, self._publishers.message_class)
 
     def _missing_report(self) -> str:
         description, node = self.description, self._node
         lines = []
-        missing = self._missing()
-        topic, message_class = node.resolve_topic_name(self._velocity.topic), self._publishers.message_class
-        if "velocity" not in missing and not takes(node, topic, message_class):
-            missing.append("velocity")
-        for key in missing:
-            if key == "velocity":
-                lines.append(
-                    f"velocity: {topic}: {topic_problem(node, topic, message_class, published=False)}"
-                )
-            elif key in ("frames", "head", "torso"):
+        for key in self._missing():
+            if key in ("frames", "head", "torso"):
                 lines.append(self._missing_reason(key))
             else:
                 source = description.scan if key == "scan" else description.odometry
                 watch = next(w for w in self._watches if w.topic == node.resolve_topic_name(source.topic))
                 lines.append(f"{key}: {watch.topic}: {topic_problem(node, watch.topic, watch.message_class)}")
+        if not self._has_velocity_subscriber():
+            topic = node.resolve_topic_name(self._velocity.topic)
+            problem = topic_problem(node, topic, self._publishers.message_class, published=False)
+            lines.append(f"velocity: {topic}: {problem}")
         hint = f"correct {description.path}" if sees_others(node) else DOMAIN_HINT
         details = "".join(f"\n  {line}" for line in lines)
         return f"the robot '{description.name}' is not available:{details}\n  {hint}"

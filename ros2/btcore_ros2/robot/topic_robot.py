@@ -28,7 +28,6 @@ from btcore_robot.robot import (
     TransformStamped,
     Twist2D,
 )
-from btcore_robot.scene_messages import camera_message, laser_message, picture_message, scan_message
 from btcore_robot.time_limits import MAX_DEPTH_OFFSET_S
 from btcore_robot.urdf import Urdf, UrdfJoint, read_urdf
 from btcore_ros2.errors import RosError
@@ -42,79 +41,12 @@ from btcore_ros2.robot.conversions import (
 )
 from btcore_ros2.robot.description import RosRobotDescription
 from btcore_ros2.robot.frames import FOOTPRINT, FrameStore, pose_of
+from btcore_ros2.robot.scene import RobotScene
 from btcore_ros2.robot.stamps import LateMessageError, StampConverter
 from btcore_ros2.robot.velocity import VelocityCommands, check_finite
-from btcore_scene import UPRIGHT, Cylinder, Frame, MovingScene, Part, StaticScene
+from btcore_scene import Frame, MovingScene, Part, StaticScene
 
 _log = logging.getLogger(__name__)
-
-
-MAP, ODOM = "map", "odom"
-BODY_HEIGHT = 0.3
-"""The height (m) of the cylinder that stands for a robot without shapes."""
-BODY_COLOR = (140, 145, 153, 255)
-
-
-class RobotScene:
-    """The scene messages of *robot*: its shapes, frames, scans and pictures.
-
-    The pose of the odometry in the map comes from the navigation; without it both frames are the same.
-    """
-
-    def __init__(self, robot: Robot) -> None:
-        self._robot = robot
-        self._last_picture: CameraImage | None = None
-        self._is_placed = False
-
-    def static(self, shapes: Sequence[Part], lens: CameraInfo | None) -> StaticScene:
-        """Return the parts of the scene that do not change; `moving` then returns everything again.
-
-        Args:
-            shapes: The shapes of the robot's links. Without any, a cylinder stands for the robot.
-            lens: The camera, if it is known.
-        """
-        self._last_picture, self._is_placed = None, False
-        robot, battery = self._robot, self._robot.battery()
-        body = Cylinder(
-            frame=FOOTPRINT,
-            radius=robot.base_info.radius,
-            length=BODY_HEIGHT,
-            position=(0.0, 0.0, BODY_HEIGHT / 2),
-            color=BODY_COLOR,
-        )
-        return StaticScene(
-            frame=MAP,
-            parts=shapes or [body],
-            laser=laser_message(robot.laser_info),
-            footprint_radius=robot.base_info.radius,
-            battery=None if battery is None else battery.level,
-            cameras=() if lens is None else [camera_message(lens)],
-        )
-
-    def moving(self, links: Sequence[Frame], picture: CameraImage | None) -> MovingScene:
-        """Return the present frames, and the newest scan, velocity, battery level and picture.
-
-        Args:
-            links: The frames of the robot below `base_footprint`.
-            picture: The newest picture; it is sent once.
-        """
-        robot = self._robot
-        odometry, scan, battery = robot.odometry(), robot.scan(), robot.battery()
-        is_new = picture is not None and picture is not self._last_picture
-        self._last_picture = picture
-        place = Transform.from_pose(odometry.pose)
-        frames = [Frame(FOOTPRINT, ODOM, place.position, place.quaternion), *links]
-        if not self._is_placed:
-            self._is_placed = True
-            frames.append(Frame(ODOM, MAP, (0.0, 0.0, 0.0), UPRIGHT))
-        return MovingScene(
-            stamp=robot.clock.now(),
-            frames=frames,
-            velocity=(odometry.twist.v, odometry.twist.w),
-            battery=None if battery is None else battery.level,
-            scan=None if scan is None else scan_message(scan),
-            pictures=[picture_message(picture)] if picture is not None and is_new else (),
-        )
 
 
 class TopicRobot(Robot):
@@ -126,9 +58,6 @@ class TopicRobot(Robot):
     Args:
         description: The robot's topics and facts.
         shared_clock: Whether the stamps of the messages are those of `clock`.
-
-    Attributes:
-        description: The robot's topics and facts.
     """
 
     def __init__(self, description: RosRobotDescription, *, shared_clock: bool = False) -> None:

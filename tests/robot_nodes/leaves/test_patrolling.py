@@ -16,7 +16,9 @@ from btcore_navigation.action import ActionServer, GoalHandle
 from btcore_robot.components.lifecycle import LifecycleState
 from btcore_robot.control.head_tracker import HeadTracker
 from btcore_robot.leaves.waypoint import WaypointError
+from btcore_robot.perception.object_locator import ObjectLocator
 from btcore_robot.robot import HeadInfo, HeadPosition, Phase, Pose2D, Waypoints
+from btcore_robot.transforms import TransformTree
 from btcore_sim.worlds import load_world_description
 
 TREES = Path(__file__).parents[3] / "trees"
@@ -286,6 +288,13 @@ def test_track_objects_btn_2_a_tick_activates_and_a_halt_deactivates(
     assert tracker.state is LifecycleState.ACTIVE
     tree.halt()
     assert tracker.state is LifecycleState.INACTIVE
+
+
+def test_track_objects_uses_the_tracker_beside_a_locator(robot: RecordingRobot, tracker: HeadTracker) -> None:
+    tracker.configure()
+    locator = ObjectLocator(robot, TransformTree())
+    tree_of('<Action ID="TrackObjects"/>', locator, tracker).tick_once()
+    assert tracker.state is LifecycleState.ACTIVE
 
 
 def test_track_objects_btn_3_end_of_tree_deactivates(robot: RecordingRobot, tracker: HeadTracker) -> None:

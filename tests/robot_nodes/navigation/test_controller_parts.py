@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from btcore_navigation.clearance import ClearanceGrid, smooth_scan
-from btcore_navigation.controller import GoalChecker, ProgressChecker
 from btcore_navigation.costmap import LocalCostmap
 from btcore_navigation.detour import find_detour
+from btcore_navigation.goal_checks import GoalChecker, ProgressChecker
 from btcore_navigation.pure_pursuit import PurePursuit
 from btcore_robot.robot import LaserScan, Pose2D
 

@@ -413,7 +413,8 @@ def test_without_odometry_the_robot_stops_and_its_pose_is_known_after_it(
     if during == "carried to another room":
         rig.body.kidnap(Pose2D(-2.2, -0.5, 2.5))
     else:
-        rig.body._wheel_odometry.x = rig.body._wheel_odometry.y = rig.body._wheel_odometry.yaw = 0.0
+        odometry = rig.body.sensors.wheel_odometry
+        odometry.x = odometry.y = odometry.yaw = 0.0
     rig.run(2.35)
     assert not handle.done
     driven = rig.body.distance

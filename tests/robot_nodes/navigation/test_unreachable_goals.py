@@ -4,17 +4,25 @@ import re
 import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
 
 pytest.importorskip("pybullet")
 
-from btcore.clock import NS_PER_S
+from btcore.clock import NS_PER_S, SimClock
 from btcore_navigation import navigator
-from btcore_navigation.action import GoalStatus
+from btcore_navigation.action import GoalHandle, GoalStatus
 from btcore_navigation.error_codes import Nav2ErrorCode
-from btcore_navigation.navigator import MAX_STALL_S, GoalProgress, NavigateGoal
+from btcore_navigation.navigator import (
+    MAX_STALL_S,
+    GoalProgress,
+    NavigateGoal,
+    Navigator,
+    navigation_nodes,
+)
 from btcore_navigation.stack import Navigation
 from btcore_robot.robot import Pose2D, Waypoints
 from btcore_sim.map_rasteriser import rasterise
@@ -171,6 +179,32 @@ def test_navigator_ends_goal_of_tree_that_never_ends(
     assert rig.run(100.0) < 70.0
     assert rig.handle.result.code == Nav2ErrorCode.GOAL_OCCUPIED
     assert re.search(r"not on the map; the robot has come no closer than .* m for", rig.handle.result.message)
+
+
+def test_failed_plan_through_poses_is_the_first_part_of_the_cause(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(navigator, "MAX_STALL_S", 10.0)
+    file = tmp_path / "tree.xml"
+    file.write_text('<root BTCPP_format="4"><BehaviorTree ID="T"><Sleep msec="60000"/></BehaviorTree></root>')
+    goals: dict[str, GoalHandle[object, object, object]] = {}
+    servers: Any = SimpleNamespace(
+        goal_tolerance=0.25,
+        is_recovering=False,
+        last_goals=lambda: dict(goals),
+        pose=lambda: None,
+        odometry=lambda: None,
+    )
+    clock = SimClock()
+    server = Navigator(servers, file, navigation_nodes(()), clock=clock, through=True)
+    handle = server.send_goal(NavigateGoal((RECHARGE,)))
+    server.step(clock.now())
+    goals["compute_path_through_poses"] = plan = GoalHandle[object, object, object](None)
+    plan.abort(int(Nav2ErrorCode.GOAL_OCCUPIED), "the goal is occupied")
+    clock.advance(11.0)
+    server.step(clock.now())
+    assert handle.result is not None
+    assert handle.result.message.endswith("the goal is occupied; the robot has come no closer for 11 s")
 
 
 # -- progress

@@ -169,7 +169,7 @@ def test_a_missing_server_is_a_failure_after_the_time_out(
     assert tree.blackboard["code"] == Nav2ErrorCode.SEND_GOAL_FAILURE
     assert "no action server 'hagn/spin' (nav2_msgs/action/Spin): start it" in tree.blackboard["why"]
     assert "hagn/spin" in caplog.text
-    assert rig.client.last_goals()[4].result.message == tree.blackboard["why"]
+    assert rig.client.last_goals()["spin"].result.message == tree.blackboard["why"]
 
 
 @pytest.mark.usefixtures("short_limits")
