@@ -7,12 +7,9 @@ returned together with the error, so that the rest of the command line works wit
 # Named tuples instead of dataclasses save an import.
 import os
 import re
-import sys
-from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from collections.abc import Iterable
 from functools import cache
 from importlib import import_module
-from importlib.machinery import PathFinder
 from operator import attrgetter
 from typing import Any, Final, NamedTuple
 
@@ -128,54 +125,12 @@ def find(group: str, own: bool = True) -> list[EntryPoint]:
 
 
 def _find_installed(group: str) -> list[EntryPoint]:
-    """Return the entry points of *group*. Of distributions with equal names, the first on the path counts.
+    from importlib.metadata import entry_points  # slow to import
 
-    importlib.metadata would take a fifth of the time of a short run. It is used only if there may be
-    distributions in zip files or eggs, or if other finders than Python's own find distributions.
-    """
-    path = [os.fspath(folder) for folder in sys.path]
-    finders = [finder for finder in sys.meta_path if hasattr(finder, "find_distributions")]
-    has_files = any(name.endswith(".egg") or os.path.isfile(name) for name in path)  # noqa: PTH113
-    if finders != [PathFinder] or has_files:
-        from importlib.metadata import entry_points
-
-        points = entry_points(group=group)
-        return [
-            EntryPoint(point.name, point.value, point.dist.name if point.dist else "unknown")
-            for point in points
-        ]
-    folders: dict[str, str] = {}
-    for folder in path:
-        with suppress(OSError):
-            for child in os.listdir(folder or "."):  # noqa: PTH208
-                if child.endswith((".dist-info", ".egg-info")):
-                    name = re.sub("[-_.]+", "_", child.rpartition(".")[0].partition("-")[0])
-                    folders.setdefault(name.lower(), f"{folder or '.'}/{child}")
-    return [point for folder in folders.values() for point in _read_points(folder, group)]
-
-
-def _read_points(folder: str, group: str) -> Iterator[EntryPoint]:
-    """Yield the entry points of *group* of the distribution whose metadata is in *folder*."""
-    heading = f"[{group}]"
-    lines = _read_file(f"{folder}/entry_points.txt").splitlines()
-    if heading not in lines:
-        return
-    header = _read_file(f"{folder}/METADATA") or _read_file(f"{folder}/PKG-INFO")
-    name_match = re.search("^Name: *(.+)", header, re.MULTILINE)
-    for line in lines[lines.index(heading) + 1 :]:
-        if line.startswith("["):
-            return
-        name, equals, value = line.partition("=")
-        if equals and not name.startswith("#"):
-            yield EntryPoint(name.strip(), value.strip(), "unknown" if name_match is None else name_match[1])
-
-
-def _read_file(path: str) -> str:
-    try:
-        with open(path, encoding="utf-8") as file:  # noqa: PTH123
-            return file.read()
-    except OSError:
-        return ""
+    points = entry_points(group=group)
+    return [
+        EntryPoint(point.name, point.value, point.dist.name if point.dist else "unknown") for point in points
+    ]
 
 
 @cache

@@ -59,6 +59,11 @@ def similar_file(path: Path, suffix: str) -> str | None:
     return None if nearest is None else str(path.with_name(nearest))
 
 
+def shortened(text: str, most: int) -> str:
+    """Return *text*; if it has more than *most* characters, only the first, with `…` at the end."""
+    return text if len(text) <= most else f"{text[: most - 1]}…"
+
+
 def child_count_text(count: int) -> str:
     """Return a number of children, such as `2 children`."""
     return "no child" if count == 0 else f"{count} children" if count > 1 else "1 child"

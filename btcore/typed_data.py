@@ -23,7 +23,7 @@ from typing import Annotated, Any, Final, Literal, TypeVar, Union, get_args, get
 import msgspec
 from msgspec import Meta
 
-from btcore.suggestions import did_you_mean, join_names
+from btcore.suggestions import did_you_mean, join_names, shortened
 
 Value = TypeVar("Value")
 Keys = tuple[str | int, ...]
@@ -201,8 +201,7 @@ def _misfit(value: object, annotation: Any, keys: Keys) -> DataError:
     hint = did_you_mean(str(value), get_args(data_type)) if is_choice else ""
     # Only the first parts of the text, because a short YAML file with aliases may describe a huge value.
     encoder = json.JSONEncoder(ensure_ascii=False, default=str)
-    shown = "".join(islice(encoder.iterencode(value), _MAX_SHOWN))
-    shown = shown if len(shown) <= _MAX_SHOWN else f"{shown[:_MAX_SHOWN]}…"
+    shown = shortened("".join(islice(encoder.iterencode(value), _MAX_SHOWN)), _MAX_SHOWN)
     return DataError(keys, f"is {shown}, and {expected(annotation)} is expected{hint}")
 
 

@@ -65,7 +65,7 @@ class SyncAction(LeafNode):
         <Status.SUCCESS: 2>
     """
 
-    _must_complete: ClassVar[bool] = True
+    spec: ClassVar[NodeSpec] = NodeSpec(must_complete=True)
 
 
 @mypyc_attr(allow_interpreted_subclasses=True)

@@ -10,7 +10,7 @@ which takes longer.
 
 Reading what a class declares takes longer, too (compiled). What each tick needs is copied to the node: by
 `attach_to_tree` for every node, by `prepare` for the nodes of a class. The copy of a class variable `x` or of
-the field `x` of a spec is `_x`; the copy of a private class variable `_x` is `_x_copy`.
+the field `x` of a spec is `_x`.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -68,8 +68,6 @@ class TreeNode:
     """
 
     spec: ClassVar[NodeSpec] = NodeSpec()
-    _must_complete: ClassVar[bool] = False
-    """Whether a tick must not return RUNNING."""
 
     config: NodeConfig = _NO_CONFIG
     # What every tick reads comes first, so that it is close together in memory (compiled).
@@ -77,7 +75,7 @@ class TreeNode:
     _wrapper: "TickWrapper | None" = None
     """Calls `tick` and `halt` of a node with conditions or callbacks, or that is watched; None for others."""
     _overrides_execute_tick: bool = False
-    _must_complete_copy: bool = False
+    _must_complete: bool = False
     _decorated_child: "TreeNode | None" = None
     """The child of a decorator, which `execute_tick` resets when it has completed; None for other nodes."""
     _context: TreeContext
@@ -308,7 +306,7 @@ def attach_to_tree(node: TreeNode, config: NodeConfig, context: TreeContext, bla
     node._status_before_reset = IDLE
     node._wrapper = None
     node._decorated_child = None
-    node._must_complete_copy = node._must_complete
+    node._must_complete = node.spec.must_complete
     node._overrides_execute_tick = type(node).execute_tick is not TreeNode.execute_tick
     node._context = context
     node._blackboard = blackboard
@@ -372,7 +370,7 @@ def execute_tick(node: TreeNode, ignore_override: bool = False) -> Status:
             observers = node._context.observers
             if observers is not None:
                 observers.record_transition(node.config, before, status)
-        if status is RUNNING and node._must_complete_copy:
+        if status is RUNNING and node._must_complete:
             raise NodeError(_STILL_RUNNING)
     except NodeExecutionError as error:
         add_to_backtrace(node, error)

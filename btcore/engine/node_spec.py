@@ -40,6 +40,7 @@ class NodeSpec:
             time. Added to those of the base classes.
         uses: The names of the things that only one action may use at a time, such as a robot's base, for
             proofs. None = an action uses the resources that it gets as parameters; other nodes use nothing.
+        must_complete: Whether a tick must not return RUNNING.
         may_complete_on_start: For a StatefulAction: whether `on_start` may complete the action at once. If
             so, `btcore validate` does not treat the action as asynchronous.
         never_pauses: Whether a tick only ticks children and, while a child is RUNNING, only this child. When
@@ -48,8 +49,6 @@ class NodeSpec:
         is_endless: Whether the node may run forever by design, so that proofs do not expect its end. A port
             with the role REPETITIONS and the value −1 has the same effect.
         child_count: The minimum and maximum number of children with which a node can be ticked; None = any.
-        child_count_at_load: The minimum and maximum number of children with which a tree is loaded. It
-            differs from *child_count* because BehaviorTree.CPP loads some trees whose first tick raises.
         child_roles: The purpose of the children, for error messages about their number.
         continue_on: The result of a child after which the next child is ticked; SKIPPED has the same effect.
             None = the children are not ticked in order.
@@ -71,12 +70,12 @@ class NodeSpec:
     state_fields: tuple[str, ...] | None = _inherited(())
     time_fields: tuple[str, ...] = _inherited(())
     uses: frozenset[str] | None = _inherited(None)
+    must_complete: bool = _inherited(False)
     may_complete_on_start: bool = _inherited(False)
     never_pauses: bool = _inherited(False)
     skips_alone: bool = _inherited(True)
     is_endless: bool = _inherited(False)
     child_count: tuple[int, int | None] = _inherited((0, 0))
-    child_count_at_load: tuple[int, int | None] = _inherited((0, 0))
     child_roles: str = _inherited("")
     continue_on: Status | None = _inherited(None)  # noqa: RUF009
     branch_results: tuple[Status, ...] = _inherited(())

@@ -47,9 +47,8 @@ def check_child_count(node: NodePlan, format: int, reporter: NodeReporter) -> No
 def _child_requirement(cls: type[TreeNode], count: int) -> str:
     """Return what a node of *cls* needs instead of *count* children, or "" if *count* is valid."""
     least, most = cls.spec.child_count
-    if cls.spec.child_count == cls.spec.child_count_at_load or (
-        least <= count and (most is None or count <= most)
-    ):
+    # Format 3 loads and ticks control nodes without children.
+    if least <= max(count, 1) and (most is None or count <= most):
         return ""
     if most is None:
         needed = f"at least {least}"

@@ -23,6 +23,7 @@ from btcore.lint.subtree_calls import check_remappings, check_unused_trees
 from btcore.lint.unwritten_keys import check_keys
 from btcore.loading.load import paused_garbage_collection
 from btcore.registry.registry import Registry
+from btcore.suggestions import shortened
 from btcore.xml.define import define
 from btcore.xml.plan.key_uses import TreeKeys
 from btcore.xml.plan.plan import Plans, plan, root_trees
@@ -142,8 +143,7 @@ def _check_loose_text(document: Document, collector: DiagnosticCollector) -> Non
         between = document.text[start:end]
         text = " ".join(between.split())
         if text and _is_of_trees(parent):
-            shown = text if len(text) <= 40 else f"{text[:39]}…"
-            message = f"the text {shown!r} between the elements of a tree is ignored"
+            message = f"the text {shortened(text, 40)!r} between the elements of a tree is ignored"
             hint = "pass values to a node in its attributes; write comments as <!-- … -->"
             place = lines.span(start + len(between) - len(between.lstrip()), len(text))
             collector.add(place.diagnostic(LOOSE_TEXT, message, document.file, hint))

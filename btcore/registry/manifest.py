@@ -148,8 +148,8 @@ class Manifest:
                 setattr(node, attribute.name, value)
         if self.function is not None:
             call = BoundFunction(self.function, *self._arguments(node, resources))
-            if isinstance(node, (FunctionAction, FunctionCondition, FunctionCoroutineAction)):
-                node.call = call
+            assert isinstance(node, (FunctionAction, FunctionCondition, FunctionCoroutineAction))
+            node.call = call
         elif self._has_init:
             positional, keywords = self._arguments(node, resources)
             _initialiser(cls)(node, *positional, **keywords)

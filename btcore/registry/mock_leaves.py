@@ -49,13 +49,9 @@ class Outcomes:
     start, the first follows again. Of the shared outcomes, a condition returns only the end of a start, and
     FAILURE for K, because several control nodes raise an exception if their condition is skipped.
 
-    Args:
-        shared: The outcomes that the leaves share.
-        leaves: The outcomes of single leaves, by name or by ID; a name takes precedence.
-
     Attributes:
         shared: The outcomes that the leaves share.
-        leaves: The outcomes of single leaves.
+        leaves: The outcomes of single leaves, by name or by ID; a name takes precedence.
         source: The source of random values of output ports. Equal outcomes draw equal values.
 
     Raises:
@@ -169,12 +165,9 @@ class Outcomes:
 class MockAction(StatefulAction):
     """An action that follows outcomes; by default it succeeds.
 
-    Args:
-        tree_outcomes: The outcomes of the tree; None = each start succeeds.
-
     Attributes:
         given_outputs: The values that the mock leaves of the tree write when they succeed.
-        tree_outcomes: The outcomes of the tree.
+        tree_outcomes: The outcomes of the tree; None = each start succeeds.
         starts: The number of starts.
         remaining: The outcomes that remain of the current start.
     """

@@ -110,6 +110,7 @@ class Registry:
         registry._libraries = list(self._libraries)
         registry.substitutions = dict(self.substitutions)
         registry.documents = list(self.documents)
+        registry.overridden_nodes = list(self.overridden_nodes)
         return registry
 
     # --- lookup

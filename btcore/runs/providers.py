@@ -18,15 +18,12 @@ packages provide a type. The entry point of a side-effect provider, whose annota
 publisher, is named after the provider alone.
 """
 
-import ast
 import inspect
-import sys
-import typing
+import re
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from functools import cached_property
-from pathlib import Path
-from types import ModuleType, NoneType, UnionType
-from typing import Any, Final, NamedTuple, TypeGuard, Union, get_args, get_origin, overload
+from types import NoneType, UnionType
+from typing import Any, Final, ForwardRef, NamedTuple, TypeGuard, Union, get_args, get_origin, overload
 
 from btcore.clock import Clock
 from btcore.errors import ProviderError
@@ -39,6 +36,7 @@ from btcore.tree.tree import Tree
 _GENERAL_MODULES: Final = ("builtins", "typing", "abc", "typing_extensions")
 """Modules whose classes are no types of resources, although they are base classes of them."""
 
+_FULL_NAME: Final = re.compile(r"[A-Za-z_]\w*(\.\w+)+")
 
 TYPES_OF_RUN: Final[tuple[TypeRef, ...]] = (Clock, Tree, Report, Resources)
 """The types of parameters whose objects are those of the run itself: attributes of `RunProviders`."""
@@ -106,7 +104,10 @@ class Provider:
         try:
             return _resolve(self.function)
         except (NameError, TypeError) as error:
-            raise ProviderError(f"the annotations of the provider {self} cannot be read: {error}") from error
+            raise ProviderError(
+                f"the annotations of the provider {self} cannot be read: {error}; write the full name of a "
+                "type that is imported under TYPE_CHECKING, as 'grippers.arm.Gripper'"
+            ) from error
 
     @cached_property
     def types(self) -> tuple[TypeRef, ...]:
@@ -124,7 +125,7 @@ class Provider:
             annotation = get_args(annotation)[0]
         annotation, _ = _without_none(annotation)
         annotations = get_args(annotation) if get_origin(annotation) is tuple else (annotation or NoneType,)
-        return tuple(annotations)
+        return tuple(map(_type_or_full_name, annotations))
 
     @property
     def provides_several(self) -> bool:
@@ -147,7 +148,7 @@ class Provider:
             if parameter.name not in self._hints:
                 raise ProviderError(f"the parameter '{parameter.name}' of the provider {self} has no type")
             annotation, is_optional = _without_none(self._hints[parameter.name])
-            needs.append(Need(parameter.name, annotation, is_optional))
+            needs.append(Need(parameter.name, _type_or_full_name(annotation), is_optional))
         return tuple(needs)
 
     @cached_property
@@ -208,6 +209,9 @@ def provider(
     tree was created. When another tree replaces it (`--watch`), the method `replace_tree(tree)` of the object
     is called; an object without such a method is closed, and the provider opened again.
 
+    An annotation may be a text with the full names of types whose import would take time, such as
+    `"Iterator[grippers.arm.Gripper]"`. For type checkers, the module is imported under TYPE_CHECKING.
+
     Args:
         function: The function; without it, a decorator is returned.
         provides: Further types under which the object is provided: protocols that it satisfies, and `Clock`,
@@ -245,24 +249,18 @@ def is_settings(annotation: Any) -> TypeGuard[type[Settings]]:
 
 
 def _resolve(function: Callable[..., Any]) -> dict[str, Any]:
-    """Return the annotations of *function*; placeholders replace classes that are not imported."""
-    try:
-        return typing.get_type_hints(function)
-    except NameError:
-        module = sys.modules[function.__module__]
-        return typing.get_type_hints(function, _create_placeholders(module) | vars(module))
+    """Return the annotations of *function*; what cannot be evaluated must be full names of types."""
+    names = {**function.__globals__, "ForwardRef": ForwardRef}
+    hints = {}
+    for name, annotation in function.__annotations__.items():
+        if isinstance(annotation, str):
+            try:
+                annotation = eval(annotation, names)
+            except (NameError, AttributeError):
+                annotation = eval(_FULL_NAME.sub(r"ForwardRef('\g<0>')", annotation), names)
+        hints[name] = annotation
+    return hints
 
 
-def _create_placeholders(module: ModuleType) -> dict[str, type]:
-    """Return classes with the full names of those that *module* imports, by their names there.
-
-    `from btcore_robot.robot import Robot` under TYPE_CHECKING imports nothing at run time. In `-> Robot`, an
-    empty class with the full name "btcore_robot.robot.Robot" replaces it; only full names are compared.
-    """
-    source = ast.parse(Path(str(module.__file__)).read_bytes())
-    return {
-        alias.asname or alias.name: type(alias.name, (), {"__module__": statement.module})
-        for statement in ast.walk(source)
-        if isinstance(statement, ast.ImportFrom)
-        for alias in statement.names
-    }
+def _type_or_full_name(annotation: Any) -> Any:
+    return annotation.__forward_arg__ if isinstance(annotation, ForwardRef) else annotation

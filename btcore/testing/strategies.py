@@ -13,7 +13,7 @@ only modules that import hypothesis (`pip install hypothesis`).
 from collections.abc import Collection, Mapping
 from functools import cache
 from itertools import count
-from typing import Any, Final, TypeAlias
+from typing import Any, Final, TypeAlias, TypedDict, Unpack
 
 from hypothesis import note
 from hypothesis import strategies as st
@@ -152,37 +152,27 @@ def xml_documents(
     return text
 
 
-def trees(
-    max_nodes: int = 30,
-    skipped: bool = True,
-    timed: bool = False,
-    *,
-    format: int = 4,
-    max_depth: int = 100,
-    subtrees: int = 0,
-    conditions: bool = False,
-    scripts: bool = False,
-    tags: Collection[str] | None = None,
-    nodes: Registry | None = None,
-    ports: PortTexts | None = None,
-) -> SearchStrategy[Tree]:
+class TreeStrategyOptions(TypedDict, total=False):
+    """The options of `trees`, which are described at `xml_documents`."""
+
+    max_nodes: int
+    skipped: bool
+    timed: bool
+    format: int
+    max_depth: int
+    subtrees: int
+    conditions: bool
+    scripts: bool
+    tags: Collection[str] | None
+    nodes: Registry | None
+    ports: PortTexts | None
+
+
+def trees(**options: Unpack[TreeStrategyOptions]) -> SearchStrategy[Tree]:
     """Return a strategy of trees on a simulated clock, with mock leaves that an `Outcomes` controls.
 
     Args:
-        max_nodes: The maximum number of nodes.
-        skipped: Whether nodes may be skipped (format 4 only).
-        timed: Whether Delay, Timeout and Sleep may occur.
-        format: The XML format, 3 or 4.
-        max_depth: The maximum number of levels of a tree.
-        subtrees: The maximum number of further trees, which are used as subtrees.
-        conditions: Whether attributes such as `_skipIf` may occur (format 4 only).
-        scripts: Whether Script and ScriptCondition may occur (format 4 only).
-        tags: The tags that may occur; by default all control nodes and decorators that accept any child. If a
-            leaf is among them, no other leaves occur.
-        nodes: The registry with those of *tags* that are not built in. Mock leaves replace its leaves, except
-            the built-in leaves.
-        ports: Strategies for the values of ports, by tag and port name. By default, values are drawn for the
-            ports without a default, according to the type of the port.
+        options: As of `xml_documents`. Mock leaves replace the leaves of *nodes*, except the built-in leaves.
 
     Raises:
         InvalidArgument: A tag is unknown, or a port needs a strategy in *ports*. Raised by the first draw.
@@ -197,29 +187,16 @@ def trees(
         ...     tree.halt()
         ...     assert not any(node.status is RUNNING for node in tree)
     """
-    known = with_mock_leaves(registry_or_standard(nodes))
+    nodes = options["nodes"] = with_mock_leaves(registry_or_standard(options.get("nodes")))
 
     def load(text: str) -> Tree:
         clock = SimClock()
-        board = Blackboard(clock=clock) if format == 4 else Format3Blackboard(clock=clock)
-        for key in SCRIPT_KEYS if scripts or conditions else ():
+        board = Format3Blackboard(clock=clock) if options.get("format") == 3 else Blackboard(clock=clock)
+        for key in SCRIPT_KEYS if options.get("scripts") or options.get("conditions") else ():
             board[key] = 0
-        return loads(text, nodes=known, blackboard=board, clock=clock)
+        return loads(text, nodes=nodes, blackboard=board, clock=clock)
 
-    return xml_documents(
-        max_nodes,
-        skipped,
-        timed=timed,
-        own_outcomes=False,
-        format=format,
-        max_depth=max_depth,
-        subtrees=subtrees,
-        conditions=conditions,
-        scripts=scripts,
-        tags=tags,
-        nodes=known,
-        ports=ports,
-    ).map(load)
+    return xml_documents(own_outcomes=False, **options).map(load)
 
 
 @st.composite

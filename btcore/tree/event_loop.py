@@ -8,12 +8,7 @@ from btcore.engine.context import TreeContext
 
 
 class EventLoopWait:
-    """A wait that lets the event loop run until the next tick is due, or until a wake-up from any thread.
-
-    Args:
-        context: The context of the tree.
-        schedule: The due times of the ticks.
-    """
+    """A wait that lets the event loop run until the next tick is due, or until a wake-up from any thread."""
 
     def __init__(self, context: TreeContext, schedule: TickSchedule) -> None:
         self._context = context

@@ -12,16 +12,16 @@ from btcore.errors import SettingsError
 if TYPE_CHECKING:
     import numpy as np
 
-    from btcore_navigation.leaves.explore import MapFile
-    from btcore_navigation.mapping.exploration import Exploration
-    from btcore_navigation.mapping.mapper import Mapper
-    from btcore_navigation.parameters import NavigationParameters
-    from btcore_navigation.servers import Servers
-    from btcore_navigation.stack import Navigation
-    from btcore_robot.control.head_tracker import HeadTracker
-    from btcore_robot.occupancy_map import OccupancyMap
-    from btcore_robot.perception.object_locator import ObjectLocator
-    from btcore_robot.robot import Robot, Waypoints, WorldPlaces
+    import btcore_navigation.leaves.explore
+    import btcore_navigation.mapping.exploration
+    import btcore_navigation.mapping.mapper
+    import btcore_navigation.parameters
+    import btcore_navigation.servers
+    import btcore_navigation.stack
+    import btcore_robot.control.head_tracker
+    import btcore_robot.occupancy_map
+    import btcore_robot.perception.object_locator
+    import btcore_robot.robot
 
 _EXAMPLE: Final = (
     "'waypoints: {recharge: [3.7, -0.2, 0.0], wp1: [1.1, -12.4, 1.57]}', in m and rad on the map"
@@ -81,7 +81,7 @@ class ExplorationSettings(Settings):
 
 
 @provider
-def map_file(settings: MapSettings) -> "OccupancyMap":
+def map_file(settings: MapSettings) -> "btcore_robot.occupancy_map.OccupancyMap":
     """Return the map of `--map`.
 
     Raises:
@@ -93,7 +93,9 @@ def map_file(settings: MapSettings) -> "OccupancyMap":
 
 
 @provider
-def waypoints(settings: MapSettings | None, places: "WorldPlaces | None") -> "Waypoints":
+def waypoints(
+    settings: MapSettings | None, places: "btcore_robot.robot.WorldPlaces | None"
+) -> "btcore_robot.robot.Waypoints":
     """Return the waypoints in the file beside the map; without such a file, those of the world.
 
     Raises:
@@ -119,14 +121,14 @@ def waypoints(settings: MapSettings | None, places: "WorldPlaces | None") -> "Wa
 
 @provider
 def navigation(
-    robot: "Robot",
-    map: "OccupancyMap | None",
-    waypoints: "Waypoints | None",
-    places: "WorldPlaces | None",
+    robot: "btcore_robot.robot.Robot",
+    map: "btcore_robot.occupancy_map.OccupancyMap | None",
+    waypoints: "btcore_robot.robot.Waypoints | None",
+    places: "btcore_robot.robot.WorldPlaces | None",
     settings: NavigationSettings,
     run_settings: RunSettings,
     report: Report,
-) -> "tuple[Navigation, Servers]":
+) -> "tuple[btcore_navigation.stack.Navigation, btcore_navigation.servers.Servers]":
     """Return the navigation of the robot on the map, and its servers.
 
     Args:
@@ -161,27 +163,30 @@ def navigation(
 
 
 @provider(provides=(_POSE_NAVIGATOR,))
-def navigator(navigation: "Navigation") -> object:
+def navigator(navigation: "btcore_navigation.stack.Navigation") -> object:
     """Return the navigation or the exploration, for leaves that navigate on a map."""
     return navigation
 
 
 @provider(provides=(_NAVIGATION_SERVERS,))
-def navigation_servers(servers: "Servers") -> object:
+def navigation_servers(servers: "btcore_navigation.servers.Servers") -> object:
     """Return the servers of the navigation or the exploration, for Nav2's tree nodes."""
     return servers
 
 
 @provider(provides=(_EXPLORER, _NAVIGATION), default=True)
 def exploration(
-    robot: "Robot",
-    map: "OccupancyMap | None",
-    places: "WorldPlaces | None",
+    robot: "btcore_robot.robot.Robot",
+    map: "btcore_robot.occupancy_map.OccupancyMap | None",
+    places: "btcore_robot.robot.WorldPlaces | None",
     settings: NavigationSettings,
     own: ExplorationSettings,
     run_settings: RunSettings,
     report: Report,
-) -> "Iterator[tuple[Exploration, Servers, Mapper, MapFile]]":
+) -> (
+    "Iterator[tuple[btcore_navigation.mapping.exploration.Exploration, btcore_navigation.servers.Servers, "
+    "btcore_navigation.mapping.mapper.Mapper, btcore_navigation.leaves.explore.MapFile]]"
+):
     """Provide a navigation that makes a map; at the end, save the map if the tree has not saved it.
 
     The report of a saved map is `{"map": {"fit", "residual_m", "through_walls", "loops", "loop_error_m"}}`;
@@ -218,7 +223,9 @@ def exploration(
 
 
 @provider(provides=(_HEAD_TRACKER,))
-def head_tracker(robot: "Robot") -> "Iterator[HeadTracker]":
+def head_tracker(
+    robot: "btcore_robot.robot.Robot",
+) -> "Iterator[btcore_robot.control.head_tracker.HeadTracker]":
     """Provide the head tracker, inactive; stop it at the end."""
     from btcore_robot.control.head_tracker import HeadTracker
 
@@ -231,7 +238,9 @@ def head_tracker(robot: "Robot") -> "Iterator[HeadTracker]":
 
 
 @provider(provides=(_OBJECT_LOCATOR,))
-def object_locator(robot: "Robot", servers: "Servers") -> "Iterator[ObjectLocator]":
+def object_locator(
+    robot: "btcore_robot.robot.Robot", servers: "btcore_navigation.servers.Servers"
+) -> "Iterator[btcore_robot.perception.object_locator.ObjectLocator]":
     """Provide the object locator, inactive; stop it at the end.
 
     Args:
@@ -260,8 +269,8 @@ def _report_plugin_errors(settings: NavigationSettings) -> Iterator[None]:
 
 
 def _load_parameters(
-    file: Path | None, places: "WorldPlaces | None", report: Report
-) -> "NavigationParameters | None":
+    file: Path | None, places: "btcore_robot.robot.WorldPlaces | None", report: Report
+) -> "btcore_navigation.parameters.NavigationParameters | None":
     """Return the parameters in *file* with the start pose in *places*, unless the file has another pose.
 
     If the start pose is known to be unknown, the file has no effect on it.
@@ -306,7 +315,9 @@ def _random(run_settings: RunSettings) -> "np.random.Generator":
     return np.random.default_rng([run_settings.seed, 4])
 
 
-def _save(exploration: "Exploration", path: Path, report: Report) -> None:
+def _save(
+    exploration: "btcore_navigation.mapping.exploration.Exploration", path: Path, report: Report
+) -> None:
     from btcore_robot.occupancy_map import MapError
 
     try:

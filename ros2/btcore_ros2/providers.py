@@ -12,10 +12,10 @@ from btcore.tree.tree import Tree
 from btcore_ros2.errors import RosError
 
 if TYPE_CHECKING:
-    from btcore_ros2.nav2.client import Nav2Client
-    from btcore_ros2.robot.bag_robot import BagRobot
-    from btcore_ros2.robot.ros_robot import RosRobot
-    from btcore_ros2.session import RosSession
+    import btcore_ros2.nav2.client
+    import btcore_ros2.robot.bag_robot
+    import btcore_ros2.robot.ros_robot
+    import btcore_ros2.session
 
 START_TIMEOUT_S: Final = 10.0
 """How long (s) a run without a robot on ROS 2 waits for a world in lockstep."""
@@ -111,7 +111,7 @@ def open_session(
     robot: RosRobotSettings | None = None,
     name: str = "btcore",
     arguments: Sequence[str] = (),
-) -> "Iterator[RosSession]":
+) -> "Iterator[btcore_ros2.session.RosSession]":
     """Return a context with the session of a run or a command.
 
     Args:
@@ -142,7 +142,7 @@ def open_session(
 @provider
 def ros_session(
     settings: RosSettings, robot: RosRobotSettings | None, bag: BagSettings | None
-) -> "Iterator[RosSession]":
+) -> "Iterator[btcore_ros2.session.RosSession]":
     """Provide the session for leaves, a robot and Nav2.
 
     Args:
@@ -160,15 +160,15 @@ def ros_session(
 
 
 @provider
-def ros_clock(session: "RosSession") -> Clock:
+def ros_clock(session: "btcore_ros2.session.RosSession") -> Clock:
     """Return the clock of the session, on which a run without a robot waits for messages."""
     return session.clock
 
 
 @provider(provides=(_ROBOT, Clock))
 def ros_robot(
-    session: "RosSession", settings: RosRobotSettings, run_settings: RunSettings
-) -> "Iterator[RosRobot]":
+    session: "btcore_ros2.session.RosSession", settings: RosRobotSettings, run_settings: RunSettings
+) -> "Iterator[btcore_ros2.robot.ros_robot.RosRobot]":
     """Provide a robot over its topics, and stop it at the end.
 
     Args:
@@ -194,7 +194,7 @@ def bag_robot(
     run_settings: RunSettings,
     report: Report,
     resources: Resources,
-) -> "Iterator[BagRobot]":
+) -> "Iterator[btcore_ros2.robot.bag_robot.BagRobot]":
     """Provide the robot of a bag, and report the comparison of its commands.
 
     Args:
@@ -240,7 +240,9 @@ def bag_robot(
         "btcore_navigation.navigation_servers.NavigationServers",
     )
 )
-def nav2_client(session: "RosSession", settings: Nav2Settings, report: Report) -> "Nav2Client":
+def nav2_client(
+    session: "btcore_ros2.session.RosSession", settings: Nav2Settings, report: Report
+) -> "btcore_ros2.nav2.client.Nav2Client":
     """Return the client of a running Nav2, after waiting for the robot's pose.
 
     Args:

@@ -11,10 +11,10 @@ from btcore.options import SweepOption
 from btcore_sim.completion import complete_world
 
 if TYPE_CHECKING:
-    from btcore_robot.occupancy_map import OccupancyMap
-    from btcore_robot.robot import WorldPlaces
-    from btcore_sim.simulated_robot import SimulatedRobot
-    from btcore_sim.simulation import Simulation
+    import btcore_robot.occupancy_map
+    import btcore_robot.robot
+    import btcore_sim.simulated_robot
+    import btcore_sim.simulation
 
 UNKNOWN_START: Final = "unknown"
 """The value of `--start` for a random start pose of which the navigation is not informed."""
@@ -149,7 +149,7 @@ def simulator(
     report: Report,
     resources: Resources,
     spare_boxes: SpareBoxes | None,
-) -> "Iterator[tuple[SimulatedRobot, Simulation]]":
+) -> "Iterator[tuple[btcore_sim.simulated_robot.SimulatedRobot, btcore_sim.simulation.Simulation]]":
     """Provide a robot in a simulated world, and report its run.
 
     At the end, also after an error, stop the robot and close the world. Print a warning for each event that
@@ -178,7 +178,7 @@ def simulator(
 
 
 @provider
-def world_places(simulated: "Simulation") -> "WorldPlaces":
+def world_places(simulated: "btcore_sim.simulation.Simulation") -> "btcore_robot.robot.WorldPlaces":
     """Return the waypoints of the simulated world, and the robot's start pose if it is known."""
     from btcore_robot.robot import WorldPlaces
 
@@ -186,7 +186,7 @@ def world_places(simulated: "Simulation") -> "WorldPlaces":
 
 
 @provider
-def world_map(simulated: "Simulation") -> "OccupancyMap":
+def world_map(simulated: "btcore_sim.simulation.Simulation") -> "btcore_robot.occupancy_map.OccupancyMap":
     """Return the map of the simulated world, without the objects that the run adds."""
     from btcore_sim.map_rasteriser import rasterise
 
@@ -195,7 +195,7 @@ def world_map(simulated: "Simulation") -> "OccupancyMap":
 
 def _simulate(
     settings: SimulatorSettings, run_settings: RunSettings, resources: Resources, spare_boxes: int
-) -> "Simulation":
+) -> "btcore_sim.simulation.Simulation":
     from btcore_sim.camera import parse_camera
     from btcore_sim.events import check_events, parse_event
     from btcore_sim.faults import parse_fault

@@ -88,7 +88,7 @@ def test_values_become_the_types_of_the_format() -> None:
         ({"place": [1]}, "'place' is [1], and a list of 2 numbers is expected"),
         ({"place": [1, "2"]}, "'place[1]' is \"2\", and a number is expected"),
         ({"names": "a"}, "'names' is \"a\", and a list of texts is expected"),
-        ({"names": "a" * 99}, "'names' is \"" + "a" * 79 + "…, and a list of texts is expected"),
+        ({"names": "a" * 99}, "'names' is \"" + "a" * 78 + "…, and a list of texts is expected"),
         ({"ports": {}}, "'ports' is {}, and an object of keys and values, which is not empty, is expected"),
         ({"ports": {"b c": "x"}}, "'ports.b c' is \"x\", and a whole number is expected"),
         ({"rows": [[1, 2], [3]]}, "'rows[1]' is [3], and a list of 2 numbers is expected"),

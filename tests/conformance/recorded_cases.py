@@ -227,8 +227,7 @@ class PlanCondition(RecordedAsk):
 class PlanSync(PlanCondition):
     """The action of the recorded cases that completes within a tick."""
 
-    spec = NodeSpec(node_type=NodeType.ACTION)
-    _must_complete = True
+    spec = NodeSpec(node_type=NodeType.ACTION, must_complete=True)
 
 
 class Inc(SyncAction):

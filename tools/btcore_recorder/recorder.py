@@ -342,4 +342,4 @@ def _describe(manifest: Manifest) -> RecordedClass:
     ports = [
         (port.name, port.direction.name, port.type.name, port.default) for port in manifest.ports.values()
     ]
-    return RecordedClass(manifest.id, kind, manifest.type.name, cls._must_complete, tuple(ports))
+    return RecordedClass(manifest.id, kind, manifest.type.name, cls.spec.must_complete, tuple(ports))

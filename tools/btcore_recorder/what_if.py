@@ -338,7 +338,7 @@ class _Activations(ExternalCode):
         if node.status is RUNNING:  # it was halted here, or the recording ended
             return RUNNING
         self.invented.append(path)
-        is_invalid = self._missing is RUNNING and node._must_complete
+        is_invalid = self._missing is RUNNING and node.spec.must_complete
         return SUCCESS if is_invalid else self._missing
 
     def _tick_mock(self, node: TreeNode, path: str) -> Status:

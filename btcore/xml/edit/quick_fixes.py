@@ -2,13 +2,14 @@
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
+from functools import partial
 from typing import Final, NamedTuple
 
 from btcore import fixes
 from btcore.diagnostic_codes import DiagnosticCode
 from btcore.diagnostics import Diagnostic
 from btcore.names import SCRIPT_ATTRIBUTES, is_port_name
-from btcore.suggestions import nearest_name
+from btcore.suggestions import nearest_name, shortened
 from btcore.xml.edit.editor import DocumentEditor, Edit, apply_edits, escape_value
 from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.positions import LineIndex
@@ -19,6 +20,7 @@ MAX_FIXES: Final = 20
 """Maximum number of fixes of one diagnostic."""
 MAX_TITLE: Final = 60
 """Maximum length of a text in the title of a fix."""
+_shown: Final = partial(shortened, most=MAX_TITLE)
 
 _ASSIGNMENT: Final = re.compile(r"\s*(=)")
 
@@ -167,10 +169,6 @@ def _titled_edits(fix: fixes.Fix, problem: _Problem) -> _TitledEdits:
         # Fixes of the marked element.
         case _ if element is not None:
             yield from _edits_of_element(fix, editor, element)
-
-
-def _shown(text: str) -> str:
-    return text if len(text) <= MAX_TITLE else f"{text[: MAX_TITLE - 1]}…"
 
 
 def _edits_of_element(fix: fixes.Fix, editor: DocumentEditor, element: ScannedElement) -> _TitledEdits:

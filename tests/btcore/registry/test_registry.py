@@ -471,6 +471,7 @@ def test_user_registration_overrides_an_installed_plugin(library: Path) -> None:
     nodes.add(Linger)
     assert nodes.manifests["Linger"].cls is Linger
     assert [(old.library, new.cls) for old, new in nodes.overridden_nodes] == [("polite-robot", Linger)]
+    assert nodes.copy().overridden_nodes == nodes.overridden_nodes
     assert "registered already" in refused(nodes.add, Linger)
 
 

@@ -374,6 +374,30 @@ def test_a_provider_without_types_is_explained() -> None:
         run_with(arm, want=[Arm]).__enter__()
 
 
+def test_annotations_give_full_names_of_types_that_are_not_imported() -> None:
+    @provider
+    def arm(
+        hand: "grippers.hand.Hand | None",  # type: ignore[name-defined]  # noqa: F821
+        clock: "Clock",
+    ) -> "Iterator[tuple[grippers.arm.Arm, Simulated]]":  # type: ignore[name-defined]  # noqa: F821
+        yield None, Simulated()
+
+    assert [(need.type, need.is_optional) for need in arm.needs] == [
+        ("grippers.hand.Hand", True),
+        (Clock, False),
+    ]
+    assert arm.types == ("grippers.arm.Arm", Simulated)
+
+    @provider
+    def leg() -> "Iterator[Leg]":  # type: ignore[name-defined]  # noqa: F821
+        yield None
+
+    with pytest.raises(
+        ProviderError, match=r"leg .* cannot be read: name 'Leg' is not defined; write the full"
+    ):
+        _ = leg.types
+
+
 # --- random sets of providers
 
 TYPES = [type(f"T{number}", (), {}) for number in range(6)]
