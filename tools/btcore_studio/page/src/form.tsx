@@ -148,7 +148,6 @@ function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; pr
   const [preview, requestPreview] = usePreview();
   const previewed = useRef("");
   const published = diagnostics.value.get(node.place.uri);
-  useEffect(() => requestPreview(null), [published]);
   const isPreviewed = preview !== null && previewed.current === typed.value;
   const refused: Problem[] = isPreviewed && preview.refusal ? [{ severity: 1, message: preview.refusal }] : [];
   const shown = isPreviewed ? [...refused, ...preview.problems] : own;
@@ -156,10 +155,15 @@ function FieldRow({ node, field, problems }: { node: DrawnNode; field: Field; pr
   const marks = typed.value === null ? [] : marksOf(typed.value, isPreviewed ? typed.value : text, field.name, shown);
   const setting = (value: string): Command =>
     ({ kind: "set", node: node.place, name: field.name, text: value === "" && !field.isRequired ? null : value });
-  const write = (value: string) => {
-    typed.value = value;
+  const previewSetting = (value: string) => {
     previewed.current = value;
     requestPreview(value === text ? null : () => setting(value));
+  };
+  // Problems may be published while the field is being edited.
+  useEffect(() => previewSetting(typed.value ?? text), [published]);
+  const write = (value: string) => {
+    typed.value = value;
+    previewSetting(value);
   };
   const commit = () => {
     const { value, dataset } = input.current!;
