@@ -1,0 +1,66 @@
+"""The language server of the studio in a browser, where Python runs in a Web Worker.
+
+There are neither processes nor threads: documents are checked in the server's own process, and no node
+library of a user is imported.
+"""
+
+import gc
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from btcore.json_text import load_json
+from btcore_studio.language.command import GC_THRESHOLD
+from btcore_studio.language.server import create_server
+from btcore_studio.language.worker import Worker, WorkerSettings
+
+
+class LocalWorker:
+    """Checks documents in this process, and trusts no node library."""
+
+    def __init__(self) -> None:
+        self._worker: Worker | None = None
+
+    @classmethod
+    async def start(cls) -> "LocalWorker":
+        """Return a worker, which gets its settings by the first message."""
+        return cls()
+
+    async def ask(self, message: Mapping[str, Any], limit: float) -> dict[str, Any]:
+        """Return the answer to *message*. *limit* is not used: the user ends what takes too long."""
+        if self._worker is None:
+            self._worker = Worker(WorkerSettings(**message)._replace(trusted=False))
+            return self._worker.describe()
+        return self._worker.answer(message)
+
+    def stop(self) -> None:
+        """Do nothing: there is no process."""
+
+    async def wait(self) -> None:
+        """Do nothing: there is no process."""
+
+
+class SiteSession:
+    """The language server of one page.
+
+    Args:
+        post: Sends a message of JSON-RPC to the page.
+    """
+
+    def __init__(self, post: Callable[[str], object]) -> None:
+        gc.set_threshold(GC_THRESHOLD)
+        gc.enable()
+        self._post = post
+        self._protocol = create_server(start_worker=LocalWorker.start).protocol
+        # pygls sends by `write` of this object.
+        self._protocol.set_writer(self, include_headers=False)
+
+    def receive(self, message: str) -> None:
+        """Handle a message of JSON-RPC from the page."""
+        self._protocol.handle_message(self._protocol.structure_message(load_json(message)))
+
+    def write(self, data: bytes) -> None:
+        """Send a message."""
+        self._post(data.decode())
+
+    def close(self) -> None:
+        """Do nothing: the page ends the Web Worker."""
