@@ -24,7 +24,7 @@ class Client:
 
     def __init__(self) -> None:
         self.received: asyncio.Queue[dict[str, Any]] = asyncio.Queue()
-        self.session = SiteSession(lambda message: self.received.put_nowait(json.loads(message)))
+        self.session = SiteSession(lambda message: self.received.put_nowait(json.loads(message)), None)
 
     def send(self, method: str, params: object, request: int | None = None) -> None:
         message = {"jsonrpc": "2.0", "method": method, "params": params}

@@ -1,10 +1,19 @@
 // The Web Worker of the site: it loads Pyodide, and passes messages to the language server in it.
 
+interface FileSystem {
+  mkdirTree(folder: string): void;
+  writeFile(path: string, content: Uint8Array, options: { canOwn: boolean }): void;
+}
+
 /** What is used of Pyodide. */
 interface Python {
-  runPython(code: string): string;
-  unpackArchive(archive: ArrayBuffer, format: "zip", options: { extractDir: string }): void;
+  runPython(code: string): void;
   pyimport(module: string): { SiteSession: (post: (message: string) => void) => { receive(message: string): void } };
+}
+interface Pyodide {
+  loadPyodide(options: {
+    indexURL: string; env: Record<string, string>; fsInit: (files: FileSystem, folders: { sitePackages: string }) => Promise<void>;
+  }): Promise<Python>;
 }
 
 /** A state of Python. A text is a message of the language server. */
@@ -18,20 +27,34 @@ let receive = (message: string): void => { waiting.push(message); };
 
 self.onmessage = ({ data }: MessageEvent<string>) => receive(data);
 
-async function fetched(name: string): Promise<ArrayBuffer> {
-  const response = await fetch(folder + name);
-  if (!response.ok) throw new Error(`${name}: ${response.status} ${response.statusText}`);
-  return response.arrayBuffer();
+/** Return the Python modules: a line of JSON with the name and the size of each file, and then the files. */
+async function fetchModules(): Promise<[name: string, content: Uint8Array][]> {
+  const response = await fetch(`${folder}modules.bin`);
+  if (!response.ok || !response.body) throw new Error(`modules.bin: ${response.status} ${response.statusText}`);
+  const unpacked = new Response(response.body.pipeThrough(new DecompressionStream("gzip")));
+  const bytes = new Uint8Array(await unpacked.arrayBuffer());
+  let at = bytes.indexOf(10) + 1;
+  const index = JSON.parse(new TextDecoder().decode(bytes.subarray(0, at))) as [string, number][];
+  return index.map(([name, size]) => [name, bytes.subarray(at, at += size)]);
 }
 
 async function start(): Promise<void> {
-  const modules = fetched("modules.zip");
-  const { loadPyodide } = await import(`${folder}pyodide.mjs`) as { loadPyodide(options: { indexURL: string }): Promise<Python> };
-  const python = await loadPyodide({ indexURL: folder });
+  const modules = fetchModules();
+  const { loadPyodide } = await import(`${folder}pyodide.mjs`) as Pyodide;
+  const python = await loadPyodide({
+    indexURL: folder,
+    // The libraries of btcore need packages that are not here.
+    env: { HOME: "/home/pyodide", BTCORE_ENTRY_POINTS: "" },
+    fsInit: async (files, { sitePackages }) => {
+      for (const [name, content] of await modules) {
+        const path = `${sitePackages}/${name}`;
+        files.mkdirTree(path.slice(0, path.lastIndexOf("/")));
+        files.writeFile(path, content, { canOwn: true });
+      }
+    },
+  });
   post({ state: "python" });
-  // The session enables the garbage collector again.
-  const extractDir = python.runPython("import gc, site; gc.disable(); site.getsitepackages()[0]");
-  python.unpackArchive(await modules, "zip", { extractDir });
+  python.runPython("import gc; gc.disable()"); // the session enables it
   const session = python.pyimport("btcore_studio.site.session").SiteSession(post);
   post({ state: "ready" });
   for (const message of waiting) session.receive(message);
