@@ -96,6 +96,8 @@ ROS2_GOALS ?= --goals 2000
 # The acceptance runs that pytest makes: the number of random editing operations, and of recorded runs; or `none`.
 EDITS ?= 10000
 RECORDED_RUNS ?= 2000
+# The number of recorded cases that Pyodide runs; or `none`. There are some 17,000.
+SITE_CASES ?= 20000
 # $(call acceptance,SCRIPT,OPTIONS[,FURTHER ARGUMENTS[,ENVIRONMENT]]) runs a script unless its options are `none`.
 acceptance = @$(if $(filter none,$(2)),,$(or $(4),.venv)/bin/python tests/acceptance/$(1).py $(3) $(2))
 
@@ -290,6 +292,7 @@ accept-tools: .venv/ready page
 		tests/tools/btcore_studio/page/test_editing.py)
 	@$(if $(filter none,$(RECORDED_RUNS)),,BTCORE_EXPECT=pure BTCORE_RUNS=$(RECORDED_RUNS) .venv/bin/pytest -n $(CORES) \
 		$(addprefix tests/tools/btcore_recorder/,test_excerpts.py test_replay.py test_what_if.py test_why.py))
+	@$(if $(filter none,$(SITE_CASES)),,BTCORE_SITE_CASES=$(SITE_CASES) .ci/studio-site)
 	$(call acceptance,mcp_attacks,$(MCP_ATTACKS))
 	$(call acceptance,mistakes,$(MISTAKES))
 	$(call acceptance,studio,$(STUDIO))
@@ -343,12 +346,13 @@ vscode: page
 	@cp $(PAGE)/built/studio.{js,css} editors/vscode/out/page
 	@cd editors/vscode && npm install $(NPM_OPTIONS) && npm run --silent package
 
-# The first three are skipped if npm cannot bring their tools; the page is needed by tests anyway.
+# All but .ci/page are skipped if npm cannot bring their tools; the page is needed by tests anyway.
 npm-checks: .venv/ready
 	@.ci/pyright
 	@.ci/workflows
 	@MAKEFLAGS= .ci/vscode
 	@MAKEFLAGS= .ci/page
+	@MAKEFLAGS= .ci/studio-site
 
 docs: .venv/ready
 	@$(PROGRESS) 'building the documentation site' .venv/bin/python -u docs/site/build_site.py

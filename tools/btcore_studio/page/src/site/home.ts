@@ -54,10 +54,10 @@ export class SiteHome extends PageHome {
       message.value = siteTexts.linkRefused[error instanceof LinkError ? error.reason : "invalid"];
       return null;
     });
-    const files = linked?.files ?? [{ name: FIRST_FILE, text: NEW_FILE, mark: false }];
-    const [first] = files.map((file) => this.add(file));
+    const uris = (linked?.files ?? []).map((file) => this.add(file));
+    if (!uris.length) uris.push(this.addFirst());
     void this.restart();
-    return { folder: "", uri: first ?? "", tree: linked?.tree ?? null, readOnly: false, live: false, recording: null };
+    return { folder: "", uri: uris[0]!, tree: linked?.tree ?? null, readOnly: false, live: false, recording: null };
   }
 
   /** Start Python, or end it and start it again. The texts are in the page. */
@@ -135,6 +135,14 @@ export class SiteHome extends PageHome {
     const uri = `${FOLDER}/${encodeURIComponent(name)}`;
     const first = textOf(text);
     this.files.set(uri, { name, mark, first, version: 1, saved: null, kept: first, handle: null });
+    this.show();
+    return uri;
+  }
+
+  /** Add a file that need not be saved before the user has changed it. */
+  private addFirst(): string {
+    const uri = this.add({ name: FIRST_FILE, text: NEW_FILE, mark: false });
+    this.file(uri).saved = this.file(uri).first;
     this.show();
     return uri;
   }
