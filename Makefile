@@ -86,6 +86,7 @@ STARVED ?= --starved 20 --seconds 3
 MCP_ATTACKS ?=
 MISTAKES ?=
 STUDIO ?= --trials 9
+STUDIO_SITE ?= --trials 5
 PROOFS ?= --trees 1000
 TYPED_FILES ?= --files 200
 KILLS ?= --trials 100
@@ -286,7 +287,7 @@ accept-engine: .venv/ready .venv-compiled/ready
 	$(call acceptance,attacks,$(ATTACKS))
 	$(call acceptance,attacks,$(STARVED))
 
-accept-tools: .venv/ready page
+accept-tools: .venv/ready page $(if $(filter none,$(STUDIO_SITE)),,studio-site)
 	@$(if $(filter none,$(EDITS)),,BTCORE_EXPECT=pure BTCORE_EDITS=$(EDITS) .venv/bin/pytest -n $(CORES) \
 		--dist worksteal tests/tools/btcore_studio/edit tests/tools/btcore_studio/language/test_edit_commands.py \
 		tests/tools/btcore_studio/page/test_editing.py)
@@ -296,6 +297,7 @@ accept-tools: .venv/ready page
 	$(call acceptance,mcp_attacks,$(MCP_ATTACKS))
 	$(call acceptance,mistakes,$(MISTAKES))
 	$(call acceptance,studio,$(STUDIO))
+	$(call acceptance,studio_site,$(STUDIO_SITE))
 	$(call acceptance,proofs,$(PROOFS),--jobs $(CORES))
 	$(call acceptance,typed_files,$(TYPED_FILES),--jobs $(CORES))
 	$(call acceptance,kills,$(KILLS))
