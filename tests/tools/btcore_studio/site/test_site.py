@@ -15,7 +15,7 @@ TREE = (
     '\ufeff<root BTCPP_format="4">\r\n'
     '  <BehaviorTree ID="Main">\r\n'
     "    <!-- ü 🤖 -->\r\n"
-    '    <Sequence><Sleep msec="10"/></Sequence>\r\n'
+    '    <Sequence><Sleep name="&lt;img src=//evil.invalid/ onerror=alert(1)>" msec="10"/></Sequence>\r\n'
     "  </BehaviorTree>\r\n"
     "</root>"
 ).encode()
@@ -121,6 +121,7 @@ def test_files_are_kept_byte_for_byte(open_site: OpenSite) -> None:
     page.get_by_role("button", name="Copy link").click()
     wait_for_message(page, "Copied a link")
     other = open_site(page.url[page.url.index("#") :])
+    other.locator("g.node", has_text="<img src=").wait_for(timeout=WAIT_MS)
     assert saved(other) == TREE
     # What cannot be opened is refused with a sentence.
     for name, content, reason in (

@@ -81,7 +81,7 @@ def main(parts: Path, site: Path) -> int:
     (modules / "btcore_studio" / "site" / "models.json").write_text(
         json.dumps(library_models()), encoding="utf-8"
     )
-    compile_modules = [NPM, "run", "--silent", "compile", "--", modules.resolve()]
+    compile_modules: list[str | Path] = [NPM, "run", "--silent", "compile", "--", modules.resolve()]
     subprocess.run(compile_modules, cwd=Path(__file__).parent, check=True)
     pack(modules, python / "modules.bin")
     for name in PYODIDE_FILES:

@@ -41,6 +41,7 @@ export class SiteHome extends PageHome {
     });
     super(python, siteTexts.ended);
     this.python = python;
+    this.python.start();
     this.documents.listen(() => this.show());
     addEventListener("beforeunload", (event) => {
       if ([...this.files.keys()].some((uri) => !this.text(uri).eq(this.file(uri).kept))) event.preventDefault();
@@ -56,13 +57,18 @@ export class SiteHome extends PageHome {
     });
     const uris = (linked?.files ?? []).map((file) => this.add(file));
     if (!uris.length) uris.push(this.addFirst());
-    void this.restart();
+    void this.connect();
     return { folder: "", uri: uris[0]!, tree: linked?.tree ?? null, readOnly: false, live: false, recording: null };
   }
 
-  /** Start Python, or end it and start it again. The texts are in the page. */
-  async restart(): Promise<void> {
+  /** End Python, and start it again. The texts are in the page. */
+  restart(): Promise<void> {
     this.python.start();
+    return this.connect();
+  }
+
+  /** Give the texts to a language server that has just started. */
+  private async connect(): Promise<void> {
     this.forget();
     const initialized = this.initialize([{ uri: FOLDER, name: "studio" }]);
     await this.documents.reload();
