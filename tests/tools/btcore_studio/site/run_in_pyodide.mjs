@@ -14,7 +14,7 @@ let at = modules.indexOf(10) + 1;
 const index = JSON.parse(modules.toString("utf-8", 0, at));
 const python = await loadPyodide({
   indexURL,
-  env: { HOME: "/home/pyodide", BTCORE_ENTRY_POINTS: "" },
+  env: { HOME: "/home/pyodide", BTCORE_ENTRY_POINTS: "mock" },
   fsInit: async (files, { sitePackages }) => {
     for (const [name, size] of index) {
       files.mkdirTree(path.posix.dirname(`${sitePackages}/${name}`));
