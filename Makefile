@@ -57,7 +57,11 @@ ROS2 := $(filter Linux-x86_64,$(shell uname -sm | tr ' ' -))
 MESSAGES := $(shell find ros2/btcore_ros2/message_packages -type f -not -name '*.pyc')
 # The page of the studio, whose sources are in TypeScript.
 PAGE := tools/btcore_studio/page
-PAGE_SOURCES := $(PAGE)/tsconfig.json $(wildcard $(PAGE)/*.html $(PAGE)/*.css $(PAGE)/src/*)
+PAGE_SOURCES := $(PAGE)/tsconfig.json $(wildcard $(PAGE)/*.html $(PAGE)/*.css $(PAGE)/src/* $(PAGE)/src/*/*)
+# The page as a site of static files, with Python in Pyodide. The wheels are for the Python of Pyodide.
+SITE := $(PAGE)/site
+SITE_PARTS := out/studio-site-parts
+PYODIDE_TAGS := --python-version 3.14 --implementation cp --abi cp314 --platform pyemscripten_2026_0_wasm32
 VULKAN := mesa-vulkan-drivers libvulkan1
 
 NPM_OPTIONS := --loglevel=error --no-audit --no-fund --no-package-lock
@@ -82,6 +86,7 @@ STARVED ?= --starved 20 --seconds 3
 MCP_ATTACKS ?=
 MISTAKES ?=
 STUDIO ?= --trials 9
+STUDIO_SITE ?= --trials 5
 PROOFS ?= --trees 1000
 TYPED_FILES ?= --files 200
 KILLS ?= --trials 100
@@ -92,11 +97,13 @@ ROS2_GOALS ?= --goals 2000
 # The acceptance runs that pytest makes: the number of random editing operations, and of recorded runs; or `none`.
 EDITS ?= 10000
 RECORDED_RUNS ?= 2000
+# The number of recorded cases that Pyodide runs; or `none`. There are some 17,000.
+SITE_CASES ?= 20000
 # $(call acceptance,SCRIPT,OPTIONS[,FURTHER ARGUMENTS[,ENVIRONMENT]]) runs a script unless its options are `none`.
 acceptance = @$(if $(filter none,$(2)),,$(or $(4),.venv)/bin/python tests/acceptance/$(1).py $(3) $(2))
 
 .PHONY: help setup setup-core demo test $(LANES) test-ros2 check environments lint other-tests pure compiled vulkan accept \
-	accept-robot accept-engine accept-tools accept-ros2 docs page vscode npm-checks dist bench clean
+	accept-robot accept-engine accept-tools accept-ros2 docs page studio-site vscode npm-checks dist bench clean
 
 help:
 	@echo 'make setup   .venv with all packages; make setup-core: only what work on the engine needs'
@@ -109,6 +116,7 @@ help:
 	@echo 'make accept  the acceptance runs, on all cores; goes on where it was interrupted'
 	@echo 'make docs    the documentation site, in out/docs/site'
 	@echo 'make page    the page of btcore studio; with npm, or with Node from PyPI'
+	@echo 'make studio-site  the studio as static files, in out/studio-site; with npm, or with Node from PyPI'
 	@echo 'make vscode  the extension for VS Code, out/btcore.vsix; needs npm'
 	@echo 'make dist    the files of a release for this machine, in dist'
 	@echo 'make lint    style and types only'
@@ -279,15 +287,17 @@ accept-engine: .venv/ready .venv-compiled/ready
 	$(call acceptance,attacks,$(ATTACKS))
 	$(call acceptance,attacks,$(STARVED))
 
-accept-tools: .venv/ready page
+accept-tools: .venv/ready page $(if $(filter none,$(STUDIO_SITE)),,studio-site)
 	@$(if $(filter none,$(EDITS)),,BTCORE_EXPECT=pure BTCORE_EDITS=$(EDITS) .venv/bin/pytest -n $(CORES) \
 		--dist worksteal tests/tools/btcore_studio/edit tests/tools/btcore_studio/language/test_edit_commands.py \
 		tests/tools/btcore_studio/page/test_editing.py)
 	@$(if $(filter none,$(RECORDED_RUNS)),,BTCORE_EXPECT=pure BTCORE_RUNS=$(RECORDED_RUNS) .venv/bin/pytest -n $(CORES) \
 		$(addprefix tests/tools/btcore_recorder/,test_excerpts.py test_replay.py test_what_if.py test_why.py))
+	@$(if $(filter none,$(SITE_CASES)),,BTCORE_SITE_CASES=$(SITE_CASES) .ci/studio-site)
 	$(call acceptance,mcp_attacks,$(MCP_ATTACKS))
 	$(call acceptance,mistakes,$(MISTAKES))
 	$(call acceptance,studio,$(STUDIO))
+	$(call acceptance,studio_site,$(STUDIO_SITE))
 	$(call acceptance,proofs,$(PROOFS),--jobs $(CORES))
 	$(call acceptance,typed_files,$(TYPED_FILES),--jobs $(CORES))
 	$(call acceptance,kills,$(KILLS))
@@ -310,6 +320,26 @@ $(PAGE)/node_modules/ready: $(PAGE)/package.json
 	@cd $(PAGE) && PYTHON='$(PYTHON)' $(CURDIR)/.ci/npm install $(NPM_OPTIONS)
 	@touch $@
 
+studio-site: out/studio-site/index.html
+
+out/studio-site/index.html: $(PAGE)/built/index.html $(SITE)/node_modules/ready $(SITE_PARTS)/ready $(ENGINE) \
+		$(wildcard $(SITE)/*.*) .venv/ready
+	@echo '· building the studio as a site of static files'
+	@rm -f $(SITE_PARTS)/btcore-*.whl
+	@BTCORE_PURE=1 .venv/bin/python $(PIP) wheel --quiet --no-build-isolation --no-deps --wheel-dir $(SITE_PARTS) .
+	@$(CURDIR)/.ci/npm --prefix $(PAGE) run --silent build-worker -- --log-level=warning --outfile=$(CURDIR)/$(SITE_PARTS)/worker.js
+	@.venv/bin/python $(SITE)/build_site.py $(SITE_PARTS) $(@D)
+
+$(SITE)/node_modules/ready: $(SITE)/package.json
+	@cd $(SITE) && PYTHON='$(PYTHON)' $(CURDIR)/.ci/npm install $(NPM_OPTIONS)
+	@touch $@
+
+$(SITE_PARTS)/ready: $(SITE)/requirements.txt | .venv/project
+	@rm -rf $(@D) && mkdir -p $(@D)
+	@.venv/bin/python $(PIP) download --quiet --require-hashes --no-deps --only-binary=:all: $(PYODIDE_TAGS) \
+		--dest $(@D) --requirement $<
+	@touch $@
+
 # The extension contains the page.
 vscode: page
 	@mkdir -p out
@@ -318,12 +348,13 @@ vscode: page
 	@cp $(PAGE)/built/studio.{js,css} editors/vscode/out/page
 	@cd editors/vscode && npm install $(NPM_OPTIONS) && npm run --silent package
 
-# The first three are skipped if npm cannot bring their tools; the page is needed by tests anyway.
+# All but .ci/page are skipped if npm cannot bring their tools; the page is needed by tests anyway.
 npm-checks: .venv/ready
 	@.ci/pyright
 	@.ci/workflows
 	@MAKEFLAGS= .ci/vscode
 	@MAKEFLAGS= .ci/page
+	@MAKEFLAGS= .ci/studio-site
 
 docs: .venv/ready
 	@$(PROGRESS) 'building the documentation site' .venv/bin/python -u docs/site/build_site.py
@@ -364,5 +395,5 @@ bench: .venv/ready .venv-compiled/bench $(if $(ROS2),.venv-ros/ready)
 	@$(if $(ROS2),.venv-ros/bin/python benchmarks/ros2.py)
 
 clean:
-	rm -rf .venv .venv-compiled .venv-messages .venv-ros .venv-release build dist out .venv-node $(PAGE)/node_modules $(PAGE)/built editors/vscode/node_modules editors/vscode/out .accept ./*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
+	rm -rf .venv .venv-compiled .venv-messages .venv-ros .venv-release build dist out .venv-node $(PAGE)/node_modules $(PAGE)/built $(SITE)/node_modules editors/vscode/node_modules editors/vscode/out .accept ./*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis
 	find . -name __pycache__ -prune -exec rm -rf {} +

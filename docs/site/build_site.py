@@ -2,7 +2,8 @@
 
 The pages of docs/ and of the root folder are copied to out/docs/pages, the reference pages are generated
 beside them, and Zensical builds the site in out/docs/site. Any problem that Zensical reports, such as a
-missing page or anchor, fails the build.
+missing page or anchor, fails the build. If `make studio-site` has built the studio as a site, that is copied
+beside the pages.
 """
 
 import json
@@ -24,6 +25,7 @@ from btcore.diagnostic_codes import ALL_CODES
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 OUT = ROOT / "out" / "docs"
+STUDIO = ROOT / "out" / "studio-site"
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 # Pages of the repository's root folder, where GitHub expects them. README.md is the entrance on GitHub.
 ROOT_PAGES = sorted(set(ROOT.glob("*.md")) - {ROOT / "README.md"})
@@ -120,6 +122,8 @@ def main() -> int:
         return built.returncode
     make_self_contained(OUT / "site")
     problems = [*link_problems(OUT / "site"), *missing_headings(OUT / "site")]
+    if STUDIO.exists():
+        shutil.copytree(STUDIO, OUT / "site" / "studio")
     print("\n".join(problems), file=sys.stderr, end="\n" * bool(problems))
     return min(len(problems), 1)
 

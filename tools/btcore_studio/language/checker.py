@@ -7,7 +7,13 @@ from pathlib import Path
 from typing import Final
 
 from btcore_studio.language.diagnostics import Report, merge, report_from_data
-from btcore_studio.language.library_worker import LibraryWorker, Publish, WorkerError
+from btcore_studio.language.library_worker import (
+    LibraryWorker,
+    Publish,
+    StartWorker,
+    WorkerError,
+    WorkerProcess,
+)
 from btcore_studio.language.project import (
     PROJECT_SUFFIX,
     SUFFIXES,
@@ -109,6 +115,7 @@ class Checker:
         publish: Called with a file and its reports, or with a URI for a document without a file.
         show: Called with a message for the user.
         refresh: Called when the available nodes changed.
+        start_worker: Starts the worker that checks; default a process.
     """
 
     def __init__(
@@ -117,12 +124,13 @@ class Checker:
         publish: Publish,
         show: Callable[[str], None],
         refresh: Callable[[], None],
+        start_worker: StartWorker = WorkerProcess.start,
     ) -> None:
         self._project = project
         self._show = show
         self._shown: set[str] = set()
         self._results = CheckResults(project, publish)
-        self._worker = LibraryWorker(project, publish, self._show_once, refresh)
+        self._worker = LibraryWorker(project, publish, self._show_once, refresh, start_worker)
         self._pending: dict[DocumentKey, None] = {}
         self._wake = asyncio.Event()
         self._task: asyncio.Task[None] | None = None

@@ -4,10 +4,10 @@ import asyncio
 import json
 import sys
 from asyncio.subprocess import PIPE, Process
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Awaitable, Callable, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, Protocol
 
 from btcore.input_files import FileStamp, file_stamp
 from btcore_studio.language.diagnostics import Report
@@ -35,6 +35,32 @@ class WorkerError(Exception):
     """The worker process ended, or did not answer in time."""
 
 
+class CheckWorker(Protocol):
+    """The server's side of the worker: a process, except where there are no processes."""
+
+    async def ask(self, message: Mapping[str, Any], limit: float) -> dict[str, Any]:
+        """Return the answer to *message*.
+
+        Args:
+            message: The settings or a request.
+            limit: The maximum time (s).
+
+        Raises:
+            WorkerError: The worker ended, or did not answer in time. It is ended then.
+        """
+        ...
+
+    def stop(self) -> None:
+        """End the worker."""
+
+    async def wait(self) -> None:
+        """Wait until the stopped worker has ended, also if this task is cancelled in the meantime."""
+
+
+StartWorker = Callable[[], Awaitable[CheckWorker]]
+"""Starts a worker."""
+
+
 class WorkerProcess:
     """The server's side of the worker process."""
 
@@ -48,14 +74,10 @@ class WorkerProcess:
         return cls(await asyncio.create_subprocess_exec(*command, stdin=PIPE, stdout=PIPE, limit=MAX_ANSWER))
 
     async def ask(self, message: Mapping[str, Any], limit: float) -> dict[str, Any]:
-        """Return the answer to *message*.
-
-        Args:
-            message: The settings or a request.
-            limit: The maximum time (s).
+        """Return the answer to *message*. After *limit* s, end the process.
 
         Raises:
-            WorkerError: The process ended, or did not answer in time. It is ended then.
+            WorkerError: The process ended, or did not answer in time.
         """
         writer, reader = self._process.stdin, self._process.stdout
         assert writer is not None
@@ -97,6 +119,7 @@ class LibraryWorker:
         publish: Called with a file of a library and its problems.
         show: Called with a message for the user.
         refresh: Called when the available nodes changed.
+        start_worker: Starts the worker that checks; default a process.
 
     Attributes:
         sources: The files of the libraries, each with the stamp that it had when they were loaded.
@@ -108,12 +131,14 @@ class LibraryWorker:
         publish: Publish,
         show: Callable[[str], None],
         refresh: Callable[[], None],
+        start_worker: StartWorker = WorkerProcess.start,
     ) -> None:
+        self._start_worker = start_worker
         self._project = project
         self._publish = publish
         self._show = show
         self._refresh = refresh
-        self._process: WorkerProcess | None = None
+        self._process: CheckWorker | None = None
         # The unsaved texts that the process has.
         self._sent: Mapping[Path, str] = {}
         self.sources: dict[Path, FileStamp | None] = {}
@@ -149,7 +174,7 @@ class LibraryWorker:
         )
         if configured.plugins and not configured.trusted:
             self._show("Python leaves are unknown: they are not imported without the setting 'trusted'.")
-        self._process = process = await WorkerProcess.start()
+        self._process = process = await self._start_worker()
         self._sent = {}
         try:
             answer = await process.ask(settings._asdict(), LOAD_LIMIT_S)
@@ -205,7 +230,7 @@ class LibraryWorker:
         self.stop()
         self._distrusted = False
 
-    def stop(self) -> WorkerProcess | None:
+    def stop(self) -> CheckWorker | None:
         """Stop the process, and return it. The next `load` starts a new process."""
         process, self._process = self._process, None
         if process is not None:

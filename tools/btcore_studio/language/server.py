@@ -42,6 +42,7 @@ from btcore_studio.language.diagnostics import Report
 from btcore_studio.language.drawing import draw_document
 from btcore_studio.language.edit_commands import compute_edit, copy_nodes, last_warnings, preview_edit
 from btcore_studio.language.leaf_code import leaf_of
+from btcore_studio.language.library_worker import StartWorker, WorkerProcess
 from btcore_studio.language.live import LiveExtension, LiveTree
 from btcore_studio.language.mock_runs import PageRuns
 from btcore_studio.language.model_edits import FieldError
@@ -200,7 +201,7 @@ class TreeServer(LanguageServer):
         params_classes: The parameters of requests outside of the Language Server Protocol, by method.
     """
 
-    def __init__(self, live: LiveExtension | None = None) -> None:
+    def __init__(self, live: LiveExtension | None, start_worker: StartWorker) -> None:
         super().__init__(
             NAME,
             __version__,
@@ -208,7 +209,7 @@ class TreeServer(LanguageServer):
             protocol_cls=TreeServerProtocol,
         )
         self.project = Project()
-        self.checker = Checker(self.project, self._publish, self._show, self._refresh)
+        self.checker = Checker(self.project, self._publish, self._show, self._refresh, start_worker)
         self.live = LiveTree(live, lambda data: self.protocol.notify("btcore/live", data))
         self.was_shut_down = False
         self.params_classes: dict[str, type[Data]] = {}
@@ -271,13 +272,16 @@ def _collect() -> None:
         gc.collect()
 
 
-def create_server(live: LiveExtension | None = None) -> TreeServer:
+def create_server(
+    live: LiveExtension | None = None, start_worker: StartWorker = WorkerProcess.start
+) -> TreeServer:
     """Return a server with all features, which is not started yet.
 
     Args:
         live: Connects with running trees; default the installed extension with its default settings.
+        start_worker: Starts the worker that checks documents; default a process.
     """
-    server = TreeServer(live)
+    server = TreeServer(live, start_worker)
     _keep_up_to_date(server)
     _add_features(server)
     _add_studio_requests(server)

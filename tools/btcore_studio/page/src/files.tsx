@@ -9,7 +9,8 @@ import { rename } from "./text_pane";
 import { texts } from "./texts";
 import { focusPicture } from "./view";
 
-const NEW_FILE = `<?xml version="1.0" encoding="UTF-8"?>
+/** The text of a new file. */
+export const NEW_FILE = `<?xml version="1.0" encoding="UTF-8"?>
 <root BTCPP_format="4" main_tree_to_execute="MainTree">
   <BehaviorTree ID="MainTree">
   </BehaviorTree>

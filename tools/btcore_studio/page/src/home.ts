@@ -1,4 +1,4 @@
-// Where the page lives: in a browser, or in a web view of VS Code.
+// Where the page lives: in a browser, or in a web view of VS Code. site/home.ts has the third home.
 
 import type { Text } from "@codemirror/state";
 import { effect, signal } from "@preact/signals";
@@ -90,27 +90,18 @@ const CAPABILITIES = {
   workspace: { semanticTokens: { refreshSupport: true } },
 };
 
-/** The page of `btcore studio`: the texts are shared by all pages of its process. */
-export class BrowserHome implements Home {
+/** A home in which the page has the texts. */
+export abstract class PageHome implements Home {
   readonly connection: Connection;
   readonly documents: Documents;
   readonly history: History;
-  private readonly transport: SocketTransport;
-  /** The documents that the language server of this connection knows. */
+  /** The documents that the present language server knows. */
   private known = new Set<string>();
-  private isFirst = true;
-  private started!: (start: Start) => void;
-  private failed!: (error: unknown) => void;
-  private readonly start = new Promise<Start>((resolve, reject) => {
-    this.started = resolve;
-    this.failed = reject;
-  });
 
-  constructor() {
-    this.transport = new SocketTransport(() => void this.opened());
-    this.connection = new Connection(this.transport, texts.lost);
+  constructor(transport: Transport, lostText: string) {
+    this.connection = new Connection(transport, lostText);
     this.documents = new Documents({
-      read: (uri) => this.connection.request<SharedText>("btcore/read", { uri }),
+      read: (uri) => this.readShared(uri),
       push: (pushed) => this.push(pushed),
       opened: (uri, text, version) => {
         this.known.add(uri);
@@ -131,13 +122,12 @@ export class BrowserHome implements Home {
       }),
       () => selection.value,
     );
-    this.connection.on<Pushed>("btcore/pushed", (pushed) => this.documents.receive(pushed));
   }
 
-  begin(): Promise<Start> {
-    this.transport.connect();
-    return this.start;
-  }
+  abstract begin(): Promise<Start>;
+  abstract save(uri: string): Promise<boolean>;
+  protected abstract readShared(uri: string): Promise<SharedText>;
+  protected abstract push(pushed: Pushed): Promise<Reply>;
 
   async read(uri: string): Promise<Text> {
     await this.documents.load(uri);
@@ -160,14 +150,6 @@ export class BrowserHome implements Home {
     return Promise.resolve(this.history.redo());
   }
 
-  async save(uri: string): Promise<boolean> {
-    await this.documents.load(uri);
-    await this.documents.pushed(uri);
-    const isWritten = await this.connection.request<boolean>("btcore/save", { uri });
-    this.connection.notify("textDocument/didSave", { textDocument: { uri } });
-    return isWritten;
-  }
-
   export(name: string, content: Blob): Promise<void> {
     const link = document.createElement("a");
     link.href = URL.createObjectURL(content);
@@ -183,7 +165,56 @@ export class BrowserHome implements Home {
     this.documents.listen(({ uri, origin }) => listener(uri, origin));
   }
 
-  private async push(pushed: Pushed): Promise<Reply> {
+  /** Begin a new connection, whose language server knows no document. */
+  protected forget(): void {
+    this.known = new Set();
+  }
+
+  /** Initialize the language server. Resolves when it has replied. */
+  protected async initialize(workspaceFolders: { uri: string; name: string }[] | null): Promise<void> {
+    await this.connection.request("initialize", {
+      processId: null, rootUri: null, workspaceFolders, capabilities: CAPABILITIES, clientInfo: { name: "btcore studio" },
+    });
+    this.connection.notify("initialized", {});
+  }
+}
+
+/** The page of `btcore studio`: the texts are shared by all pages of its process. */
+export class BrowserHome extends PageHome {
+  private readonly transport: SocketTransport;
+  private isFirst = true;
+  private started!: (start: Start) => void;
+  private failed!: (error: unknown) => void;
+  private readonly start = new Promise<Start>((resolve, reject) => {
+    this.started = resolve;
+    this.failed = reject;
+  });
+
+  constructor() {
+    const transport = new SocketTransport(() => void this.opened());
+    super(transport, texts.lost);
+    this.transport = transport;
+    this.connection.on<Pushed>("btcore/pushed", (pushed) => this.documents.receive(pushed));
+  }
+
+  begin(): Promise<Start> {
+    this.transport.connect();
+    return this.start;
+  }
+
+  async save(uri: string): Promise<boolean> {
+    await this.documents.load(uri);
+    await this.documents.pushed(uri);
+    const isWritten = await this.connection.request<boolean>("btcore/save", { uri });
+    this.connection.notify("textDocument/didSave", { textDocument: { uri } });
+    return isWritten;
+  }
+
+  protected readShared(uri: string): Promise<SharedText> {
+    return this.connection.request("btcore/read", { uri });
+  }
+
+  protected async push(pushed: Pushed): Promise<Reply> {
     try {
       return (await this.connection.request<{ version: number }>("btcore/push", pushed)).version;
     } catch (error) {
@@ -195,14 +226,11 @@ export class BrowserHome implements Home {
   }
 
   private async opened(): Promise<void> {
-    this.known = new Set();
+    this.forget();
     try {
       const start = await this.connection.request<Start>("btcore/start", {});
       // The studio's process chooses the folder and the settings.
-      await this.connection.request("initialize", {
-        processId: null, rootUri: null, workspaceFolders: null, capabilities: CAPABILITIES, clientInfo: { name: "btcore studio" },
-      });
-      this.connection.notify("initialized", {});
+      await this.initialize(null);
       isConnected.value = true;
       if (this.isFirst) this.started(start);
       else await this.documents.reload();
@@ -223,11 +251,10 @@ function followTheme(): void {
   follow();
 }
 
-interface EditorApi { postMessage(message: unknown): void }
-declare const acquireVsCodeApi: undefined | (() => EditorApi);
+export interface EditorApi { postMessage(message: unknown): void }
 
 /** The page in VS Code, which has the texts, their undo and the language client. */
-class EditorHome implements Home {
+export class EditorHome implements Home {
   readonly connection: Connection;
   readonly documents = null;
   private keyOfCursor: string | null = null;
@@ -299,6 +326,3 @@ class EditorHome implements Home {
     this.connection.on<{ uri: string }>("studio/changed", ({ uri }) => listener(uri, "remote"));
   }
 }
-
-export const findHome = (): Home =>
-  (typeof acquireVsCodeApi === "function" ? new EditorHome(acquireVsCodeApi()) : new BrowserHome());

@@ -12,7 +12,8 @@ import { Breadcrumbs, createFile, Files } from "./files";
 import { keepFocus, movePane } from "./focus";
 import { Form } from "./form";
 import type { Done } from "./history";
-import { BrowserHome, findHome, isConnected } from "./home";
+import { findHome } from "./find_home";
+import { isConnected, PageHome } from "./home";
 import { Blackboard, call, drawnCall, LiveControls, noteChange, RunHint } from "./live";
 import { noteEdit, receiveLive } from "./mock_run";
 import { cursor } from "./operations";
@@ -30,6 +31,8 @@ import {
 import { LeafPlanForm } from "./question";
 import { RpcError } from "./rpc";
 import { RunBar } from "./run_bar";
+import { SiteHome } from "./site/home";
+import { PythonNotice } from "./site/site_tools";
 import { Splitter } from "./splitter";
 import { revealText, TextPane } from "./text_pane";
 import { texts, treeTexts } from "./texts";
@@ -384,6 +387,7 @@ function Notices() {
   return (
     <div class="notices">
       {!isConnected.value && <p>{texts.lost}</p>}
+      {home instanceof SiteHome && <PythonNotice home={home} />}
       {notice.value && <p>{notice.value}</p>}
       {start.value?.uri === "" && !uri.value && (
         <p>{texts.emptyFolder}{!start.value.readOnly && <> <button class="small" onClick={() => createFile()}>{texts.newFile}</button></>}</p>
@@ -433,7 +437,7 @@ function Page() {
           </div>
           <Splitter name="form" label={texts.sizes.form} axis="y" direction={1} initial={340} min={80} />
         </aside>
-        {home instanceof BrowserHome && <TextPane home={home} />}
+        {home instanceof PageHome && <TextPane home={home} />}
       </div>
       <footer>
         {home.documents && <Problems />}

@@ -23,7 +23,7 @@ import { tags } from "@lezer/highlight";
 import { effect, signal, untracked } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
 import { type Change, offsetAt, positionAt, rangeAt } from "./documents";
-import type { BrowserHome } from "./home";
+import type { PageHome } from "./home";
 import { ask } from "./dialog";
 import { openFile } from "./files";
 import { toggleBreakpoints } from "./live";
@@ -355,7 +355,7 @@ const look = EditorView.theme({
   ".token-operator": { color: "var(--text)" },
 });
 
-const extensions = (home: BrowserHome): Extension => [
+const extensions = (home: PageHome): Extension => [
   EditorState.lineSeparator.of("\n"),
   start.peek()?.live ? stopGutter : [], lineNumbers(), foldGutter(), codeFolding(), lintGutter(), highlightSpecialChars(), drawSelection(),
   EditorState.allowMultipleSelections.of(true), rectangularSelection(), indentOnInput(), bracketMatching(), closeBrackets(),
@@ -420,7 +420,7 @@ const marks = (state: EditorState, address: string): LintDiagnostic[] =>
 // --- the pane
 
 /** The text, in both directions with the documents and with the selected node. */
-export function TextPane({ home }: { home: BrowserHome }) {
+export function TextPane({ home }: { home: PageHome }) {
   const frame = useRef<HTMLDivElement>(null);
   useEffect(() => {
     const place = frame.current;

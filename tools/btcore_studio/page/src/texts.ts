@@ -427,6 +427,40 @@ export const runTexts = {
   noMoment: "Run the tree, or open a recording, to ask why.",
 };
 
+/** The page on a site of static files. */
+export const siteTexts = {
+  python: {
+    starting: "Python is starting in this page. You can edit the text already; the picture and the problems follow.",
+    ready: "Python is ready.",
+    busy: "Python has not replied for some time. Your texts are kept if you start it again.",
+    failed: "Python cannot start in this browser, so that trees are neither drawn nor checked. You can edit and save the text.",
+  },
+  restart: "Start Python again",
+  notLoaded: "The script of the worker was not loaded.",
+  ended: "Python was ended before it replied.",
+  filesAndLinks: "Files and links",
+  open: "Open",
+  openTitle: "Open files of this computer",
+  opened: (names: string) => `Opened ${names}.`,
+  copyLink: "Copy link",
+  copyLinkTitle: "Copy a link that contains the files of this page",
+  linkCopied: "Copied a link that contains the files. No server receives them: they are in the part of the address after #.",
+  linkShown: "The browser does not allow access to the clipboard. Copy the address of this page: it contains the files.",
+  noLink: "The files are too large for a link. Save them, and send the files.",
+  linkRefused: {
+    large: "The files in the link are too large: they are not opened.",
+    invalid: "The link is damaged: nothing is opened. Copy the whole link.",
+  },
+  fileType: "Behavior trees",
+  cancelled: "cancelled",
+  noFile: (uri: string) => `The page has no file ${uri}.`,
+  nameRefused: (name: string) => `${name} is refused: the name of a file ends with .xml or .btproj, and has no folder.`,
+  nameUsed: (name: string) => `There is a file ${name} already.`,
+  recording: (name: string) => `${name} is a recording. This command shows it: btcore studio ${name}`,
+  fileTooLarge: (name: string, most: number) => `${name} is too large: at most ${most} MB are permitted.`,
+  notUtf8: (name: string) => `${name} is not UTF-8: convert it first.`,
+};
+
 /** Two versions of a file. */
 export const comparisonTexts = {
   title: "Differences",

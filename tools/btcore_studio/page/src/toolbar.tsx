@@ -3,6 +3,8 @@ import { canRedo, canUndo, type Home } from "./home";
 import { printDrawing } from "./print";
 import type { Drawing } from "./protocol";
 import { actions, drawing, files, folded, message, reasonOf, shownFile, start, tree, uri } from "./state";
+import { SiteHome } from "./site/home";
+import { SiteTools } from "./site/site_tools";
 import { store, stored } from "./storage";
 import { texts } from "./texts";
 
@@ -96,6 +98,7 @@ export function Toolbar({ home }: { home: Home }) {
           {shownFile.value?.unsaved && <span class="tag">{texts.unsaved}</span>}
         </div>
       )}
+      {home instanceof SiteHome && <SiteTools home={home} />}
       <div class="group">
         {home.documents && (
           <button onClick={() => actions.save()} disabled={isFixed || !files.value.some((file) => file.unsaved)} title={`${texts.save} (Ctrl+S)`}>{texts.save}</button>

@@ -1,0 +1,103 @@
+"""Build the studio's site, which consists of static files: `make studio-site` runs this script.
+
+Usage: build_site.py PARTS SITE. PARTS is a folder with the wheels of btcore and of what the language server
+needs, and with the worker.js of the page; the page and Pyodide are beside this script.
+"""
+
+import gzip
+import json
+import os
+import shutil
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+from typing import Final
+
+from btcore import Registry
+from btcore.entry_points import LIMIT_VARIABLE
+from btcore_drawing.svg import drawing_style
+from btcore_studio.language.node_models import models_of
+
+NPM: Final = Path(__file__).parents[4] / ".ci" / "npm"
+PAGE: Final = Path(__file__).parents[1]
+PYODIDE: Final = Path(__file__).parent / "node_modules" / "pyodide"
+PYODIDE_FILES: Final = (
+    "pyodide.mjs",
+    "pyodide.asm.mjs",
+    "pyodide.asm.wasm",
+    "pyodide-lock.json",
+    "python_stdlib.zip",
+)
+UNUSED: Final = {
+    # They need packages that Pyodide does not have, or a robot.
+    *("btcore_bags", "btcore_batch", "btcore_monitor", "btcore_navigation", "btcore_robot", "btcore_ros2"),
+    *("btcore_scene", "btcore_sim", "btcore_sweep"),
+}
+UNUSED_PARTS: Final = ("btcore/docs/", "btcore_studio/page/", "btcore_studio/agents/")
+MAX_SIZE: Final = 25_000_000
+"""Maximum size of the site as a server that compresses sends it (bytes)."""
+
+
+def unpack(wheel: Path, folder: Path) -> None:
+    """Unpack the used files of a wheel."""
+    with zipfile.ZipFile(wheel) as archive:
+        for name in archive.namelist():
+            if name.partition("/")[0] not in UNUSED and not name.startswith(UNUSED_PARTS):
+                archive.extract(name, folder)
+
+
+def library_models() -> dict[str, object]:
+    """Return the models of btcore's libraries and their enums, without the places in the source."""
+    os.environ[LIMIT_VARIABLE] = "robot_nodes navigation nav2 ros2 ros2_nav2"
+    nodes = Registry.standard()
+    nodes.add_installed_libraries()
+    models = [{**model.as_data(), "file": "", "line": 0} for model in models_of(nodes)]
+    return {"models": models, "enums": nodes.types.enums}
+
+
+def pack(folder: Path, archive: Path) -> None:
+    """Pack the files of a folder for `worker.ts`. The same files make the same archive."""
+    files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
+    contents = [path.read_bytes() for path in files]
+    index = [
+        (path.relative_to(folder).as_posix(), len(content))
+        for path, content in zip(files, contents, strict=True)
+    ]
+    archive.write_bytes(
+        gzip.compress(b"\n".join([json.dumps(index).encode(), b"".join(contents)]), 9, mtime=0)
+    )
+
+
+def main(parts: Path, site: Path) -> int:
+    """Build the site. Return the exit code: 1 if it is too large."""
+    shutil.rmtree(site, ignore_errors=True)
+    python = site / "python"
+    python.mkdir(parents=True)
+    modules = parts / "modules"
+    shutil.rmtree(modules, ignore_errors=True)
+    for wheel in sorted(parts.glob("*.whl")):
+        unpack(wheel, modules)
+    (modules / "btcore_studio" / "site" / "models.json").write_text(
+        json.dumps(library_models()), encoding="utf-8"
+    )
+    compile_modules: list[str | Path] = [NPM, "run", "--silent", "compile", "--", modules.resolve()]
+    subprocess.run(compile_modules, cwd=Path(__file__).parent, check=True)
+    pack(modules, python / "modules.bin")
+    for name in PYODIDE_FILES:
+        shutil.copy(PYODIDE / name, python)
+    shutil.copy(PAGE / "built" / "studio.js", site)
+    shutil.copy(parts / "worker.js", site)
+    style = (PAGE / "built" / "studio.css").read_text(encoding="utf-8")
+    (site / "studio.css").write_text(drawing_style() + style, encoding="utf-8")
+    shutil.copy(Path(__file__).with_name("index.html"), site)
+    size = sum(len(gzip.compress(path.read_bytes(), 6)) for path in site.rglob("*") if path.is_file())
+    print(f"  {site / 'index.html'}: {size / 1e6:.1f} MB compressed")
+    if size > MAX_SIZE:
+        print(f"error: the site has more than {MAX_SIZE / 1e6:.0f} MB", file=sys.stderr)
+        return 1
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(Path(sys.argv[1]), Path(sys.argv[2])))

@@ -1,0 +1,1 @@
+"""The studio without an installation: its language server in a browser."""
