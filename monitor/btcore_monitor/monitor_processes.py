@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from btcore_monitor.serve import Publisher
 
 _ANNOUNCE_START_AFTER_S: Final = 10.0
-_ANNOUNCE_END_AFTER_S: Final = 2.0
+_ANNOUNCE_END_AFTER_S: Final = 5.0
 """Times (s, wall clock) of waiting after which a message is printed that explains the wait."""
 
 _CHECK_INTERVAL_S: Final = 0.2

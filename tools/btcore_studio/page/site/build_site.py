@@ -79,7 +79,7 @@ def main(parts: Path, site: Path) -> int:
     for wheel in sorted(parts.glob("*.whl")):
         unpack(wheel, modules)
     (modules / "btcore_studio" / "site" / "models.json").write_text(
-        json.dumps(library_models()), encoding="utf-8"
+        json.dumps(library_models()), encoding="utf-8", newline="\n"
     )
     compile_modules: list[str | Path] = [NPM, "run", "--silent", "compile", "--", modules.resolve()]
     subprocess.run(compile_modules, cwd=Path(__file__).parent, check=True)
@@ -89,7 +89,7 @@ def main(parts: Path, site: Path) -> int:
     shutil.copy(PAGE / "built" / "studio.js", site)
     shutil.copy(parts / "worker.js", site)
     style = (PAGE / "built" / "studio.css").read_text(encoding="utf-8")
-    (site / "studio.css").write_text(drawing_style() + style, encoding="utf-8")
+    (site / "studio.css").write_text(drawing_style() + style, encoding="utf-8", newline="\n")
     shutil.copy(Path(__file__).with_name("index.html"), site)
     size = sum(len(gzip.compress(path.read_bytes(), 6)) for path in site.rglob("*") if path.is_file())
     print(f"  {site / 'index.html'}: {size / 1e6:.1f} MB compressed")
