@@ -202,8 +202,15 @@ def test_completion_hover_and_definition(
     page.wait_for_timeout(100)  # CodeMirror ignores keys right after the list appeared
     page.keyboard.press("Enter")
     line(page, "<Inverter").wait_for()
-    line(page, "<Sequence").get_by_text("Sequence").hover()
-    page.locator(".cm-tooltip .about b", has_text="Sequence").wait_for()
+    # A change of the editor, for example of its colours, ends a hover.
+    about = page.locator(".cm-tooltip .about b", has_text="Sequence")
+    for _ in range(60):
+        line(page, "<Sequence").get_by_text("Sequence").hover()
+        page.wait_for_timeout(500)
+        if about.is_visible():
+            break
+        page.mouse.move(0, 0)
+    assert about.is_visible()
     page.mouse.move(500, 600)
     page.locator(".cm-tooltip .about").wait_for(state="detached")
     line(page, "<SubTree").get_by_text("Refill").click()

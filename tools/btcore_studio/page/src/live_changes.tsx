@@ -1,7 +1,7 @@
 // Changes of a running tree: values of its blackboard, the result of the node at a breakpoint, and another text.
 
 import { signal } from "@preact/signals";
-import { useEffect, useId, useRef, useState } from "preact/hooks";
+import { useId, useLayoutEffect, useRef, useState } from "preact/hooks";
 import { release } from "./announcer";
 import { actions, live, message, nodesByKey, reasonOf, start, uri } from "./state";
 import { treeTexts } from "./texts";
@@ -95,7 +95,8 @@ function ValueField({ path, name, value, close }: { path: string; name: string; 
   const field = useRef<HTMLInputElement>(null);
   const [reason, setReason] = useState("");
   const id = useId();
-  useEffect(() => field.current!.select(), []);
+  // At once: a later selection would replace what is typed meanwhile.
+  useLayoutEffect(() => field.current!.select(), []);
   const set = async (event: Event) => {
     event.preventDefault();
     try {
