@@ -89,7 +89,9 @@ class ControlNode(TreeNode):
         <Status.SUCCESS: 2>
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(node_type=NodeType.CONTROL, child_count=(1, None))
+    spec: ClassVar[NodeSpec] = NodeSpec(
+        node_type=NodeType.CONTROL, child_count=(1, None), child_count_at_load=(1, None)
+    )
 
     _children: list[TreeNode]
 
@@ -223,7 +225,9 @@ class DecoratorNode(TreeNode):
         <Status.FAILURE: 3>
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(node_type=NodeType.DECORATOR, child_count=(1, 1))
+    spec: ClassVar[NodeSpec] = NodeSpec(
+        node_type=NodeType.DECORATOR, child_count=(1, 1), child_count_at_load=(1, 1)
+    )
     child: TreeNode
 
     def set_children(self, children: list[TreeNode]) -> None:

@@ -49,6 +49,8 @@ class NodeSpec:
         is_endless: Whether the node may run forever by design, so that proofs do not expect its end. A port
             with the role REPETITIONS and the value −1 has the same effect.
         child_count: The minimum and maximum number of children with which a node can be ticked; None = any.
+        child_count_at_load: The minimum and maximum number of children with which a tree is loaded. It
+            differs from *child_count* because BehaviorTree.CPP loads some trees whose first tick raises.
         child_roles: The purpose of the children, for error messages about their number.
         continue_on: The result of a child after which the next child is ticked; SKIPPED has the same effect.
             None = the children are not ticked in order.
@@ -76,6 +78,7 @@ class NodeSpec:
     skips_alone: bool = _inherited(True)
     is_endless: bool = _inherited(False)
     child_count: tuple[int, int | None] = _inherited((0, 0))
+    child_count_at_load: tuple[int, int | None] = _inherited((0, 0))
     child_roles: str = _inherited("")
     continue_on: Status | None = _inherited(None)  # noqa: RUF009
     branch_results: tuple[Status, ...] = _inherited(())

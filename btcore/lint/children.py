@@ -17,7 +17,7 @@ from btcore.nodes.parallel import threshold
 from btcore.nodes.sequences_and_fallbacks import ReactiveNode
 from btcore.nodes.try_catch import TryCatch
 from btcore.registry.nodes_without_code import is_mock
-from btcore.status import FAILURE, SUCCESS, NodeType, PossibleResults, Status
+from btcore.status import FAILURE, SUCCESS, PossibleResults, Status
 from btcore.suggestions import child_count_text
 from btcore.xml.plan.tree_plan import NodePlan
 
@@ -47,9 +47,9 @@ def check_child_count(node: NodePlan, format: int, reporter: NodeReporter) -> No
 def _child_requirement(cls: type[TreeNode], count: int) -> str:
     """Return what a node of *cls* needs instead of *count* children, or "" if *count* is valid."""
     least, most = cls.spec.child_count
-    # The planner checks decorators. Format 3 loads and ticks control nodes without children.
-    is_decorator = cls.spec.node_type is NodeType.DECORATOR
-    if is_decorator or (least <= max(count, 1) and (most is None or count <= most)):
+    if cls.spec.child_count == cls.spec.child_count_at_load or (
+        least <= count and (most is None or count <= most)
+    ):
         return ""
     if most is None:
         needed = f"at least {least}"

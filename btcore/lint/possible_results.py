@@ -63,8 +63,8 @@ class ResultAnalysis:
         if is_mock(node.manifest.cls) or not all_children_known(node):
             return UNKNOWN_RESULTS
         cls = behaviour_of(node.manifest.cls)
-        if len(node.children) < cls.spec.child_count[0]:
-            return UNKNOWN_RESULTS  # BehaviorTree.CPP loads some trees whose first tick raises
+        if len(node.children) < cls.spec.child_count_at_load[0]:
+            return UNKNOWN_RESULTS  # format 3 loads control nodes without children
         literals = {
             binding.name: binding.literal
             for binding in node.bindings

@@ -30,6 +30,7 @@ class TryCatch(ControlNode):
         state_fields=("_current_child_index", "_skipped_count", "_catching"),
         skips_alone=False,
         child_count=(2, None),
+        child_count_at_load=(2, None),
         child_roles="the last child is the handler",
         continue_on=SUCCESS,
         formats=(4,),

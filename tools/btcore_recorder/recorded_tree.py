@@ -395,7 +395,7 @@ def _stand_in_class(recorded: RecordedClass, external: ExternalCode) -> type[Tre
             port.default_value = None  # the default is a Python value, which is not recorded
     spec = NodeSpec(node_type=NodeType[recorded.node_type], must_complete=recorded.must_complete)
     if recorded.kind == "control":
-        spec = replace(spec, child_count=(0, None))
+        spec = replace(spec, child_count=(0, None), child_count_at_load=(0, None))
     members: dict[str, Any] = {
         "tick": lambda node: external.tick(node),
         "halt": lambda node: external.halt(node),

@@ -277,7 +277,7 @@ class TreePlanner:
                 rule = "a decorator has exactly 1"
                 self._report_child_count(label, count, rule, element, _one_child_hint(count))
         elif node_type is NodeType.CONTROL:
-            least = 2 if manifest.id == "TryCatch" else 1
+            least = max(manifest.spec.child_count_at_load[0], 1)
             if count < least:
                 from btcore.registry.nodes_without_code import is_mock  # only errors need it
 

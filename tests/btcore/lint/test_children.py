@@ -120,6 +120,11 @@ def test_wrong_number_of_children_is_an_error_but_the_tree_can_be_loaded(
         tree.tick_once()
 
 
+@pytest.mark.parametrize("body", ["<Inverter/>", "<Sequence/>", children("TryCatch", "<Drive/>")])
+def test_a_number_of_children_that_cannot_be_loaded_is_reported_once(check: Checker, body: str) -> None:
+    assert [one.code for one in check.found(body) if one.is_error] == ["E104"]
+
+
 def test_in_format_3_a_decorator_in_the_tag_of_a_leaf_loads_without_a_child(
     check: Checker, palette: Registry, document: Callable[..., str]
 ) -> None:

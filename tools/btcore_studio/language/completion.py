@@ -272,7 +272,7 @@ class _Completion:
         manifest = node_element(parent, self.format, self.registry).manifest
         if manifest is None:
             return True
-        most = manifest.spec.child_count[1]
+        most = manifest.spec.child_count_at_load[1]
         return most is None or others < most
 
     def _nodes(self) -> Iterator[_Item]:
