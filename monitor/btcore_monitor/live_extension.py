@@ -241,24 +241,11 @@ class RobotConnection:
     # --- changes
 
     def set_entry(self, path: str, key: str, text: str) -> None:
-        """Set an entry of a blackboard.
-
-        Args:
-            path: The path of the subtree; "" for the main tree.
-            key: The key of the entry.
-            text: The value, as in an attribute of a port.
-
-        Raises:
-            MonitorError: The robot refuses the value, or does not reply.
-        """
+        """Set an entry of a blackboard, as `ChangeClient.set_entry`."""
         self._connected().set_entry(path, key, text)
 
     def replace_tree(self, xml: str) -> None:
-        """Replace the tree between two ticks. It keeps its blackboard.
-
-        Raises:
-            MonitorError: The XML has errors, or the robot refuses it or does not reply.
-        """
+        """Replace the tree, as `ChangeClient.replace_tree`."""
         self._connected().replace_tree(xml)
 
     def _connected(self) -> "ChangeClient":

@@ -119,7 +119,7 @@ class LibraryWorker:
         publish: Called with a file of a library and its problems.
         show: Called with a message for the user.
         refresh: Called when the available nodes changed.
-        start_worker: Starts the worker that checks; default a process.
+        start_worker: Starts the worker that checks.
 
     Attributes:
         sources: The files of the libraries, each with the stamp that it had when they were loaded.
@@ -131,7 +131,7 @@ class LibraryWorker:
         publish: Publish,
         show: Callable[[str], None],
         refresh: Callable[[], None],
-        start_worker: StartWorker = WorkerProcess.start,
+        start_worker: StartWorker,
     ) -> None:
         self._start_worker = start_worker
         self._project = project

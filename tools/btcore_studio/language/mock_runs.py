@@ -237,7 +237,7 @@ class PageRuns:
         present = self._present(params.run)
         if present.run.position == params.position and present.run.event:
             raise BtcoreError("this tick has not ended: go to its end first")
-        return present.why(params.key, params.position)
+        return present.data.why(params.key, params.position)
 
     def _end(self, params: RunRequest) -> None:
         self._present(params.run)
@@ -245,19 +245,18 @@ class PageRuns:
 
 
 class _PageRun:
-    """A run, whose nodes have keys; *number* identifies it."""
+    """A run, whose nodes have keys (*data*); *number* identifies it."""
 
     def __init__(self, run: MockRun) -> None:
         self.number = next(_NUMBERS)
         self.run = run
-        self._data = RecordedRun(run)
-        self._uids = {key: uid for uid, key in enumerate(self._data.keys, 1)}
+        self.data = RecordedRun(run)
 
     def repeat(self, before: "_PageRun") -> None:
         """Give the answers of another run again, by the keys of the leaves."""
         leaves = self.run.leaves
         for uid, answers in before.run.answers.items():
-            now = self._uids.get(before._data.keys[uid - 1])
+            now = self.data.uids.get(before.data.keys[uid - 1])
             if now is not None and now in leaves:
                 self.run.repeat(now, answers)
 
@@ -265,21 +264,21 @@ class _PageRun:
         """Plan the leaves with these keys, as far as the tree has them and the plans fit."""
         leaves = self.run.leaves
         for key, plan in plans.items():
-            if self._uids.get(key) in leaves:
+            if self.data.uids.get(key) in leaves:
                 with suppress(BtcoreError):
                     self.set_plan(key, plan)
 
     def set_plan(self, key: str, plan: LeafPlan) -> None:
         """Plan the leaf with a key."""
-        if key not in self._uids:
+        if key not in self.data.uids:
             raise BtcoreError("the tree that is run does not have this node")
         if len(plan.outcomes) > MAX_TEXT:
             raise BtcoreError(f"outcomes have at most {MAX_TEXT:,} characters")
-        self.run.set_plan(self._uids[key], plan.outcomes, plan.chance, plan.seed)
+        self.run.set_plan(self.data.uids[key], plan.outcomes, plan.chance, plan.seed)
 
     def advance(self, params: StepParams) -> RunState:
         """Go on; of several ticks, at most until the root completes, or a question, or the time is over."""
-        breakpoints = {self._uids[key] for key in params.breakpoints if key in self._uids}
+        breakpoints = {self.data.uids[key] for key in params.breakpoints if key in self.data.uids}
         deadline = time.monotonic() + MAX_WAIT_S
         moment = self.run.advance(params.to, breakpoints)
         for _ in range(params.ticks - 1):
@@ -289,24 +288,20 @@ class _PageRun:
             moment = self.run.advance(params.to, breakpoints)
         return self.state(moment)
 
-    def why(self, key: str, position: int) -> Why:
-        """Return why the node with a key did what it did."""
-        return self._data.why(key, position)
-
     def first_state(self, ticks: int) -> RunState:
         """Return the state with the nodes, after *ticks* ticks if their answers are given again."""
-        run, keys, deadline = self.run, self._data.keys, time.monotonic() + MAX_WAIT_S
+        run, keys, deadline = self.run, self.data.keys, time.monotonic() + MAX_WAIT_S
         moment = run.at(0, MAX_WAIT_S)
         while run.count < ticks and not (run.event or run.problem) and time.monotonic() < deadline:
             moment = run.advance("tick")
         state = self.state(moment)
-        calls = [call._asdict() for call in self._data.calls]
+        calls = [call._asdict() for call in self.data.calls]
         leaves = {keys[uid - 1]: LeafPlan(*plan) for uid, plan in run.leaves.items()}
         return msgspec.structs.replace(state, keys=keys, calls=calls, leaves=leaves)
 
     def state(self, moment: Moment) -> RunState:
         """Return a moment as data."""
-        run, keys = self.run, self._data.keys
+        run, keys = self.run, self.data.keys
         width, colours = colours_of(run.roots)
         question, asked = None, run.question
         if asked is not None:
@@ -317,7 +312,7 @@ class _PageRun:
             run.count,
             colours,
             width,
-            self._data.data_of(moment),
+            self.data.data_of(moment),
             run.event,
             keys[run.stopped_at - 1] if run.stopped_at else "",
             question,

@@ -141,7 +141,7 @@ def open_timeline(path: Path) -> Timeline | None:
 
 
 def colours_of(roots: Sequence[Status]) -> tuple[int, str]:
-    """Return the track of a recording: a digit for each *width* steps, after this number."""
+    """Return the track of a recording: a number of steps, and a status as a digit for each so many steps."""
     width = max(1, -(-len(roots) // _MAX_COLOURS))
     parts = (roots[start : start + width] for start in range(0, len(roots), width))
     statuses = (FAILURE if FAILURE in part else max(part) for part in parts)
@@ -156,6 +156,7 @@ class RecordedRun:
 
     Attributes:
         keys: The keys of the nodes, in their order.
+        uids: The numbers of the nodes, by their keys.
         calls: The calls of trees.
     """
 
@@ -166,6 +167,7 @@ class RecordedRun:
         nodes = keyed_nodes(drawn)
         keys = node_keys(nodes)
         self.keys = list(keys.values())
+        self.uids = {key: uid for uid, key in enumerate(self.keys, 1)}
         self.calls = running_calls(nodes, keys, {node.uid: node.tree for node, _ in drawn if node.tree})
 
     def summary(self) -> dict[str, Any]:
@@ -195,10 +197,10 @@ class RecordedRun:
         Raises:
             BtcoreError: There is no such node, or nothing can be explained.
         """
-        if key not in self.keys:
+        if key not in self.uids:
             raise BtcoreError("this node is not in the tree that was run")
         with self._lock:
-            found = self._timeline.why(self.keys.index(key) + 1, position, _MAX_EXPLAINING_S)
+            found = self._timeline.why(self.uids[key], position, _MAX_EXPLAINING_S)
         links = [
             WhyLink(self.keys[uid - 1] if uid else "", tick, because, tried)
             for uid, tick, because, tried in found.links
