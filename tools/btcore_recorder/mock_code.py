@@ -81,7 +81,7 @@ class MockLeaf:
         answers: Its answers so far.
         planned_from: The number of answers before the plan began.
         starts: The number of starts since then.
-        since_start: The number of answers since the last of them.
+        since_start: The number of answers since the last start, which is included.
     """
 
     path: str
