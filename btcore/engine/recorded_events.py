@@ -151,11 +151,8 @@ class Replaced(NamedTuple):
     entries: Mapping[str, RecordedEntry]
 
 
-Event = (
-    TickBegan
-    | HaltBegan
-    | StepEnded
-    | Raised
+InputEvent = (
+    Raised
     | ExternalHaltBegan
     | ExternalHaltEnded
     | ChildTicked
@@ -170,6 +167,8 @@ Event = (
     | Replaced
     | ScriptRun
 )
+"""What a tick or halt depends on, besides the results of external nodes, which have no event."""
+Event = TickBegan | HaltBegan | StepEnded | InputEvent
 
 
 def recorded_error(error: BaseException) -> RecordedError:

@@ -19,7 +19,7 @@ class OrderedNode(BatchNode):
 
     def __init__(self, node: TreeNode, context: BatchContext, children: list[BatchNode]) -> None:
         super().__init__(node, context, children)
-        # The children that are ticked in order.
+        # The children that are ticked in order: those of TryCatch without the handler.
         self._steps = children
         # For each child, the agents for which it is next. For agents in no set, the first child is next.
         self._next: list[AgentSet] = [0] * len(children)

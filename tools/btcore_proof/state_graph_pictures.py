@@ -7,6 +7,7 @@ from typing import Final, NamedTuple
 from btcore.errors import BtcoreError
 from btcore.escaping import escape_controls
 from btcore.status import RUNNING
+from btcore.suggestions import counted, shortened
 from btcore_proof.counterexample import names_of
 from btcore_proof.exploration import Explorer
 from btcore_proof.prover import Prover
@@ -104,8 +105,7 @@ def _outcome(explorer: Explorer, bits: int, names: dict[int, str]) -> list[str]:
 
 
 def _short(text: str) -> str:
-    text = escape_controls(text, one_line=True)
-    return text if len(text) <= _WIDEST else f"{text[: _WIDEST - 1]}…"
+    return shortened(escape_controls(text, one_line=True), _WIDEST)
 
 
 def _lines(outcomes: list[list[str]]) -> list[str]:
@@ -114,7 +114,7 @@ def _lines(outcomes: list[list[str]]) -> list[str]:
     if len(first) > _MAX_LEAVES:
         first = [*first[: _MAX_LEAVES - 1], f"and {len(first) - _MAX_LEAVES + 1} more"]
     others = len(outcomes) - 1
-    return [*first, f"or {others} other{'s' if others > 1 else ''}"] if others else first
+    return [*first, f"or {counted(others, 'other')}"] if others else first
 
 
 def graph_to_dot(states: Sequence[DrawnState], edges: Sequence[DrawnEdge]) -> str:

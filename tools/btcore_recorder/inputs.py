@@ -8,23 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from btcore.engine.node import TreeNode
-from btcore.engine.recorded_events import (
-    ChildHalted,
-    ChildTicked,
-    ExternalHaltBegan,
-    ExternalHaltEnded,
-    MessageLogged,
-    Paused,
-    Raised,
-    RecordedEntry,
-    Removed,
-    Replaced,
-    ScriptRun,
-    StatusForced,
-    StatusSet,
-    TimeRead,
-    Written,
-)
+from btcore.engine.recorded_events import InputEvent, RecordedEntry
 from btcore.status import Status
 
 UNKNOWN_CHECKSUM: Final = -1
@@ -38,23 +22,7 @@ class Result(NamedTuple):
     status: Status
 
 
-Input = (
-    Result
-    | Raised
-    | ExternalHaltBegan
-    | ExternalHaltEnded
-    | ChildTicked
-    | ChildHalted
-    | StatusSet
-    | StatusForced
-    | Paused
-    | TimeRead
-    | MessageLogged
-    | Written
-    | Removed
-    | Replaced
-    | ScriptRun
-)
+Input = Result | InputEvent
 
 
 class Step(NamedTuple):

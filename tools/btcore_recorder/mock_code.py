@@ -26,7 +26,6 @@ from btcore_recorder.inputs import Head, Input, Result, RunRecording, Step
 from btcore_recorder.moments import ObservedCode
 from btcore_recorder.recorded_tree import Inputs
 from btcore_recorder.replay import Replay
-from btcore_recorder.tree_state import capture
 
 MAX_EVENTS: Final = 50_000
 """Maximum number of begins and ends of nodes in a tick: a tick may repeat a leaf without end."""
@@ -82,7 +81,7 @@ class MockLeaf:
         answers: Its answers so far.
         planned_from: The number of answers before the plan began.
         starts: The number of starts since then.
-        since_start: The number of answers since the last of them.
+        since_start: The number of answers since the last start, which is included.
     """
 
     path: str
@@ -230,6 +229,13 @@ def ticks_its_children(node: TreeNode) -> bool:
     return bool(node.children) and node.config.id != "ManualSelector"
 
 
+StopCondition = Callable[[int, int, bool], bool]
+"""Returns whether a tick stops at an event.
+
+The arguments are the number of events so far, the UID of the node, and whether the node ends.
+"""
+
+
 class TickCursor:
     """The begins and ends of the nodes of a tick, at one of which the tick can be stopped.
 
@@ -239,16 +245,15 @@ class TickCursor:
 
     def __init__(self, tree: Tree) -> None:
         self.events: list[tuple[int, Status | None]] = []
-        self._is_wanted: Callable[[int, int, bool], bool] | None = None
+        self._is_wanted: StopCondition | None = None
         self._deadline: float | None = None  # None in a replay
         for node in tree.nodes:
-            node._wrapper = wrapper = TickWrapper(node._wrapper)
-            wrapper.counts = None
+            node._wrapper = wrapper = node._wrapper or TickWrapper()
             wrapper.on_tick_start = partial(self._add, node.config.uid, None)
             wrapper.post_tick = partial(self._end, wrapper.post_tick)
 
-    def begin(self, is_wanted: Callable[[int, int, bool], bool] | None) -> None:
-        """Begin a tick, which stops when *is_wanted* of the number of events, the UID and whether it ends."""
+    def begin(self, is_wanted: StopCondition | None) -> None:
+        """Begin a tick, which stops at the first event for which *is_wanted* is true."""
         self.events.clear()
         self._is_wanted = is_wanted
         self._deadline = time.monotonic() + MAX_TICK_S
@@ -296,10 +301,8 @@ class GrowingReplay(Replay):
     def begin_step(self) -> None:
         """Keep the state before the next step, which may be run in part."""
         if self.position not in self._states:
-            state = capture(self.tree, self.external.boards, self._encoder.encode)
-            self._states[self.position] = state, self._checksum.value
+            self._save_state()
             self._has_added_state = self.position % _STATE_INTERVAL != 0
-        self._checksum.changes = None
         self.is_within_step = True
 
     def run_step(self, step: Step) -> Status:

@@ -7,7 +7,7 @@ is run up to it. The time is simulated.
 """
 
 import math
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
@@ -29,6 +29,7 @@ from btcore_recorder.mock_code import (
     LeafAsked,
     LeafPlan,
     MockLeaf,
+    StopCondition,
     TickCursor,
     TickImpossible,
     TickStopped,
@@ -134,7 +135,7 @@ class MockRun:
         self._given: list[Answer] = []  # of the tick that has not ended
         self._used = 0  # the number of those that were used, while the tick is run
         self._answer_count = 0
-        self._is_wanted: Callable[[int, int, bool], bool] | None = None
+        self._is_wanted: StopCondition | None = None
 
     # --- the recording so far
 
@@ -186,8 +187,7 @@ class MockRun:
         """
         if position > MAX_TESTED_TICKS:
             raise BtcoreError(f"only the first {MAX_TESTED_TICKS:,} ticks of a run are explained")
-        recording = self.recording._replace(steps=tuple(self._replay.growing[:position]))
-        return Moments(recording).why(uid, position, limit_s)
+        return self._moments.why(uid, position, limit_s)
 
     def recording_text(self) -> str:
         """Return the recording so far in the text form."""
@@ -247,7 +247,7 @@ class MockRun:
 
         return self._run_step(is_wanted)
 
-    def _find_target(self, target: Target) -> Callable[[int, int, bool], bool] | None:
+    def _find_target(self, target: Target) -> StopCondition | None:
         """Return whether an event is the wanted moment, or None for the end of the tick."""
         now = self.event
         if target == "tick" or (not now and target != "into"):
@@ -261,8 +261,8 @@ class MockRun:
     def _parent_of(self, uid: int) -> int:
         """Return the number of the parent of a node; 0 for the root."""
         nodes = self._replay.tree.nodes
-        is_parent = (node for node in nodes if any(child.config.uid == uid for child in node.children))
-        return next((node.config.uid for node in is_parent), 0)
+        parents = {child.config.uid: node.config.uid for node in nodes for child in node.children}
+        return parents.get(uid, 0)
 
     def answer(self, letter: str, outputs: Mapping[str, str]) -> Moment:
         """Answer the question, and go on to the moment that was wanted before it.
@@ -338,7 +338,7 @@ class MockRun:
 
     # --- running a step
 
-    def _run_step(self, is_wanted: Callable[[int, int, bool], bool] | None) -> Moment:
+    def _run_step(self, is_wanted: StopCondition | None) -> Moment:
         """Run the step after `position` up to the wanted moment, or to a question."""
         replay, code = self._replay, self._code
         self._is_wanted = is_wanted
@@ -434,8 +434,7 @@ class MockRun:
             output = self._source.nodes[uid - 1].config.outputs.get(name)
             if output is None or output.key is None:
                 continue  # as `MockAction`
-            board = node.config.outputs[name].blackboard
-            scope = next(index for index, each in enumerate(self._code.boards) if each is board)
+            scope = self._code.boards.index(node.config.outputs[name].blackboard)
             declared = None if output.type.strong else output.type.name
             yield Written(scope, output.key, self._encode(output, text), declared)
         if outcome.letter == "X":

@@ -143,12 +143,18 @@ class Replay:
         self._segments = {segment.position: segment for segment in recording.segments}
         # The states from which `seek` starts, with the checksums. A recording of BehaviorTree.CPP has no
         # states of nodes.
-        self._states = {0: (capture(self.tree, external.boards, self._encoder.encode), 0)} | {
+        self._states = {0: (self._capture(), 0)} | {
             position: (segment.state, 0) for position, segment in self._segments.items() if not segment.gap
         }
         self._times = RecordedTimes(self._inputs)
         self.tree.context.clock = self._times
         add_callbacks(external, steps, {node.config.uid: node.config.uid for node in external.nodes})
+
+    def _capture(self) -> TreeState:
+        return capture(self.tree, self.external.boards, self._encoder.encode)
+
+    def _save_state(self) -> None:
+        self._states[self.position] = self._capture(), self._checksum.value
 
     def _restore(self, state: TreeState) -> None:
         external = self.external
@@ -164,8 +170,7 @@ class Replay:
             if self.difference is not None:
                 return False
         elif self.position % STATE_INTERVAL == 0 and self.position not in self._states:
-            state = capture(self.tree, self.external.boards, self._encoder.encode)
-            self._states[self.position] = state, self._checksum.value
+            self._save_state()
         step = self.steps[self.position]
         self.position += 1
         self._checksum.changes = None if step.transitions is None else []
@@ -255,7 +260,7 @@ class Replay:
         if segment.gap:
             self._restore(segment.state)
             return
-        state = capture(self.tree, self.external.boards, self._encoder.encode)
+        state = self._capture()
         if state != segment.state:
             recorded, now, uid = describe_difference(segment.state, state)
             node = self.tree.nodes[uid - 1] if uid else None
@@ -309,7 +314,7 @@ class Replay:
         """
         if not self.seek(begin):
             raise BtcoreError(f"the replay differs from the recording: {self.difference}")
-        state = capture(self.tree, self.external.boards, self._encoder.encode)
+        state = self._capture()
         if begin in self._segments and self._segments[begin].gap:
             state = self._segments[begin].state
         head = self.recording.head

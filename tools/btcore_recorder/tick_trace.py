@@ -130,7 +130,6 @@ class TickTrace(Observer):
 
     def _follow(self, node: TreeNode) -> None:
         node._wrapper = wrapper = TickWrapper(node._wrapper)
-        wrapper.counts = None
         wrapper.on_tick_start = partial(self._start, node)
         wrapper.pre_tick = partial(self._pre_tick, wrapper.pre_tick)
         wrapper.post_tick = partial(self._post_tick, wrapper.post_tick)

@@ -15,6 +15,7 @@ from itertools import islice
 from typing import Any, Final, NamedTuple
 
 from btcore.status import NodeType, Status
+from btcore.suggestions import shortened
 from btcore.values import PortDirection
 
 MAX_ITEMS: Final = 100_000
@@ -192,8 +193,7 @@ def value_text(value: object, most: int = MAX_SHOWN) -> str:
         >>> value_text({"door": [1.5, True, "open"]})
         '{"door": [1.5, true, "open"]}'
     """
-    text = "–" if value is None else _text(value, 0)
-    return text if len(text) <= most else text[: most - 1] + "…"
+    return shortened("–" if value is None else _text(value, 0), most)
 
 
 def _text(value: object, depth: int) -> str:
