@@ -1,15 +1,15 @@
 """Logs and recordings in the viewer: the part of `btcore replay` that needs rerun."""
 
 import uuid
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from itertools import chain
 from pathlib import Path
-from typing import Annotated, Final, Protocol
+from typing import Annotated, Final
 
 from btcore.errors import SettingsError
 from btcore.logs import Recording
+from btcore.logs.moments import Moment
 from btcore.options import option
-from btcore.status import Status
 from btcore_monitor.console import print_message
 from btcore_monitor.environment_checks import check_installed
 from btcore_monitor.errors import RecordingError
@@ -19,7 +19,6 @@ from btcore_monitor.events import (
     DataSource,
     Event,
     ExceptionEvent,
-    LeafTick,
     LeavesEvent,
     MissingDataEvent,
     ObservedNode,
@@ -40,30 +39,6 @@ LOG_FILE: Final = DataSource(
 """The source of a tree that is read from a log file, with the data that a log file does not contain."""
 RECORDING: Final = DataSource("a recording", {"ticks": "their durations are not recorded"})
 """The source of a run that is run again."""
-
-
-class Moment(Protocol):
-    """A recording after a tick."""
-
-    @property
-    def tick(self) -> int:
-        """The number of the tick."""
-
-    @property
-    def time(self) -> int:
-        """The time at which the tick began (ns since the recording began)."""
-
-    @property
-    def root(self) -> Status:
-        """The result of the tick."""
-
-    @property
-    def entries(self) -> Sequence[tuple[str, str, str]]:
-        """The entries of the blackboards as (path of the subtree, key, value as text)."""
-
-    @property
-    def leaves(self) -> Sequence[LeafTick]:
-        """The leaves that were ticked, in order."""
 
 
 class LogViewer(ViewerOptions):

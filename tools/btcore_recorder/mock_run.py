@@ -17,6 +17,7 @@ from btcore.engine.node import TreeNode
 from btcore.engine.recorded_events import Raised, RecordedError, Written
 from btcore.errors import BtcoreError, ConversionError, TickInterrupt
 from btcore.loading.instantiate import instantiate
+from btcore.logs.moments import Explanation, Moment, Values
 from btcore.registry.outcome_grammar import LETTERS, Outcome, parse_outcomes
 from btcore.status import IDLE, RUNNING, SKIPPED, NodeType, Status
 from btcore.suggestions import did_you_mean
@@ -35,7 +36,7 @@ from btcore_recorder.mock_code import (
     TickStopped,
     ticks_its_children,
 )
-from btcore_recorder.moments import Explanation, Moment, Moments, Values, input_values
+from btcore_recorder.moments import Moments, input_values
 from btcore_recorder.recorder import Recorder
 from btcore_recorder.saved_tests import source_of_test
 from btcore_recorder.values import Encoder

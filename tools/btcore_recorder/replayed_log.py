@@ -12,13 +12,14 @@ from btcore.logs import Recording
 from btcore.logs.files import read_bytes
 from btcore.logs.formats import LogFormat
 from btcore.logs.log import Log
+from btcore.logs.moments import Moment
 from btcore.logs.recording import LoggedTransition, parse_nodes
 from btcore.status import IDLE, Transition
 from btcore.tree.tree import Tree
 from btcore_bags.log import BagLog, read_bag
 from btcore_recorder.file_recorder import FileRecorder, Rotation
 from btcore_recorder.inputs import RunRecording
-from btcore_recorder.moments import Moment, Moments
+from btcore_recorder.moments import Moments
 from btcore_recorder.replay import Replay
 
 MAX_MOMENTS: Final = 20_000

@@ -9,6 +9,7 @@ import pytest
 
 from btcore import BtcoreError, NodeExecutionError, Registry, SimClock, Status
 from btcore.loading.instantiate import instantiate
+from btcore.logs.moments import Moment
 from btcore.registry.mock_leaves import Outcomes
 from btcore.registry.outcome_grammar import Outcome
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS
@@ -19,7 +20,6 @@ from btcore_recorder import Replay, assert_runs_as_recorded, mock_code, mock_run
 from btcore_recorder.inputs import Result
 from btcore_recorder.mock_code import LeafPlan
 from btcore_recorder.mock_run import MAX_OUTPUT, MockRun
-from btcore_recorder.moments import Moment
 
 MODELS = """
   <TreeNodesModel>

@@ -13,11 +13,11 @@ from btcore.escaping import escape_controls
 from btcore.exit_codes import ExitCode
 from btcore.field_options import ExtensibleCommand, pass_options
 from btcore.logs import LoggedTransition, Recording, read_log
+from btcore.logs.moments import Moment
 from btcore.logs.recording import format_transition
 from btcore.status import FAILURE, RUNNING, SUCCESS, Status
 from btcore.suggestions import counted, did_you_mean
 from btcore_recorder.commands.rerun import RerunOptions
-from btcore_recorder.moments import Moment
 
 _COLOURS: Final[dict[Status, str]] = {RUNNING: "yellow", SUCCESS: "green", FAILURE: "red"}
 

@@ -19,6 +19,7 @@ import msgspec
 
 from btcore import entry_points
 from btcore.errors import BtcoreError, TreeError
+from btcore.logs.moments import Moment
 from btcore.registry.outcome_grammar import Outcome
 from btcore.status import RUNNING
 from btcore_studio.language.project import Project
@@ -40,7 +41,7 @@ from btcore_studio.language.studio_protocol import (
     Why,
     WhyParams,
 )
-from btcore_studio.language.timeline import MAX_WAIT_S, Moment, RecordedRun, Timeline, colours_of
+from btcore_studio.language.timeline import MAX_WAIT_S, RecordedRun, Timeline, colours_of
 from btcore_studio.language.tree_reading import known_document, read_trees
 
 _GROUP: Final = "btcore.runs"

@@ -6,13 +6,14 @@ module.
 """
 
 import threading
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Final, Protocol
 
 from btcore import entry_points
 from btcore.clock import NS_PER_S
 from btcore.errors import BtcoreError
+from btcore.logs.moments import Explanation, Moment
 from btcore.status import FAILURE, Status
 from btcore.xml.plan.plan import Plans
 from btcore_drawing.diagram import diagram_of_document
@@ -26,70 +27,6 @@ _MAX_EXPLAINING_S: Final = 1.0
 """Time (s) after which no further changes are tried for an explanation."""
 _MAX_COLOURS: Final = 600
 """Maximum number of colours in the track of a recording."""
-
-LeafTick = tuple[int, str, Status, Mapping[str, str], Mapping[str, str], str]
-"""A tick of a leaf: its number in the tree, its path, its result (IDLE if it raised), the values of its
-inputs and of its outputs by port, and the text of its exception or ""."""
-
-
-class Moment(Protocol):
-    """The tree after a number of steps."""
-
-    @property
-    def position(self) -> int:
-        """The number of steps."""
-
-    @property
-    def tick(self) -> int:
-        """The number of the tick; 0 for a halt, and before the first step."""
-
-    @property
-    def time(self) -> int:
-        """The time at which the tick began (ns since the recording began)."""
-
-    @property
-    def root(self) -> Status:
-        """The result of the tick."""
-
-    @property
-    def statuses(self) -> Sequence[Status]:
-        """The status of each node, in the order of the tree."""
-
-    @property
-    def results(self) -> Sequence[Status]:
-        """The last result of each node that is idle, or IDLE."""
-
-    @property
-    def entries(self) -> Sequence[tuple[str, str, str]]:
-        """The entries of the blackboards as (path of the subtree, key, value as text)."""
-
-    @property
-    def leaves(self) -> Sequence[LeafTick]:
-        """The leaves that were ticked in the step."""
-
-    @property
-    def problem(self) -> str:
-        """Why the run cannot be run again beyond this moment, or ""."""
-
-
-class Explanation(Protocol):
-    """Why a node did what it did."""
-
-    @property
-    def question(self) -> str:
-        """The question."""
-
-    @property
-    def answer(self) -> str:
-        """The answer."""
-
-    @property
-    def links(self) -> Sequence[tuple[int, int, str, str]]:
-        """The chain from the result to what it depends on.
-
-        A link is the number of a node (0 is outside of the tree), the number of the tick, why the node did
-        what it did, and what was tried or "".
-        """
 
 
 class Timeline(Protocol):
