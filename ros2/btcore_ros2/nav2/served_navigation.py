@@ -116,9 +116,7 @@ class ServedNavigation:
     def __init__(self, session: RosSession, navigation: Navigation, *, navigates: bool = True) -> None:
         self._session = session
         self._servers = servers = navigation.servers
-        served = servers.by_action
-        if not navigates:
-            served = {name: server for name, server in served.items() if name not in servers.navigators}
+        served = servers.by_action if navigates else servers.without_navigators
         others = {
             "navigate_to_pose": navigation.navigate_through_poses,
             "navigate_through_poses": navigation.navigate_to_pose,
