@@ -5,6 +5,7 @@ from typing import Final, NamedTuple
 
 from btcore.escaping import escape_text
 from btcore.status import NodeType
+from btcore.suggestions import shortened
 from btcore_drawing.diagram import DiagramNode
 from btcore_drawing.symbols import symbol_path
 
@@ -75,7 +76,7 @@ def card_of(node: DiagramNode) -> Card:
         for name, text, direction in node.ports
     ]
     lines += [_script_line(name, text) for name, text in node.conditions.items()]
-    name = _shortened(node.name)
+    name = _one_line(node.name)
     width = _TEXT_AT + text_width(name, _NAME_SIZE, bold=True) + number_room
     if second:
         width = max(width, _TEXT_AT + text_width(second, _ID_SIZE) + _MARGIN)
@@ -126,15 +127,14 @@ def _badge(node: DiagramNode, middle: float) -> str:
     return f'<g transform="{at}">{disc}{glyph}</g>'
 
 
-def _shortened(text: str) -> str:
-    text = " ".join(text.split())
-    return text if len(text) <= _MAX_TEXT else text[: _MAX_TEXT - 1] + "…"
+def _one_line(text: str) -> str:
+    return shortened(" ".join(text.split()), _MAX_TEXT)
 
 
 def _port_line(name: str, text: str, direction: str) -> tuple[int, str]:
     """Return the number of characters of a port line, and its SVG text."""
     sign = {"output": "←", "inout": "↔"}.get(direction, "→")
-    shown = _shortened(text) or "″″"
+    shown = _one_line(text) or "″″"
     css_class = "key" if shown.startswith(("{", "=", "${")) else "value"
     words = f'<tspan class="dim">{sign} {escape_text(name)}</tspan>'
     words += f'<tspan class="{css_class}" dx="6">{escape_text(shown)}</tspan>'
@@ -142,7 +142,7 @@ def _port_line(name: str, text: str, direction: str) -> tuple[int, str]:
 
 
 def _script_line(name: str, text: str) -> tuple[int, str]:
-    shown = _shortened(text)
+    shown = _one_line(text)
     words = f'<tspan class="dim">{escape_text(name)}</tspan>'
     words += f'<tspan class="script" dx="6">{escape_text(shown)}</tspan>'
     return len(name) + len(shown) + 1, words

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Final
 from btcore.options import option
 from btcore.runs.live_state import LiveState
 from btcore.runs.settings import Settings
+from btcore.suggestions import shortened
 from btcore_monitor.environment_checks import check_installed
 from btcore_monitor.errors import MonitorError
 from btcore_monitor.key_options import KeyOptions
@@ -290,5 +291,4 @@ def _list_entries(boards: Mapping[str, Mapping[str, Any]]) -> tuple[tuple[str, s
 
 
 def _format_value(value: object) -> str:
-    text = json.dumps(value, ensure_ascii=False, default=str)
-    return text if len(text) <= _MAX_VALUE else text[: _MAX_VALUE - 1] + "…"
+    return shortened(json.dumps(value, ensure_ascii=False, default=str), _MAX_VALUE)

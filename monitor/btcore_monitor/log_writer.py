@@ -35,7 +35,6 @@ LOGS: Final = (BTLOG, *SQLITE, BAG)
 _LATEST: Final = (1 << 48) - 1
 """The largest time in a log, in µs since its start."""
 
-
 _Writer = BtLogWriter | BagWriter | SqliteWriter
 
 

@@ -22,7 +22,7 @@ from btcore_navigation.sensor_watch import SensorWatch
 from btcore_navigation.velocity_smoother import VelocityLimits, VelocitySmoother
 from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import Odometry, Robot, Twist2D
-from btcore_robot.transforms import TransformError, TransformTree
+from btcore_robot.transforms import BASE_FRAME, TransformError, TransformTree
 
 __all__ = [
     "AssistedTeleopGoal",
@@ -311,7 +311,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
             if reading.range == math.inf or math.isnan(reading.range):
                 continue
             distance = max(reading.range, reading.range_min)
-            sonar = self._tree.lookup("base_footprint", reading.frame).to_pose()
+            sonar = self._tree.lookup(BASE_FRAME, reading.frame).to_pose()
             # The echo may come from anywhere in the cone: check its axis, and half-way to its edges.
             for side in (-reading.fov / 4, 0.0, reading.fov / 4):
                 x = sonar.x + distance * math.cos(sonar.yaw + side)

@@ -27,6 +27,7 @@ from btcore_navigation.costmap_layers import (
 )
 from btcore_robot.occupancy_map import Grid, OccupancyMap, Rectangle
 from btcore_robot.robot import LaserScan, Pose2D
+from btcore_robot.transforms import MAP_FRAME, ODOM_FRAME
 
 __all__ = ["FREE", "INSCRIBED", "LETHAL", "UNKNOWN", "Costmap", "GlobalCostmap", "LocalCostmap"]
 
@@ -45,7 +46,7 @@ class Costmap(Grid):
     """The costs without observed obstacles, in the shape of *costs*; None if unknown."""
 
     def __init__(
-        self, costs: NDArray[np.uint8], resolution: float, origin: tuple[float, float], frame: str = "map"
+        self, costs: NDArray[np.uint8], resolution: float, origin: tuple[float, float], frame: str = MAP_FRAME
     ) -> None:
         self.costs = costs
         self.resolution = resolution
@@ -215,7 +216,7 @@ class GlobalCostmap(LayeredCostmap):
             raytrace_range=raytrace_range,
         )
         inflation = InflationLayer(radius, inflation_radius, scaling, map.resolution)
-        super().__init__(shape, map.origin, "map", inflation, obstacles)
+        super().__init__(shape, map.origin, MAP_FRAME, inflation, obstacles)
         self._track_unknown = track_unknown
         self._draw(map)
 
@@ -296,7 +297,6 @@ class LocalCostmap(LayeredCostmap):
         obstacle_min_range: float = 0.0,
         obstacle_max_range: float = 2.5,
         raytrace_range: float = 3.0,
-        frame: str = "odom",
     ) -> None:
         side = round(size / resolution)
         obstacles = ObstacleLayer(
@@ -308,7 +308,7 @@ class LocalCostmap(LayeredCostmap):
             raytrace_range=raytrace_range,
         )
         inflation = InflationLayer(radius, inflation_radius, scaling, resolution)
-        super().__init__((side, side), (0.0, 0.0), frame, inflation, obstacles)
+        super().__init__((side, side), (0.0, 0.0), ODOM_FRAME, inflation, obstacles)
         self._corner = (0, 0)
         self.keepout = keepout
         self._map_in_frame: Pose2D | None = None

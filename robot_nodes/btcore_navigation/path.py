@@ -99,7 +99,7 @@ def empty_path(stamp: int) -> NavPath:
     return NavPath(np.zeros((0, 3)), stamp, "map")
 
 
-def path_through(points: NDArray[np.float64], goal: Pose2D, stamp: int, frame: str = "map") -> NavPath:
+def path_through(points: NDArray[np.float64], goal: Pose2D, stamp: int, frame: str) -> NavPath:
     """Return a path through points; each pose points to the next point.
 
     Args:

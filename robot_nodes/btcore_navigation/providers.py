@@ -27,14 +27,6 @@ _EXAMPLE: Final = (
     "'waypoints: {recharge: [3.7, -0.2, 0.0], wp1: [1.1, -12.4, 1.57]}', in m and rad on the map"
 )
 
-# The names of protocols, whose modules import numpy.
-_POSE_NAVIGATOR: Final = "btcore_navigation.leaves.navigate.PoseNavigator"
-_NAVIGATION_SERVERS: Final = "btcore_navigation.navigation_servers.NavigationServers"
-_NAVIGATION: Final = "btcore_navigation.stack.Navigation"
-_EXPLORER: Final = "btcore_navigation.leaves.explore.Explorer"
-_HEAD_TRACKER: Final = "btcore_robot.leaves.lifecycle_leaves.HeadTrackerProtocol"
-_OBJECT_LOCATOR: Final = "btcore_robot.leaves.lifecycle_leaves.ObjectLocatorProtocol"
-
 
 class MapSettings(Settings):
     """The settings of a known map."""
@@ -162,19 +154,21 @@ def navigation(
 # navigate by is provided separately.
 
 
-@provider(provides=(_POSE_NAVIGATOR,))
+@provider(provides=("btcore_navigation.leaves.navigate.PoseNavigator",))
 def navigator(navigation: "btcore_navigation.stack.Navigation") -> object:
     """Return the navigation or the exploration, for leaves that navigate on a map."""
     return navigation
 
 
-@provider(provides=(_NAVIGATION_SERVERS,))
+@provider(provides=("btcore_navigation.navigation_servers.NavigationServers",))
 def navigation_servers(servers: "btcore_navigation.servers.Servers") -> object:
     """Return the servers of the navigation or the exploration, for Nav2's tree nodes."""
     return servers
 
 
-@provider(provides=(_EXPLORER, _NAVIGATION), default=True)
+@provider(
+    provides=("btcore_navigation.leaves.explore.Explorer", "btcore_navigation.stack.Navigation"), default=True
+)
 def exploration(
     robot: "btcore_robot.robot.Robot",
     map: "btcore_robot.occupancy_map.OccupancyMap | None",
@@ -222,7 +216,7 @@ def exploration(
             report.add("map", asdict(exploration.saved_quality))
 
 
-@provider(provides=(_HEAD_TRACKER,))
+@provider(provides=("btcore_robot.leaves.lifecycle_leaves.HeadTrackerProtocol",))
 def head_tracker(
     robot: "btcore_robot.robot.Robot",
 ) -> "Iterator[btcore_robot.control.head_tracker.HeadTracker]":
@@ -237,7 +231,7 @@ def head_tracker(
         tracker.shutdown()
 
 
-@provider(provides=(_OBJECT_LOCATOR,))
+@provider(provides=("btcore_robot.leaves.lifecycle_leaves.ObjectLocatorProtocol",))
 def object_locator(
     robot: "btcore_robot.robot.Robot", servers: "btcore_navigation.servers.Servers"
 ) -> "Iterator[btcore_robot.perception.object_locator.ObjectLocator]":

@@ -94,7 +94,7 @@ class Servers(NavigationServers):
         goal_tolerance: The distance (m) at which GoalReached succeeds.
         topics: The newest message by name of the topic, for ROS topics that no sensor provides: for instance
             the name of the planner that PlannerSelector chooses, or the moved goal of GoalUpdater.
-        navigators: The servers of the navigators by name.
+        navigators: The servers of the actions `navigate_to_pose` and `navigate_through_poses`.
     """
 
     robot: Robot
@@ -113,7 +113,6 @@ class Servers(NavigationServers):
     goal_tolerance: float = 0.25
     topics: dict[str, object] = field(default_factory=dict)
     navigators: dict[str, ActionServer[Any, Any, Any]] = field(default_factory=dict)
-    """The servers `navigate_to_pose` and `navigate_through_poses`."""
 
     def now(self) -> int:
         """Return the time (ns) on the robot's clock."""
@@ -135,6 +134,11 @@ class Servers(NavigationServers):
     @property
     def by_action(self) -> dict[str, ActionServer[Any, Any, Any]]:
         """The servers, also those of the navigators, by Nav2's names of their actions."""
+        return self.without_navigators | self.navigators
+
+    @property
+    def without_navigators(self) -> dict[str, ActionServer[Any, Any, Any]]:
+        """The servers, without those of the navigators, by Nav2's names of their actions."""
         return {
             "compute_path_to_pose": self.compute_path,
             "compute_path_through_poses": self.compute_path,
@@ -145,7 +149,6 @@ class Servers(NavigationServers):
             "drive_on_heading": self.drive_on_heading,
             "wait": self.wait,
             "assisted_teleop": self.assisted_teleop,
-            **self.navigators,
         }
 
     def send_goal(self, goal: object, action: str, server_name: str = "") -> AnyGoalHandle:
@@ -204,10 +207,8 @@ class Servers(NavigationServers):
 
     def last_goals(self) -> Mapping[str, AnyGoalHandle]:
         """Return the last goals by action; see `NavigationServers.last_goals`."""
-        servers = {
-            action: server for action, server in self.by_action.items() if action not in self.navigators
-        }
-        return {action: goal for action, server in servers.items() if (goal := server.current) is not None}
+        servers = self.without_navigators.items()
+        return {action: goal for action, server in servers if (goal := server.current) is not None}
 
     @property
     def is_recovering(self) -> bool:

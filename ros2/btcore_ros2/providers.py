@@ -23,8 +23,6 @@ START_TIMEOUT_S: Final = 10.0
 POSE_WAIT_S: Final = 5.0
 """How long (s) a run with `--nav2` waits for the robot's pose."""
 
-_ROBOT: Final = "btcore_robot.robot.Robot"
-
 
 class RosSettings(Settings):
     """The settings of the ROS node."""
@@ -165,7 +163,7 @@ def ros_clock(session: "btcore_ros2.session.RosSession") -> Clock:
     return session.clock
 
 
-@provider(provides=(_ROBOT, Clock))
+@provider(provides=("btcore_robot.robot.Robot", Clock))
 def ros_robot(
     session: "btcore_ros2.session.RosSession", settings: RosRobotSettings, run_settings: RunSettings
 ) -> "Iterator[btcore_ros2.robot.ros_robot.RosRobot]":
@@ -185,7 +183,7 @@ def ros_robot(
         yield robot
 
 
-@provider(provides=(_ROBOT, Clock))
+@provider(provides=("btcore_robot.robot.Robot", Clock))
 def bag_robot(
     settings: BagSettings,
     robot: RosRobotSettings | None,

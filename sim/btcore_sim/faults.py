@@ -36,10 +36,14 @@ class Fault:
 
 
 class FaultSchedule:
-    """The failures of a run: which part has failed at which time."""
+    """The failures of a run: which part has failed at which time.
+
+    Attributes:
+        faults: The failures, which may be replaced.
+    """
 
     def __init__(self, faults: Sequence[Fault] = ()) -> None:
-        self._faults = tuple(faults)
+        self.faults = faults
 
     def has_failed(self, part: str, now: int) -> bool:
         """Return whether a part has failed.
@@ -50,12 +54,12 @@ class FaultSchedule:
         """
         return any(
             fault.part == part and fault.start <= now and (fault.end is None or now < fault.end)
-            for fault in self._faults
+            for fault in self.faults
         )
 
     def begun(self, now: int) -> list[Fault]:
         """Return the failures that began before *now* (ns), also those that have ended."""
-        return [fault for fault in self._faults if fault.start < now]
+        return [fault for fault in self.faults if fault.start < now]
 
 
 def parse_fault(text: str) -> Fault:

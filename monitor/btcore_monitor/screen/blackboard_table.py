@@ -6,6 +6,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from btcore.suggestions import shortened
 from btcore_monitor.events import RUNNING, ObservedTree
 from btcore_monitor.screen.panels import LEVELS, create_log_columns, create_markdown_columns, escape_markdown
 from btcore_monitor.screen.row_buffer import RowBuffer, Series
@@ -164,4 +165,4 @@ def format_value(value: Any) -> str:
         text = f"[{', '.join(parts)}]"
     else:
         text = f"{value:.4g}" if isinstance(value, float) else str(value)
-    return text if len(text) <= _MAX_VALUE_CHARS else text[: _MAX_VALUE_CHARS - 1] + "…"
+    return shortened(text, _MAX_VALUE_CHARS)

@@ -144,12 +144,12 @@ def create_layout(pane: Pane, name: str | None = None) -> rrb.Container:
             name=name,
         )
     lane_view = rrb.Tabs(create_lanes_view(pane), counts)
-    words: list[rrb.View | rrb.Container] = [create_now_view(pane), *_create_leaves_views(pane)]
+    rows: list[rrb.View | rrb.Container] = [create_now_view(pane), *_create_leaves_views(pane)]
     if tables := _create_blackboard_views(pane):
-        words.append(rrb.Tabs(*tables))
-    narrow, shares = ((0.32, [1.0]), (0.42, [0.46, 0.54]), (0.42, [0.24, 0.4, 0.36]))[len(words) - 1]
+        rows.append(rrb.Tabs(*tables))
+    width, heights = {1: (0.32, [1.0]), 2: (0.42, [0.46, 0.54]), 3: (0.42, [0.24, 0.4, 0.36])}[len(rows)]
     texts = rrb.Horizontal(
-        rrb.Vertical(*words, row_shares=shares), create_log_view(pane), column_shares=[narrow, 1.0 - narrow]
+        rrb.Vertical(*rows, row_shares=heights), create_log_view(pane), column_shares=[width, 1.0 - width]
     )
     beside = rrb.Vertical(texts, rrb.Horizontal(*ticks), row_shares=[0.68, 0.32]) if ticks else texts
     return rrb.Vertical(

@@ -51,7 +51,7 @@ class ChangeClient(Closeable):
         """Return the reply to the request for refusals, which was sent at first, or None while it is pending.
 
         Returns:
-            By what a client may want, why the robot refuses it, or "".
+            Why the robot refuses each kind of change (`BREAKPOINTS`, `VALUES`, `RELOAD`); "" if it does not.
 
         Raises:
             ConnectionRefusedByRobotError: The robot refuses the connection because of the keys.

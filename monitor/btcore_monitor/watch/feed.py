@@ -16,6 +16,7 @@ from typing import Final
 
 import zmq
 
+from btcore.suggestions import shortened
 from btcore_monitor.closeable import Closeable
 from btcore_monitor.events import (
     BlackboardEvent,
@@ -235,7 +236,7 @@ class Feed(Closeable):
     def _report_connection(self, state: ConnectionState, detail: str) -> None:
         if state != self._connection_state:
             self._connection_state = state
-            self._events.append(ConnectionEvent(state, _shorten(detail)))
+            self._events.append(ConnectionEvent(state, shortened(detail, _MAX_DETAIL_CHARS)))
 
     def _report_errors(self, now: float) -> None:
         """Report messages of the run channel that are invalid, at most once in REPORT_INTERVAL_S."""
@@ -247,7 +248,8 @@ class Feed(Closeable):
         elif now - self._reported_at >= REPORT_INTERVAL_S:
             count = self._run_channel_client.error_count - self._reported_error_count
             self._reported_error_count, self._reported_at = self._run_channel_client.error_count, now
-            reason = f"{count} invalid, the last because: {_shorten(self._run_channel_client.last_error)}"
+            detail = shortened(self._run_channel_client.last_error, _MAX_DETAIL_CHARS)
+            reason = f"{count} invalid, the last because: {detail}"
             stamp, wall = self._latest_times
             self._events.append(MissingDataEvent(stamp, wall, since=stamp, kind="messages", reason=reason))
 
@@ -376,7 +378,3 @@ class Feed(Closeable):
             seconds = min(seconds, self._groot2_feed.next_request_at - time.monotonic())
         # At least 1 ms: poll(0) would make the loop in poll() occupy the processor.
         poller.poll(max(1, round(1000 * seconds)))
-
-
-def _shorten(text: str) -> str:
-    return text if len(text) <= _MAX_DETAIL_CHARS else text[: _MAX_DETAIL_CHARS - 1] + "…"

@@ -11,13 +11,11 @@ class GoalLeaf(StatefulAction):
 
     Attributes:
         handle: The handle of the goal; None without a goal.
-        sent: The time (ns) at which the goal was sent.
     """
 
     spec = NodeSpec(state_fields=None)  # the goal and its handle belong to the server
 
     handle: GoalHandle[Any, Any, Any] | None = None
-    sent = 0
 
     def on_halted(self) -> None:
         """Cancel the goal."""

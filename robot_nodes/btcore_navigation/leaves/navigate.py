@@ -43,6 +43,7 @@ class Move(GoalLeaf):
     def __init__(self, navigator: PoseNavigator, robot: Robot) -> None:
         self.navigator = navigator
         self.clock = robot.clock
+        self.sent = 0
 
     def on_start(self) -> Status:
         """Send the goal."""

@@ -55,12 +55,14 @@ class ServerNode(GoalLeaf):
     """Base of the nodes that wait for a server. The reason of a failure is logged once, until it changes.
 
     Attributes:
+        sent: The time (ns) at which the goal or the request was sent.
         level: The level at which failures are logged.
         logged: The reason that was logged last.
     """
 
     spec = NodeSpec(uses=frozenset())
 
+    sent = 0
     level = logging.WARNING
     logged = ""
 

@@ -12,11 +12,11 @@ from btcore_robot.book.trail import scan_points_in
 from btcore_robot.components.component import Component, ComponentContext
 from btcore_robot.components.messages import Arrow, Arrows
 from btcore_robot.robot import Phase, Pose2D
+from btcore_robot.transforms import BASE_FRAME
 from btcore_scene import MovingScene, SceneSource
 
 REACH = 2.0
 """The distance (m) from the robot that the picture covers on each side."""
-FRAME = "base_footprint"
 _NAMES = {0: "repulsive", 1: "result", 2: "attractive"}
 
 
@@ -41,7 +41,7 @@ class ForceWatcher(Component, SceneSource):
             not self.strongest or _repulsion(message.arrows) > _repulsion(self.strongest)
         ):
             self.strongest = message.arrows
-            self._points = scan_points_in(self.context, FRAME, scan)
+            self._points = scan_points_in(self.context, BASE_FRAME, scan)
 
     def results(self) -> Mapping[str, object]:
         """Return the smallest range (m) that the laser measured."""

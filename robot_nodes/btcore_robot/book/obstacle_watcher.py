@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore_robot.book.force_watcher import scene_arrow
-from btcore_robot.book.trail import ODOM_FRAME, Trail
+from btcore_robot.book.trail import Trail
 from btcore_robot.components.component import Component, ComponentContext
 from btcore_robot.components.messages import Arrow, Arrows
 from btcore_robot.perception.obstacle_detector import OBSTACLE_FRAME
 from btcore_robot.robot import Twist2D
-from btcore_robot.transforms import TransformError
+from btcore_robot.transforms import ODOM_FRAME, TransformError
 from btcore_scene import MovingScene, SceneSource
 
 _KEY_VEL = "/key_vel"

@@ -10,11 +10,10 @@ from btcore_robot.components.component import ComponentContext
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import LaserScan, Phase, Pose2D
 from btcore_robot.transform_filter import TransformFilter
-from btcore_robot.transforms import TransformError
+from btcore_robot.transforms import ODOM_FRAME, TransformError
 
 RATE = 10.0
 """The rate (Hz) of the record."""
-ODOM_FRAME = "odom"
 _CELL = 0.08  # m: the side of a square in which only the first laser point is kept
 
 

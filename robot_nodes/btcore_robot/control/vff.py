@@ -15,6 +15,7 @@ from btcore_robot.components.component import Component, ComponentContext, Compo
 from btcore_robot.components.messages import BLUE, GREEN, RED, Arrow, Arrows, Colour
 from btcore_robot.robot import LaserScan, Twist2D
 from btcore_robot.time_limits import MAX_BOOK_SCAN_AGE_S, is_stale
+from btcore_robot.transforms import BASE_FRAME
 
 __all__ = [
     "Avoidance",
@@ -185,7 +186,7 @@ def force_arrows(field: Forces, stamp: int) -> Arrows:
 
     def arrow(number: int, vector: Vector, colour: Colour) -> Arrow:
         end = (float(vector[0]), float(vector[1]), 0.0)
-        return Arrow(number, "base_footprint", stamp, (0.0, 0.0, 0.0), end, colour, 0.05, 0.1)
+        return Arrow(number, BASE_FRAME, stamp, (0.0, 0.0, 0.0), end, colour, 0.05, 0.1)
 
     return Arrows(
         (arrow(2, field.attractive, BLUE), arrow(0, field.repulsive, RED), arrow(1, field.result, GREEN))

@@ -8,7 +8,7 @@ import math
 from btcore_robot.components.component import Component, ComponentContext, ComponentOptions
 from btcore_robot.components.messages import RED, Arrow, Arrows, Colour
 from btcore_robot.robot import LaserScan, TransformStamped
-from btcore_robot.transforms import Transform, TransformError
+from btcore_robot.transforms import BASE_FRAME, ODOM_FRAME, Transform, TransformError
 
 __all__ = [
     "Displacement",
@@ -19,8 +19,6 @@ __all__ = [
 ]
 
 OBSTACLE_FRAME = "detected_obstacle"
-BASE_FRAME = "base_footprint"
-ODOM_FRAME = "odom"
 
 PERIOD_S = 0.5
 """The period (s) of the reports of the obstacle's position."""

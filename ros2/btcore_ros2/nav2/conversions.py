@@ -37,14 +37,12 @@ from btcore_navigation.path import NavPath
 from btcore_navigation.planner import ComputePathGoal
 from btcore_navigation.waypoint_follower import FollowWaypointsGoal, MissedWaypoint
 from btcore_robot.robot import Pose2D
+from btcore_robot.transforms import MAP_FRAME
 from btcore_ros2.errors import RosError
 from btcore_ros2.nav2.nodes import ComputedRoute, ComputeRouteGoal, Route
 
 if TYPE_CHECKING:
     from nav_msgs.msg import Goals
-
-MAP: Final = "map"
-"""The frame of goals and planned paths."""
 
 THROUGH_OFFSET = 100
 """The difference between the error codes of NavigateThroughPoses and NavigateToPose."""
@@ -96,7 +94,7 @@ def pose_to_stamped(pose: Pose2D) -> PoseStamped:
 
     Its stamp is zero, which stands for the newest transform.
     """
-    return PoseStamped(header=Header(frame_id=MAP), pose=pose_to_message(pose))
+    return PoseStamped(header=Header(frame_id=MAP_FRAME), pose=pose_to_message(pose))
 
 
 def pose_from_message(message: Pose) -> Pose2D:
@@ -114,7 +112,7 @@ def pose_from_message(message: Pose) -> Pose2D:
     return Pose2D(point.x, point.y, yaw)
 
 
-def pose_from_stamped(message: PoseStamped, frame: str = MAP, default: str = "") -> Pose2D:
+def pose_from_stamped(message: PoseStamped, frame: str = MAP_FRAME, default: str = "") -> Pose2D:
     """Return the pose of a `geometry_msgs/PoseStamped`.
 
     Args:
@@ -137,7 +135,7 @@ def poses_to_goals(poses: Iterable[Pose2D]) -> "Goals":
     """Return *poses* in the frame `map` as a `nav_msgs/Goals`, with the stamp zero."""
     from nav_msgs.msg import Goals  # Jazzy does not have this message
 
-    return Goals(header=Header(frame_id=MAP), goals=list(map(pose_to_stamped, poses)))
+    return Goals(header=Header(frame_id=MAP_FRAME), goals=list(map(pose_to_stamped, poses)))
 
 
 def poses_from_goals(message: "Goals") -> tuple[Pose2D, ...]:
@@ -147,7 +145,7 @@ def poses_from_goals(message: "Goals") -> tuple[Pose2D, ...]:
         RosError: A pose is not in the frame `map`, or a number is not finite.
     """
     default = message.header.frame_id
-    return tuple(pose_from_stamped(goal, MAP, default) for goal in message.goals)
+    return tuple(pose_from_stamped(goal, MAP_FRAME, default) for goal in message.goals)
 
 
 def path_to_message(path: NavPath, stamp: Time | None = None) -> Path:
@@ -175,7 +173,7 @@ def path_from_message(message: Path) -> NavPath:
         FrameError: The poses are in different frames, or no frame is named.
         RosError: A number is not finite.
     """
-    frame = message.header.frame_id or (message.poses[0].header.frame_id if message.poses else MAP)
+    frame = message.header.frame_id or (message.poses[0].header.frame_id if message.poses else MAP_FRAME)
     if not frame:
         raise FrameError("the path names no frame")
     poses = [pose_from_stamped(pose, frame, frame) for pose in message.poses]

@@ -4,10 +4,10 @@ import logging
 from typing import Any
 
 from btcore_robot.robot import Pose2D
-from btcore_robot.transforms import TransformError, TransformTree
+from btcore_robot.transforms import MAP_FRAME, TransformError, TransformTree
 from btcore_ros2.errors import RosError
 from btcore_ros2.interfaces import MissingPackageError
-from btcore_ros2.nav2.conversions import MAP, pose_from_message
+from btcore_ros2.nav2.conversions import pose_from_message
 from btcore_ros2.session import RosSession
 from btcore_ros2.transform_listener import TransformListener
 
@@ -53,7 +53,7 @@ class PoseListener:
         """Return the robot's newest pose in the frame map, or None if it is unknown."""
         for frame in BASE_FRAMES:
             try:
-                return self.transforms.lookup(MAP, frame).to_pose()
+                return self.transforms.lookup(MAP_FRAME, frame).to_pose()
             except TransformError:
                 continue
         return self._pose

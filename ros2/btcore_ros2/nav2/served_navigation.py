@@ -24,9 +24,10 @@ from btcore_navigation.waypoint_follower import WaypointFollower
 from btcore_robot.errors import RobotError
 from btcore_robot.occupancy_map import MapError, MapImageError, load_map
 from btcore_robot.robot import Phase, Twist2D
+from btcore_robot.transforms import MAP_FRAME
 from btcore_ros2.errors import RosError
 from btcore_ros2.nav2.client import Nav2Client
-from btcore_ros2.nav2.conversions import ACTIONS, MAP, nav2_type, path_from_message, pose_from_stamped
+from btcore_ros2.nav2.conversions import ACTIONS, nav2_type, path_from_message, pose_from_stamped
 from btcore_ros2.nav2.lifecycle import LifecycleManager, ServedNode
 from btcore_ros2.nav2.navigation_topics import costmap_message, occupancy_grid
 from btcore_ros2.nav2.served_action import ServedAction
@@ -83,7 +84,7 @@ class MapServer:
 
     def _grid(self) -> OccupancyGrid:
         known = self._navigation.map
-        return occupancy_grid(known, known.cells, MAP, self._node.get_clock().now().to_msg())
+        return occupancy_grid(known, known.cells, MAP_FRAME, self._node.get_clock().now().to_msg())
 
 
 def _result_code(error: RobotError, map_url: str, response: Any) -> int:
@@ -115,9 +116,7 @@ class ServedNavigation:
     def __init__(self, session: RosSession, navigation: Navigation, *, navigates: bool = True) -> None:
         self._session = session
         self._servers = servers = navigation.servers
-        served = servers.by_action
-        if not navigates:
-            served = {name: server for name, server in served.items() if name not in servers.navigators}
+        served = servers.by_action if navigates else servers.without_navigators
         others = {
             "navigate_to_pose": navigation.navigate_through_poses,
             "navigate_through_poses": navigation.navigate_to_pose,

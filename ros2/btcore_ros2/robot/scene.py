@@ -5,10 +5,10 @@ from collections.abc import Sequence
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import CameraImage, CameraInfo, Robot
 from btcore_robot.scene_messages import camera_message, laser_message, picture_message, scan_message
+from btcore_robot.transforms import MAP_FRAME, ODOM_FRAME
 from btcore_ros2.robot.frames import FOOTPRINT
 from btcore_scene import UPRIGHT, Cylinder, Frame, MovingScene, Part, StaticScene
 
-MAP, ODOM = "map", "odom"
 BODY_HEIGHT = 0.3
 """The height (m) of the cylinder that stands for a robot without shapes."""
 BODY_COLOR = (140, 145, 153, 255)
@@ -42,7 +42,7 @@ class RobotScene:
             color=BODY_COLOR,
         )
         return StaticScene(
-            frame=MAP,
+            frame=MAP_FRAME,
             parts=shapes or [body],
             laser=laser_message(robot.laser_info),
             footprint_radius=robot.base_info.radius,
@@ -62,10 +62,10 @@ class RobotScene:
         is_new = picture is not None and picture is not self._last_picture
         self._last_picture = picture
         place = Transform.from_pose(odometry.pose)
-        frames = [Frame(FOOTPRINT, ODOM, place.position, place.quaternion), *links]
+        frames = [Frame(FOOTPRINT, ODOM_FRAME, place.position, place.quaternion), *links]
         if not self._is_placed:
             self._is_placed = True
-            frames.append(Frame(ODOM, MAP, (0.0, 0.0, 0.0), UPRIGHT))
+            frames.append(Frame(ODOM_FRAME, MAP_FRAME, (0.0, 0.0, 0.0), UPRIGHT))
         return MovingScene(
             stamp=robot.clock.now(),
             frames=frames,
