@@ -23,7 +23,7 @@ from typing import Any, Final, NamedTuple
 
 from btcore import ConversionError
 from btcore.json_text import MAX_DEPTH, too_deep_at
-from btcore.suggestions import did_you_mean, join_names, shortened
+from btcore.suggestions import did_you_mean, join_names
 from btcore.values import number_of
 from btcore.values.known_types import to_builtin_number
 from btcore_ros2.errors import RosError
@@ -542,7 +542,7 @@ def _shown(value: object) -> str:
     if isinstance(value, bool) or value is None:
         return {True: "true", False: "false", None: "null"}[value]
     text = repr(value) if not isinstance(value, list | tuple | bytes) or len(value) < 20 else "the list"
-    return shortened(text, 60)
+    return text if len(text) <= 60 else text[:57] + "…"
 
 
 def from_message(message: Any) -> dict[str, object]:
