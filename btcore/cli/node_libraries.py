@@ -16,9 +16,9 @@ from btcore.diagnostics import Diagnostic
 from btcore.entry_points import NODES_GROUP, UnavailableEntryPoint, unsearched_libraries
 from btcore.options import Options, option
 from btcore.registry.registry import Plugin, Registry, import_plugin, library_of
-from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.document import Document
 from btcore.xml.read.read import Sources, read
+from btcore.xml.read.tags import EXPLICIT_TAGS
 
 
 class LibraryOptions(Options):

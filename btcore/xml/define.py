@@ -21,10 +21,10 @@ from btcore.diagnostics import HintAndFixes
 from btcore.fixes import NameTree, Rename, SetFormat
 from btcore.names import model_port_name_error
 from btcore.suggestions import join_names, nearest_name, suggestion
-from btcore.xml.read.dialect import PORT_TAGS
 from btcore.xml.read.document import CollectedDiagnostics, DiagnosticCollector, Document
 from btcore.xml.read.element import EXAMPLE, Element
 from btcore.xml.read.read import Sources
+from btcore.xml.read.tags import PORT_TAGS
 
 MAX_MODEL_PORTS: Final = 1_000
 """Maximum number of ports in the model of a subtree."""

@@ -20,7 +20,7 @@ from btcore.status import (
     Status,
 )
 from btcore.values import DOUBLE
-from btcore.xml.read.dialect import NODE_REPLACEMENTS
+from btcore.xml.read.tags import NODE_REPLACEMENTS
 from btcore_batch.node_classes import BATCH_CLASSES
 
 UP: Final = "../.."

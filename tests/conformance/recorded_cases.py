@@ -40,8 +40,8 @@ from btcore.status import FAILURE, SUCCESS, NodeType, Status, Transition
 from btcore.testing.leaf_replacement import Act, Ask
 from btcore.tree.tree import Tree
 from btcore.values import ANY_VALUE, INT
-from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.scan import scan
+from btcore.xml.read.tags import EXPLICIT_TAGS
 
 MAX_DIFFERENCES = 10  # that are printed
 KINDS = {"xml", "script", "convert"}

@@ -21,7 +21,7 @@ from btcore.registry.registry import Registry
 from btcore.status import NodeType, Status
 from btcore.values import BOOL, DOUBLE, INT, INT64, NODE_STATUS, UINT, UINT64, EnumType, ValueType
 from btcore.xml.models.tree_nodes_model import TAG_OF
-from btcore.xml.read.dialect import CONTROLS_WITH_CHILDREN_IN_3, EXPLICIT_TAGS, PORT_TAGS, SUBTREE_TAGS
+from btcore.xml.read.tags import CONTROLS_WITH_CHILDREN_IN_3, EXPLICIT_TAGS, PORT_TAGS, SUBTREE_TAGS
 
 __all__ = ["write_schema"]
 

@@ -11,9 +11,9 @@ from btcore.diagnostics import Diagnostic
 from btcore.names import SCRIPT_ATTRIBUTES, is_port_name
 from btcore.suggestions import nearest_name, shortened
 from btcore.xml.edit.editor import DocumentEditor, Edit, apply_edits, escape_value
-from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.positions import LineIndex
 from btcore.xml.read.scan import Place, ScannedElement, scan
+from btcore.xml.read.tags import EXPLICIT_TAGS
 from btcore.xml.read.tinyxml2_compat import BARE_MARKUP_CHARACTER
 
 MAX_FIXES: Final = 20

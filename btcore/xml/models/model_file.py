@@ -21,10 +21,10 @@ from btcore.registry.registry import Registry
 from btcore.status import NodeType
 from btcore.values import ANY, ValueType
 from btcore.xml.define import parse_format
-from btcore.xml.read.dialect import EXPLICIT_TAGS, PORT_TAGS
 from btcore.xml.read.document import DiagnosticCollector, Document
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import parse_file, read
+from btcore.xml.read.tags import EXPLICIT_TAGS, PORT_TAGS
 
 # Other names for types of BehaviorTree.CPP, as users and other compilers write them.
 _ALIASES: Final = {

@@ -11,8 +11,8 @@ from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.suggestions import join_names, nearest_name, suggestion
 from btcore.xml.define import Definitions
-from btcore.xml.read.dialect import EXPLICIT_TAGS, NODE_REPLACEMENTS
 from btcore.xml.read.document import DiagnosticCollector
+from btcore.xml.read.tags import EXPLICIT_TAGS, NODE_REPLACEMENTS
 
 
 class UnknownNameHints:

@@ -55,9 +55,9 @@ from btcore.values import BOOL, ValueType
 from btcore.values.types import literals_of
 from btcore.xml.define import Definitions, TreeDefinition, tree_hint
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
-from btcore.xml.read.dialect import CONTROLS_WITH_CHILDREN_IN_3, EXPLICIT_TAGS, SUBTREE_TAGS
 from btcore.xml.read.document import DiagnosticCollector
 from btcore.xml.read.element import Element
+from btcore.xml.read.tags import CONTROLS_WITH_CHILDREN_IN_3, EXPLICIT_TAGS, SUBTREE_TAGS
 
 if TYPE_CHECKING:
     from btcore.xml.plan.hints import UnknownNameHints
@@ -403,7 +403,7 @@ class TreePlanner:
         node_plan.bindings = bindings
 
     def _select_attributes(self, node_plan: NodePlan, others: Mapping[str, str]) -> dict[str, str]:
-        """Return those of *others*, which are no ports, that are attributes of a node; report the rest."""
+        """Return the attributes that a node may have beside its ports, of *others*; report the rest."""
         format, element = self._format, node_plan.element
         attributes = {}
         for key, text in others.items():
@@ -414,7 +414,7 @@ class TreePlanner:
                     hint = 'to name the node, write name="…"'
                     fixes = [RenameAttribute("name"), RemoveAttribute()]
                     self._report(UNEXPECTED_ID, message, element, hint, fixes, attribute=key)
-            elif not is_port_name(key) if format == 4 else key == "_description":
+            elif (format == 4 and not is_port_name(key)) or (format == 3 and key == "_description"):
                 attributes[key] = text
             else:
                 message = f"<{node_plan.id}> has no port '{key}'"

@@ -12,8 +12,8 @@ from difflib import SequenceMatcher
 from itertools import count
 from typing import Final
 
-from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.element import Element
+from btcore.xml.read.tags import EXPLICIT_TAGS
 
 TREE: Final = "BehaviorTree"
 _MAX_COMPARED: Final = 2_000

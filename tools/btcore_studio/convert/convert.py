@@ -18,10 +18,10 @@ from btcore.registry.registry import Registry
 from btcore.xml.define import parse_format
 from btcore.xml.edit.editor import Edit, apply_edits
 from btcore.xml.plan.plan import plan_document
-from btcore.xml.read.dialect import SUBTREE_TAGS
 from btcore.xml.read.document import Document, sort_diagnostics
 from btcore.xml.read.element import Element
 from btcore.xml.read.read import parse_text
+from btcore.xml.read.tags import SUBTREE_TAGS
 from btcore_studio.convert.changes import ConversionChanges
 from btcore_studio.convert.nodes import convert_node
 from btcore_studio.convert.subtree import convert_subtree

@@ -23,8 +23,8 @@ from btcore.diagnostic_codes import (
 from btcore.errors import ConversionError
 from btcore.script.lexer import NAME, tokenize
 from btcore.values import BOOL, DOUBLE, INT, STRING, ValueType
-from btcore.xml.read.dialect import EXPLICIT_TAGS, NODE_REPLACEMENTS
 from btcore.xml.read.element import Element
+from btcore.xml.read.tags import EXPLICIT_TAGS, NODE_REPLACEMENTS
 from btcore_studio.convert.changes import ConversionChanges
 
 _TAG: Final = re.compile(r"[A-Za-z_][\w.-]*\Z", re.ASCII)

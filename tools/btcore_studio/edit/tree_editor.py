@@ -6,8 +6,8 @@ from typing import Final
 
 from btcore.names import is_port_name
 from btcore.xml.edit.editor import DocumentEditor, Edit, EditError
-from btcore.xml.read.dialect import EXPLICIT_TAGS, SUBTREE_TAGS
 from btcore.xml.read.scan import ScannedElement
+from btcore.xml.read.tags import EXPLICIT_TAGS, SUBTREE_TAGS
 
 # `_skipIf` of a disabled node; the original condition is in the parentheses.
 _DISABLED: Final = re.compile(r"true(?: \|\| \((.*)\))?", re.DOTALL)

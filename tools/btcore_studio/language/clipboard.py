@@ -8,8 +8,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 from btcore.xml.edit.editor import DocumentEditor, EditError
-from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.scan import ScannedElement, scan
+from btcore.xml.read.tags import EXPLICIT_TAGS
 from btcore_studio.language.element_texts import unindented
 from btcore_studio.language.symbols import is_call, node_id
 from btcore_studio.language.tree_reading import TreeReading

@@ -16,8 +16,8 @@ from btcore.status import NodeType
 from btcore.values import BOOL, ValueType
 from btcore.values.types import literals_of
 from btcore.xml.models.tree_nodes_model import quoted
-from btcore.xml.read.dialect import EXPLICIT_TAGS, PORT_TAGS, SUBTREE_TAGS
 from btcore.xml.read.scan import Place, ScannedAttribute, ScannedElement
+from btcore.xml.read.tags import EXPLICIT_TAGS, PORT_TAGS, SUBTREE_TAGS
 from btcore_studio.language.descriptions import (
     CONDITION_ATTRIBUTES,
     ELEMENTS,

@@ -19,9 +19,9 @@ from btcore.status import NodeType
 from btcore.xml.define import TreeDefinition
 from btcore.xml.plan.plan import MAX_DEPTH, TreeSize
 from btcore.xml.plan.tree_plan import SubtreeCall
-from btcore.xml.read.dialect import EXPLICIT_TAGS, SUBTREE_TAGS
 from btcore.xml.read.document import Document
 from btcore.xml.read.element import Element
+from btcore.xml.read.tags import EXPLICIT_TAGS, SUBTREE_TAGS
 from btcore_drawing.diagram import DiagramNode
 from btcore_drawing.folding import fold
 from btcore_drawing.node_card import Card, card_of

@@ -9,8 +9,8 @@ from btcore.registry.nodes_without_code import is_mock
 from btcore.suggestions import did_you_mean
 from btcore.xml.edit.editor import DocumentEditor, Edit, EditError, apply_edits, escape_value
 from btcore.xml.models.tree_nodes_model import TAG_OF
-from btcore.xml.read.dialect import EXPLICIT_TAGS, PORT_TAGS, SUBTREE_TAGS
 from btcore.xml.read.scan import ScannedElement
+from btcore.xml.read.tags import EXPLICIT_TAGS, PORT_TAGS, SUBTREE_TAGS
 from btcore.xml.read.tinyxml2_compat import decode
 from btcore_studio.language.descriptions import is_mandatory
 from btcore_studio.language.studio_protocol import PalettePort, PortDirection

@@ -9,8 +9,8 @@ from urllib.parse import unquote
 from lsprotocol import types
 
 from btcore.suggestions import counted
-from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.scan import Place, ScannedElement
+from btcore.xml.read.tags import EXPLICIT_TAGS
 from btcore_studio.language.descriptions import (
     CONDITION_ATTRIBUTES,
     ELEMENTS,

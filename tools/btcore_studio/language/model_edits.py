@@ -5,8 +5,8 @@ from btcore.names import FORBIDDEN, RESERVED_IDS, port_name_error
 from btcore.registry.nodes_without_code import is_mock
 from btcore.registry.registration_checks import default_value_error
 from btcore.xml.edit.editor import Edit, EditError, escape_value
-from btcore.xml.read.dialect import PORT_TAGS
 from btcore.xml.read.scan import ScannedElement
+from btcore.xml.read.tags import PORT_TAGS
 from btcore_studio.language.edit_drafts import Draft, Drafts, Rules
 from btcore_studio.language.element_texts import DIRECTIONS, is_port, port_text
 from btcore_studio.language.node_models import type_named

@@ -10,8 +10,8 @@ from lsprotocol.types import Location, Position, Range
 
 from btcore.input_files import read_file
 from btcore.registry.nodes_without_code import is_mock
-from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.scan import Place, ScannedElement
+from btcore.xml.read.tags import EXPLICIT_TAGS
 from btcore_studio.language.key_links import KeyLinks, TreeKey, links_of
 from btcore_studio.language.project import Project, SourceDocument, file_uri
 from btcore_studio.language.project_symbols import ProjectSymbols, included_path

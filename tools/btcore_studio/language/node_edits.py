@@ -19,8 +19,8 @@ from btcore.names import is_port_name
 from btcore.suggestions import child_count_text, with_article
 from btcore.xml.edit.editor import Edit, EditError
 from btcore.xml.models.tree_nodes_model import TAG_OF
-from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.scan import scan
+from btcore.xml.read.tags import EXPLICIT_TAGS
 from btcore_studio.edit.text_edits import offset_after
 from btcore_studio.edit.tree_editor import is_disabled
 from btcore_studio.language.clipboard import read_clipping

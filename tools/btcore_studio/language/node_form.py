@@ -9,8 +9,8 @@ from btcore.registry.nodes_without_code import is_mock
 from btcore.status import NodeType
 from btcore.values.types import literals_of
 from btcore.xml.plan.key_uses import NON_KEY_ATTRIBUTES
-from btcore.xml.read.dialect import SUBTREE_TAGS
 from btcore.xml.read.scan import ScannedElement
+from btcore.xml.read.tags import SUBTREE_TAGS
 from btcore_studio.language.descriptions import (
     CONDITION_ATTRIBUTES,
     SHARING_ATTRIBUTES,

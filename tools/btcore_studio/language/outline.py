@@ -14,8 +14,8 @@ from lsprotocol.types import (
 
 from btcore.registry.registry import Registry
 from btcore.status import NodeType
-from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.scan import ScannedAttribute, ScannedElement
+from btcore.xml.read.tags import EXPLICIT_TAGS
 from btcore_studio.language.project import Project, SourceDocument
 from btcore_studio.language.project_symbols import ProjectSymbols, symbols_of
 from btcore_studio.language.symbols import is_call, node_id, written_format

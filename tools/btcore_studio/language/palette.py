@@ -5,8 +5,8 @@ from btcore.registry.manifest import Manifest
 from btcore.registry.nodes_without_code import is_mock
 from btcore.values import ANY
 from btcore.xml.models.model_file import model_elements
-from btcore.xml.read.dialect import PORT_TAGS, SUBTREE_TAGS
 from btcore.xml.read.element import Element
+from btcore.xml.read.tags import PORT_TAGS, SUBTREE_TAGS
 from btcore_drawing.symbols import symbol_path
 from btcore_studio.language.descriptions import type_name
 from btcore_studio.language.drawing import node_kind

@@ -13,8 +13,8 @@ from btcore.registry.nodes_without_code import is_mock
 from btcore.script import lexer
 from btcore.xml.edit.editor import Edit
 from btcore.xml.models.tree_nodes_model import quoted
-from btcore.xml.read.dialect import EXPLICIT_TAGS, PORT_TAGS
 from btcore.xml.read.scan import ScannedAttribute, ScannedElement
+from btcore.xml.read.tags import EXPLICIT_TAGS, PORT_TAGS
 from btcore_studio.language.key_links import MAX_LINKS, KeyLinks, TreeKey, links_of
 from btcore_studio.language.navigation import NamedKey, NamedNode, NamedTree, named_at, node_span
 from btcore_studio.language.project import Project, SourceDocument

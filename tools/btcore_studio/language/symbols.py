@@ -23,8 +23,8 @@ from btcore.xml.plan.key_uses import (
     port_uses,
 )
 from btcore.xml.plan.tree_plan import SubtreeCall
-from btcore.xml.read.dialect import EXPLICIT_TAGS, PORT_TAGS, SUBTREE_TAGS
 from btcore.xml.read.scan import Scan, ScannedAttribute, ScannedElement, value_offsets
+from btcore.xml.read.tags import EXPLICIT_TAGS, PORT_TAGS, SUBTREE_TAGS
 
 _CALL_TAGS: Final = SUBTREE_TAGS[3]
 

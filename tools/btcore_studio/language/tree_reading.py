@@ -24,12 +24,12 @@ from btcore.xml.models.model_file import (
     model_elements,
 )
 from btcore.xml.plan.plan import Plans, plan
-from btcore.xml.read.dialect import EXPLICIT_TAGS
 from btcore.xml.read.document import CollectedDiagnostics, Document
 from btcore.xml.read.element import Element, encoded
 from btcore.xml.read.positions import LineIndex, SourceMap
 from btcore.xml.read.read import Sources, parse_text, read
 from btcore.xml.read.scan import Scan, ScannedElement, scan
+from btcore.xml.read.tags import EXPLICIT_TAGS
 from btcore_studio.language.node_attributes import is_in_tree
 from btcore_studio.language.project import PROJECT_SUFFIX, Project, SourceDocument
 from btcore_studio.language.project_symbols import symbols_of

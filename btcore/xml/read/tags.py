@@ -1,4 +1,4 @@
-"""The names of elements in the XML of BehaviorTree.CPP 4 (format 4) and 3 (format 3)."""
+"""The tags of elements in the XML of BehaviorTree.CPP 4 (format 4) and 3 (format 3)."""
 
 from typing import Final
 
