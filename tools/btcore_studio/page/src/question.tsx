@@ -2,9 +2,9 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { answer, mockRun, nameOf, setPlan } from "./mock_run";
+import { answer, mockRun, setPlan } from "./mock_run";
 import type { LeafPlan, RunQuestion, RunResult } from "./protocol";
-import { nodesByKey, selectedNode } from "./state";
+import { nameOf, nodesByKey, selectedNode } from "./state";
 import { runTexts } from "./texts";
 import { focusPicture, view } from "./view";
 
