@@ -31,7 +31,7 @@ export const SPEEDS = [0.5, 1, 2, 5, 20, 100] as const;
 export const speed = signal(1);
 /** Whether trees can be run here. */
 export const canRun = computed(() =>
-  start.value !== null && !start.value.recording && !start.value.versions && !live.value?.address && Boolean(drawing.value?.tree));
+  start.value !== null && !start.value.recording && !live.value?.address && Boolean(drawing.value?.tree));
 
 /** How leaves answer in the next run, by key. */
 const plans = new Map<string, LeafPlan>();
