@@ -47,7 +47,7 @@ ALL_TESTS := $(WAITING) $(filter-out $(WAITING) tests/__pycache__/,$(wildcard te
 PLATFORM_MODULES := asyncio|ctypes|errno|faulthandler|fcntl|grp|http|locale|mmap|msvcrt|multiprocessing|os|pty|pwd
 PLATFORM_MODULES := $(PLATFORM_MODULES)|readline|resource|select|selectors|shutil|signal|socket|socketserver|ssl|stat
 PLATFORM_MODULES := $(PLATFORM_MODULES)|subprocess|sys|syslog|tempfile|termios|time|tty|urllib|webbrowser|zipfile
-PYTHON_FOLDERS := btcore monitor robot_nodes ros2 sim tools tests/typing
+PYTHON_FOLDERS := btcore monitor robot_nodes ros2 sim tools packaging/studio_site tests/typing
 # Continuous integration also checks the types on Windows, and runs the blocks of all pages.
 WITHOUT_PAGES := --deselect tests/docs/test_docs.py::test_the_examples_of_a_page_run
 BENCHMARKS := $(filter-out ros2,$(basename $(notdir $(wildcard benchmarks/*.py))))
@@ -59,7 +59,7 @@ MESSAGES := $(shell find ros2/btcore_ros2/message_packages -type f -not -name '*
 PAGE := tools/btcore_studio/page
 PAGE_SOURCES := $(PAGE)/tsconfig.json $(wildcard $(PAGE)/*.html $(PAGE)/*.css $(PAGE)/src/* $(PAGE)/src/*/*)
 # The page as a site of static files, with Python in Pyodide. The wheels are for the Python of Pyodide.
-SITE := $(PAGE)/site
+SITE := packaging/studio_site
 SITE_PARTS := out/studio-site-parts
 PYODIDE_TAGS := --python-version 3.14 --implementation cp --abi cp314 --platform pyemscripten_2026_0_wasm32
 VULKAN := mesa-vulkan-drivers libvulkan1
@@ -328,7 +328,7 @@ out/studio-site/index.html: $(PAGE)/built/index.html $(SITE)/node_modules/ready 
 	@echo '· building the studio as a site of static files'
 	@rm -f $(SITE_PARTS)/btcore-*.whl
 	@BTCORE_PURE=1 .venv/bin/python $(PIP) wheel --quiet --no-build-isolation --no-deps --wheel-dir $(SITE_PARTS) .
-	@$(CURDIR)/.ci/npm --prefix $(PAGE) run --silent build-worker -- --log-level=warning --outfile=$(CURDIR)/$(SITE_PARTS)/worker.js
+	@.ci/npm --prefix $(PAGE) run --silent build-worker -- --log-level=warning --outfile=$(CURDIR)/$(SITE_PARTS)/worker.js
 	@.venv/bin/python $(SITE)/build_site.py $(SITE_PARTS) $(@D)
 
 $(SITE)/node_modules/ready: $(SITE)/package.json

@@ -5,18 +5,16 @@ The site is what `make studio-site` builds. The exit code is 1 if a figure is ab
 
 import argparse
 import base64
-import functools
 import gzip
 import json
 import shutil
 import sys
-import threading
 import zlib
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Any
 
 from playwright.sync_api import Browser, sync_playwright
+
+from tests.tools.btcore_studio.site.conftest import serve
 
 SITE = Path(__file__).parents[2] / "out/studio-site"
 MAX_MB = 25.0
@@ -35,10 +33,6 @@ BARE = """() => new Promise((resolve, reject) => {
   worker.onerror = (event) => reject(new Error(event.message));
   worker.onmessage = () => { worker.terminate(); resolve(performance.now() - begun); };
 })"""
-
-
-class Quiet(SimpleHTTPRequestHandler):
-    def log_message(self, *_: object) -> None: ...
 
 
 def compressed_mb(site: Path) -> float:
@@ -107,17 +101,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--trials", type=int, default=5, help="number of starts of each kind")
     trials = parser.parse_args().trials
-    handler: Any = functools.partial(Quiet, directory=str(SITE))
-    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server, sync_playwright() as playwright:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        address = f"http://127.0.0.1:{server.server_address[1]}/"
+    with serve(SITE) as address, sync_playwright() as playwright:
         browser = playwright.chromium.launch(
             executable_path=shutil.which("chromium"), args=["--no-sandbox", "--disable-gpu"]
         )
         starts = [(bare_ms(browser, address), tree_ms(browser, address)) for _ in range(trials)]
         memory = memory_mb(browser, address)
         browser.close()
-        server.shutdown()
     # Other programs only make a start slower.
     bare, tree = map(min, zip(*starts, strict=True))
     size = compressed_mb(SITE)

@@ -67,6 +67,13 @@ def run_studio(folder: Path, arguments: tuple[str, ...], libraries: str, address
 
 @contextmanager
 def running_studio(folder: Path, *arguments: str, libraries: str = "") -> Iterator[Studio]:
+    """Start the studio in a folder; skip the test if the page is not built.
+
+    Of the installed libraries of nodes, the studio imports only *libraries*.
+    """
+    if server.built_page() is None:
+        # Continuous integration builds it.
+        (pytest.fail if os.environ.get("CI") else pytest.skip)("the page is not built: make page")
     address, child = STARTS.Pipe(duplex=False)
     process = STARTS.Process(target=run_studio, args=(folder, arguments, libraries, child))
     process.start()
@@ -82,13 +89,7 @@ def running_studio(folder: Path, *arguments: str, libraries: str = "") -> Iterat
 
 @pytest.fixture
 def start_studio() -> Iterator[StartStudio]:
-    """Return a function that starts the studio in a folder; skip the test if the page is not built.
-
-    Of the installed libraries of nodes, the studio imports only *libraries*.
-    """
-    if server.built_page() is None:
-        # Continuous integration builds it.
-        (pytest.fail if os.environ.get("CI") else pytest.skip)("the page is not built: make page")
+    """Return a function that starts a studio, as `running_studio` does."""
     with ExitStack() as stack:
         yield lambda *arguments, **options: stack.enter_context(running_studio(*arguments, **options))
 

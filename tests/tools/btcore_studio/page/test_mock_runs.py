@@ -7,7 +7,6 @@ from typing import Any
 import pytest
 
 from btcore_recorder import Replay
-from btcore_studio.page_server import server
 from tests.tools.btcore_studio.page.conftest import OpenPage, Studio, accessibility_violations, running_studio
 
 TREE = """<root BTCPP_format="4" main_tree_to_execute="Enter">
@@ -32,8 +31,6 @@ STATUS = {"running": "s1", "success": "s2", "failure": "s3"}
 
 @pytest.fixture(scope="module")
 def studio(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Studio]:
-    if server.built_page() is None:
-        pytest.skip("the page is not built: make page")
     folder = tmp_path_factory.mktemp("studio")
     (folder / "door.xml").write_text(TREE)
     # Each page has a run of its own, and none saves the file.
@@ -59,6 +56,10 @@ def wait_for_moment(page: Any, text: str) -> None:
     page.locator(".run-bar output", has_text=text).wait_for()
 
 
+def wait_for_message(page: Any, text: str) -> None:
+    page.locator(".message", has_text=text).wait_for()
+
+
 def entry(page: Any, key: str) -> str:
     return str(
         page.locator(".blackboard tr:not(.scope)", has=page.locator("th", has_text=key))
@@ -76,14 +77,14 @@ def test_a_run_by_mouse(page: Any, tmp_path: Path) -> None:
     asked = wait_for_question(page, "<i>turn")
     asked.locator("input[name=angle]").fill("far")
     asked.locator("button", has_text="Success").click()
-    page.locator(".message", has_text="port [angle] takes int").wait_for()
+    wait_for_message(page, "port [angle] takes int")
     asked.locator("input[name=angle]").fill("4")
     # A node covers no question: the question is beside it, within the picture.
     frame, box = page.locator(".canvas-pane").bounding_box(), asked.bounding_box()
     assert frame["x"] <= box["x"]
     assert box["y"] + box["height"] <= frame["y"] + frame["height"]
     asked.locator("button", has_text="Success").click()
-    page.locator(".message", has_text="Tick 1: SUCCESS").wait_for()
+    wait_for_message(page, "Tick 1: SUCCESS")
     assert entry(page, "b") == "5"
 
     # Planned leaves are not asked. The run plays until the tree ends.
@@ -93,7 +94,7 @@ def test_a_run_by_mouse(page: Any, tmp_path: Path) -> None:
     page.locator(".leaf-plan input").press("Enter")
     page.locator(".run-bar select").select_option("100")
     page.get_by_label("Play or pause").click()
-    page.locator(".message", has_text="Tick 7: SUCCESS").wait_for()
+    wait_for_message(page, "Tick 7: SUCCESS")
     assert entry(page, "b") == "8"
     assert page.locator(".run-bar .track rect").count() == 3  # SUCCESS, RUNNING, SUCCESS
 
@@ -107,13 +108,13 @@ def test_a_run_by_mouse(page: Any, tmp_path: Path) -> None:
     page.get_by_label("To the end of the tick").click()
     wait_for_question(page, "<i>turn").locator("button", has_text="Failure").click()
     wait_for_question(page, "Push").locator("button", has_text="Running").click()
-    page.locator(".message", has_text="Tick 4: RUNNING").wait_for()
+    wait_for_message(page, "Tick 4: RUNNING")
 
     saved: list[Any] = []
     page.on("download", lambda download: saved.append(download))
     with page.expect_download(lambda download: download.suggested_filename == "test_door.py"):
         page.locator(".run-bar button", has_text="Test").click()
-    page.locator(".message", has_text="Saved door.btrec.txt and test_door.py").wait_for()
+    wait_for_message(page, "Saved door.btrec.txt and test_door.py")
     for download in saved:
         download.save_as(tmp_path / download.suggested_filename)
     assert Replay(tmp_path / "door.btrec.txt").verify() is None
@@ -124,7 +125,7 @@ def test_a_run_by_mouse(page: Any, tmp_path: Path) -> None:
     page.locator("#field-code").fill("b := a * 100")
     page.locator("#field-code").press("Tab")
     page.locator(".run-note button").click()
-    page.locator(".message", has_text="Tick 4: RUNNING").wait_for()
+    wait_for_message(page, "Tick 4: RUNNING")
     assert page.locator(".run-note").count() == 0
     page.locator(".run-bar input[type=range]").fill("1")
     wait_for_moment(page, "Tick 1")
@@ -138,16 +139,16 @@ def test_a_run_by_mouse(page: Any, tmp_path: Path) -> None:
 def test_a_run_by_keyboard(page: Any) -> None:
     page.locator("main .canvas").focus()
     page.keyboard.press("s")
-    page.locator(".message", has_text="At enter, in tick 1.").wait_for()
+    wait_for_message(page, "At enter, in tick 1.")
     page.keyboard.press("s")
-    page.locator(".message", has_text="At IsClosed, in tick 1.").wait_for()
+    wait_for_message(page, "At IsClosed, in tick 1.")
     page.keyboard.press("v")
     wait_for_question(page, "IsClosed")
     assert page.locator("[aria-live] p", has_text="IsClosed is ticked").count()
     page.keyboard.press("1")
     wait_for_status(page, "IsClosed", "success")
     page.keyboard.press("s")
-    page.locator(".message", has_text="At Open, in tick 1.").wait_for()
+    wait_for_message(page, "At Open, in tick 1.")
     page.keyboard.press("v")
     wait_for_question(page, "<i>turn")
     page.keyboard.press("2")
@@ -156,26 +157,26 @@ def test_a_run_by_keyboard(page: Any) -> None:
     # The fields of a question are reached by Tab, and left to the picture by an answer.
     page.locator(".question button[value=R]").focus()
     page.keyboard.press("Enter")
-    page.locator(".message", has_text="At Open, in tick 1.").wait_for()
+    wait_for_message(page, "At Open, in tick 1.")
     assert page.evaluate("document.activeElement.className") == "canvas live"
     page.keyboard.press("Shift+V")
-    page.locator(".message", has_text="At enter, in tick 1.").wait_for()
+    wait_for_message(page, "At enter, in tick 1.")
     page.keyboard.press(".")
-    page.locator(".message", has_text="Tick 1: RUNNING").wait_for()
+    wait_for_message(page, "Tick 1: RUNNING")
     page.keyboard.press(",")
-    page.locator(".message", has_text="Before the first tick.").wait_for()
+    wait_for_message(page, "Before the first tick.")
     page.keyboard.press("r")
     wait_for_question(page, "Push")
     wait_for_moment(page, "In tick 2")
     assert page.get_by_label("Play or pause").get_attribute("aria-pressed") == "true"
     page.keyboard.press("r")
-    page.locator(".message", has_text="Paused.").wait_for()
+    wait_for_message(page, "Paused.")
 
 
 def test_why_is_a_chain_on_the_tree(page: Any) -> None:
     page.locator(".run-bar button", has_text="Run").click()
     wait_for_question(page, "IsClosed").locator("button", has_text="Failure").click()
-    page.locator(".message", has_text="Tick 1: FAILURE").wait_for()
+    wait_for_message(page, "Tick 1: FAILURE")
     page.locator("main .canvas").focus()
     page.keyboard.press("Home")
     page.keyboard.press("y")

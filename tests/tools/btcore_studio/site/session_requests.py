@@ -26,7 +26,7 @@ PLACES = 6
 class Page:
     """The page's side of a session."""
 
-    def __init__(self, models: Path) -> None:
+    def __init__(self, models: Path | None) -> None:
         self.session = SiteSession(self.receive, models)
         self.replies: dict[int, Any] = {}
         self.problems: dict[str, Any] = {}

@@ -1,13 +1,12 @@
 """The page on static files in Chromium: Python runs in the page, and nothing leaves the page."""
 
-import functools
-import threading
 from collections.abc import Callable, Iterator
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from tests.tools.btcore_studio.site.conftest import serve
 
 WAIT_MS = 60_000  # Python starts in 2 s on an idle machine
 MODIFIER = "ControlOrMeta"
@@ -28,21 +27,14 @@ OWN_FILE = """window.showOpenFilePicker = async () => {
 };"""
 
 
-class Quiet(SimpleHTTPRequestHandler):
-    def log_message(self, *_: object) -> None: ...
+OpenSite = Callable[..., Any]
 
 
 @pytest.fixture(scope="module")
 def address(site: Path) -> Iterator[str]:
-    """The address of the site, which a server of files serves without special headers."""
-    handler = functools.partial(Quiet, directory=str(site))
-    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
-        threading.Thread(target=server.serve_forever, daemon=True).start()
-        yield f"http://127.0.0.1:{server.server_address[1]}/"
-        server.shutdown()
-
-
-OpenSite = Callable[..., Any]
+    """The address of the site."""
+    with serve(site) as address:
+        yield address
 
 
 @pytest.fixture

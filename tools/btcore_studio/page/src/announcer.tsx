@@ -3,7 +3,7 @@
 import { effect, signal, untracked } from "@preact/signals";
 import { checked, messageOf } from "./problems";
 import type { Diagnostic } from "./protocol";
-import { actions, announce, announcements, diagnostics, drawing, live, message, nodesByKey, showError, uri } from "./state";
+import { actions, announce, announcements, diagnostics, drawing, live, message, nameOf, showError, uri } from "./state";
 import { texts, treeTexts } from "./texts";
 import { fileName } from "./toolbar";
 
@@ -91,15 +91,15 @@ function reportLive(): void {
   const state = live.value?.address ? live.value : null;
   const [now, at] = [state?.connection ?? "", state?.stopped ?? ""];
   untracked(() => {
-    if (now !== connection && now === "connected" && state!.address) message.value = treeTexts.connected(state!.address);
+    if (now !== connection && now === "connected") message.value = treeTexts.connected(state!.address);
     else if (now !== connection && !now) message.value = treeTexts.disconnected;
-    if (at && at !== stopped) message.value = treeTexts.stoppedAt(nodesByKey.value.get(at)?.name ?? at);
+    if (at && at !== stopped) message.value = treeTexts.stoppedAt(nameOf(at));
     else if (!at && stopped && now) message.value = treeTexts.continued;
   });
   [connection, stopped] = [now, at];
 }
 
-/** Let a tree continue that waits at a breakpoint, whose node may return a status instead. It may wait there again in the next tick. */
+/** Continue a tree that waits at a breakpoint. With *status*, the node returns it without being ticked. The tree may wait there again in the next tick. */
 export async function release(status: "" | "SUCCESS" | "FAILURE" = ""): Promise<void> {
   stopped = "";
   message.value = status ? treeTexts.forced(status) : treeTexts.continued;

@@ -3,7 +3,7 @@
 import { useSignal } from "@preact/signals";
 import type { ComponentChildren } from "preact";
 import { useEffect, useMemo, useRef } from "preact/hooks";
-import { statuses, statusOf } from "./live";
+import { statusOf } from "./live";
 import { edit, openTree, run } from "./operations";
 import { SIGNS, Symbol } from "./palette";
 import { usePreview } from "./preview";
@@ -13,7 +13,7 @@ import type { Command, Diagnostic, DrawnNode, Field, NodeForm, Problem } from ".
 import { actions, diagnostics, drawing, live, palette, problemsByKey, selectedNode, selectedNodes, start } from "./state";
 import { moment } from "./timeline";
 import { plain } from "./markdown";
-import { treeTexts } from "./texts";
+import { statuses, treeTexts } from "./texts";
 import { focusPicture } from "./view";
 
 const NONE: Diagnostic[] = [];

@@ -9,7 +9,6 @@ import { actions, drawing, live, message, nodesByKey, showError, shownFile, star
 import { treeTexts } from "./texts";
 import { fileName } from "./toolbar";
 
-export const statuses = ["IDLE", "RUNNING", "SUCCESS", "FAILURE", "SKIPPED"];
 const MAX_ENTRIES = 500;
 const DEFAULT_ADDRESS = "tcp://127.0.0.1:1667";
 

@@ -3,7 +3,7 @@
 import { signal } from "@preact/signals";
 import { useId, useLayoutEffect, useRef, useState } from "preact/hooks";
 import { release } from "./announcer";
-import { actions, live, message, nodesByKey, reasonOf, start, uri } from "./state";
+import { actions, live, message, nameOf, reasonOf, start, uri } from "./state";
 import { treeTexts } from "./texts";
 
 type Change = "force" | "values" | "reload";
@@ -47,7 +47,7 @@ async function reload(): Promise<void> {
 export function ChangeControls() {
   const state = live.value;
   if (state?.connection !== "connected" || !state.address) return null;
-  const name = state.stopped && (nodesByKey.value.get(state.stopped)?.name ?? state.stopped);
+  const name = state.stopped && nameOf(state.stopped);
   return (
     <>
       {name && (["SUCCESS", "FAILURE"] as const).map((status) => (
@@ -80,7 +80,7 @@ export function EntryValue({ path, name, value }: { path: string; name: string; 
     requestAnimationFrame(() => button.current?.focus());
   };
   if (isEdited && !refusal) return <td><ValueField {...{ path, name, value, close }} /></td>;
-  // Without an address, it is a recording.
+  // Without an address, it is a recording or a run with mock leaves.
   if (refusal) return <td title={live.value?.address ? refusal : undefined}>{value}</td>;
   return (
     <td>

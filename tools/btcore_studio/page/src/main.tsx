@@ -12,8 +12,7 @@ import { Breadcrumbs, createFile, Files } from "./files";
 import { keepFocus, movePane } from "./focus";
 import { Form } from "./form";
 import type { Done } from "./history";
-import { findHome } from "./find_home";
-import { isConnected, PageHome } from "./home";
+import { BrowserHome, type EditorApi, EditorHome, type Home, isConnected, PageHome } from "./home";
 import { Blackboard, call, drawnCall, LiveControls, noteChange, RunHint } from "./live";
 import { noteEdit, receiveLive } from "./mock_run";
 import { cursor } from "./operations";
@@ -45,6 +44,14 @@ import { Explanation } from "./why";
 const QUICK_MS = 100;
 const TYPING_WAIT_MS = 60;
 const PALETTE_WAIT_MS = 1000;
+
+declare const acquireVsCodeApi: undefined | (() => EditorApi);
+
+/** Return the home of this page: that of VS Code, of a site of static files, or of `btcore studio`. */
+function findHome(): Home {
+  if (typeof acquireVsCodeApi === "function") return new EditorHome(acquireVsCodeApi());
+  return document.querySelector("script[data-home=site]") ? new SiteHome() : new BrowserHome();
+}
 
 const home = findHome();
 const conflicts = signal<readonly DiskConflict[]>([]);

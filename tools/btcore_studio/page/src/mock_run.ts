@@ -2,9 +2,9 @@
 
 import { computed, effect, signal } from "@preact/signals";
 import type { LeafPlan, Live, RunFile, RunningCall, RunResult, RunState, RunStep } from "./protocol";
-import { actions, drawing, live, message, nodesByKey, showError, start, tree, uri } from "./state";
+import { actions, drawing, live, message, nameOf, showError, start, tree, uri } from "./state";
 import { runTexts } from "./texts";
-import { moment, step as stepInRecording } from "./timeline";
+import { moment, showMoment, step as stepInRecording } from "./timeline";
 import { view } from "./view";
 
 /** The shortest time between two requests while the run is played. */
@@ -31,7 +31,7 @@ export const SPEEDS = [0.5, 1, 2, 5, 20, 100] as const;
 export const speed = signal(1);
 /** Whether trees can be run here. */
 export const canRun = computed(() =>
-  start.value !== null && !start.value.recording && !start.value.versions && !live.value?.address && Boolean(drawing.value?.tree));
+  start.value !== null && !start.value.recording && !live.value?.address && Boolean(drawing.value?.tree));
 
 /** How leaves answer in the next run, by key. */
 const plans = new Map<string, LeafPlan>();
@@ -66,13 +66,8 @@ function show(state: RunState): void {
   const run = mockRun.value;
   if (!run) return;
   mockRun.value = { ...run, state };
-  moment.value = state.moment;
   const { wanted = [] } = live.value ?? {};
-  live.value = {
-    address: "", connection: "connected", detail: "", problem: state.problem, statuses: state.moment.statuses,
-    results: state.moment.results, entries: state.moment.entries, wanted, breakpoints: wanted, stopped: state.stopped,
-    keys: run.keys, calls: run.calls,
-  };
+  showMoment(state.moment, run, { problem: state.problem, wanted, breakpoints: wanted, stopped: state.stopped });
 }
 
 /** Follow the connection with running trees, which cannot be used while a run is shown. */
@@ -100,7 +95,7 @@ export function startRun(isAgain = false): Promise<void> {
       state, keys: state.keys!, calls: state.calls!, leaves: new Map(Object.entries(state.leaves!)), uri: chosen.uri, tree: chosen.tree,
     };
     show(state);
-    if (before) tell();
+    if (before) report();
   });
 }
 
@@ -127,7 +122,7 @@ export async function advance(to: RunStep["to"]): Promise<void> {
   if (!mockRun.value) return;
   target = to;
   await inTurn(() => update("btcore/runStep", stepParams()));
-  tell();
+  report();
 }
 
 /** Answer the question of the run, if there is one. Resolves to whether the answer was accepted. */
@@ -151,16 +146,17 @@ export const answerQuestion = (result: RunResult): void => {
   form?.querySelector<HTMLButtonElement>(`button[value="${result}"]`)?.click();
 };
 
-/** Go to a moment of the run; the newest of several wishes counts. */
-let wish: { position: number; event: number } | null = null;
+/** The moment to go to when the requests before have been answered. */
+let nextMoment: { position: number; event: number } | null = null;
 
+/** Go to a moment of the run. While the slider moves, the newest moment counts. */
 export function goTo(position: number, event = 0): Promise<void> {
   isPlaying.value = false;
-  wish = { position, event };
+  nextMoment = { position, event };
   return inTurn(async () => {
-    if (!wish) return;
-    const params = wish;
-    wish = null;
+    if (!nextMoment) return;
+    const params = nextMoment;
+    nextMoment = null;
     await update("btcore/runMoment", params);
   });
 }
@@ -168,13 +164,10 @@ export function goTo(position: number, event = 0): Promise<void> {
 /** Go a tick, or a moment in a tick, back or forward; of a recording, a tick. */
 export function step(by: number): void {
   const state = mockRun.value?.state;
-  if (!state) {
-    stepInRecording(by);
-    return;
-  }
-  if (by > 0) void advance("tick");
-  else if (state.event) void goTo(state.moment.position, state.event - 1).then(tell);
-  else void goTo(state.moment.position - 1).then(tell);
+  if (!state) stepInRecording(by);
+  else if (by > 0) void advance("tick");
+  else if (state.event) void goTo(state.moment.position, state.event - 1).then(report);
+  else void goTo(state.moment.position - 1).then(report);
 }
 
 /** Forget what follows the present moment. */
@@ -220,9 +213,9 @@ export function togglePlay(): void {
 /** Whether the run is not played further: the tree has ended, it is at a breakpoint, or it cannot be run. */
 const mustPause = ({ moment: { tick, root }, event, problem }: RunState) => (tick > 0 && root !== 1) || event > 0 || problem !== "";
 
-/** Tell what an answer or a plan has led to, and play on, if the run was played. */
+/** Report the moment after an answer or a plan, and play on if the run was played. */
 function goOn(): void {
-  tell();
+  report();
   const state = mockRun.value?.state;
   if (!isPlaying.value || !state || state.question) return;
   if (mustPause(state)) isPlaying.value = false;
@@ -243,31 +236,26 @@ async function play(): Promise<void> {
     if (mustPause(state)) isPlaying.value = false;
     else await new Promise((resolve) => setTimeout(resolve, Math.max(0, Math.max(FRAME_MS, wait()) - (performance.now() - begun))));
   }
-  if (number === playing) tell();
+  if (number === playing) report();
 }
 
-// --- what is said about the present moment
+// --- messages
 
 /** Show and announce the question, or the moment. */
-function tell(): void {
+function report(): void {
   const run = mockRun.value;
   if (!run) return;
   const { question, problem, stopped, event, moment: at } = run.state;
   if (question) message.value = runTexts.asks(nameOf(question.key, question.path));
   else if (problem) message.value = problem;
-  else if (event) message.value = runTexts.at(nameOf(stopped, stopped), at.tick);
+  else if (event) message.value = runTexts.at(nameOf(stopped), at.tick);
   else message.value = runTexts.after(at.tick, at.root);
   const index = view.value?.structure.at(question?.key ?? stopped) ?? -1;
   if (index >= 0) view.value?.reveal(index);
 }
 
-/** Return the name of a node, by its key or the last part of its path. */
-export const nameOf = (key: string, path: string): string =>
-  nodesByKey.value.get(key)?.name ?? path.split("/").at(-1)!.replace(/::\d+$/, "");
-
-// Another file or another connection ends the run.
+// Another file ends the run.
 effect(() => {
   const run = mockRun.value;
   if (run && uri.value && uri.value !== run.uri) void endRun();
 });
-

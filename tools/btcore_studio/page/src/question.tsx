@@ -2,9 +2,9 @@
 
 import { useSignal } from "@preact/signals";
 import { useEffect, useRef } from "preact/hooks";
-import { answer, mockRun, nameOf, setPlan } from "./mock_run";
+import { answer, mockRun, setPlan } from "./mock_run";
 import type { LeafPlan, RunQuestion, RunResult } from "./protocol";
-import { nodesByKey, selectedNode } from "./state";
+import { nameOf, nodesByKey, selectedNode } from "./state";
 import { runTexts } from "./texts";
 import { focusPicture, view } from "./view";
 
@@ -130,16 +130,18 @@ function PlanFields({ nodeKey, plan }: { nodeKey: string; plan: LeafPlan }) {
     <section class="leaf-plan" aria-label={runTexts.plan(name)}>
       <label><span>{runTexts.plan(name)}</span>
         <select value={mode.value} onChange={(event) => choose(event.currentTarget.value as Mode)}>
-          {MODES.map((name) => <option key={name} value={name}>{runTexts.modes[name]}</option>)}
+          {MODES.map((item) => <option key={item} value={item}>{runTexts.modes[item]}</option>)}
         </select>
       </label>
       {mode.value === "outcomes" && (
-        <label><span>{runTexts.outcomes}</span>
-          <input defaultValue={plan.outcomes ?? ""} placeholder="RRS|F" maxLength={10_000} aria-invalid={isRefused.value} title={runTexts.outcomesHint}
-            onChange={(event) => void apply({ outcomes: event.currentTarget.value.trim() })} />
-        </label>
+        <>
+          <label><span>{runTexts.outcomes}</span>
+            <input defaultValue={plan.outcomes ?? ""} placeholder="RRS|F" maxLength={10_000} aria-invalid={isRefused.value} title={runTexts.outcomesHint}
+              onChange={(event) => void apply({ outcomes: event.currentTarget.value.trim() })} />
+          </label>
+          <p class="dim">{runTexts.outcomesHint}</p>
+        </>
       )}
-      {mode.value === "outcomes" && <p class="dim">{runTexts.outcomesHint}</p>}
       {mode.value === "chance" && (
         <>
           <label><span>{runTexts.chance}</span>

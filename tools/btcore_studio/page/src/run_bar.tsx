@@ -61,7 +61,7 @@ export function RunBar({ home }: { home: Home }) {
           ))}
         </div>
         <Track
-          count={state.count} colours={state.colours} width={state.width} position={at.position} at={at} name={name} label={runTexts.moment}
+          {...state} position={at.position} at={at} name={name} label={runTexts.moment}
           goTo={(position) => void goTo(position)}
         />
         <div class="group run-files">

@@ -93,6 +93,9 @@ export const showError = (error: unknown): void => { message.value = reasonOf(er
 export const nodesByKey = computed(
   () => new Map((drawing.value?.nodes ?? []).map((node) => [node.key, node] as const)),
 );
+/** Return the name of a node; of a node that is not in the picture, the last part of its path, or its key. */
+export const nameOf = (key: string, path = key): string =>
+  nodesByKey.value.get(key)?.name ?? path.split("/").at(-1)!.replace(/::\d+$/, "");
 export const selectedNodes = computed(() =>
   selection.value.flatMap((key) => {
     const node = nodesByKey.value.get(key);

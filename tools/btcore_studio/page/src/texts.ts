@@ -4,6 +4,9 @@ import type { Target } from "./drop_targets";
 import type { Change, Command, Difference, DrawnNode, Spot } from "./protocol";
 import type { Structure } from "./tree";
 
+/** The names of the statuses, by their numbers. */
+export const statuses = ["IDLE", "RUNNING", "SUCCESS", "FAILURE", "SKIPPED"];
+
 const count = (number: number, noun: string) => `${number} ${noun}${number === 1 ? "" : "s"}`;
 
 export const texts = {
@@ -367,8 +370,6 @@ export const treeTexts = {
   notReplayed: (problem: string) => `The recording cannot be run again from here on: ${problem}`,
 };
 
-const STATUSES = ["IDLE", "RUNNING", "SUCCESS", "FAILURE", "SKIPPED"];
-
 /** Runs with mock leaves. */
 export const runTexts = {
   bar: "Run with mock leaves",
@@ -407,7 +408,7 @@ export const runTexts = {
   again: "Run again with the same answers",
   asks: (name: string) => `${name} is ticked: what does it do? 1 success, 2 failure, 3 running.`,
   at: (name: string, tick: number) => `At ${name}, in tick ${tick}.`,
-  after: (tick: number, root: number) => (tick ? `Tick ${tick}: ${STATUSES[root]}${root > 1 ? ". The tree has ended; the next tick starts it again" : ""}.` : "Before the first tick."),
+  after: (tick: number, root: number) => (tick ? `Tick ${tick}: ${statuses[root]}${root > 1 ? ". The tree has ended; the next tick starts it again" : ""}.` : "Before the first tick."),
   question: (name: string) => `What does ${name} do?`,
   elsewhere: (path: string) => `The leaf is not in this picture: ${path}`,
   results: { S: "Success", F: "Failure", R: "Running", K: "Skipped", X: "Exception" },

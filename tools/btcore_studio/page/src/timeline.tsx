@@ -2,10 +2,9 @@
 
 import { effect, signal, untracked } from "@preact/signals";
 import { useMemo } from "preact/hooks";
-import { statuses } from "./live";
-import type { Moment, Recording } from "./protocol";
+import type { Live, Moment, Recording } from "./protocol";
 import { actions, live, showError, start } from "./state";
-import { treeTexts } from "./texts";
+import { statuses, treeTexts } from "./texts";
 
 export const moment = signal<Moment | null>(null);
 const position = signal(0);
@@ -26,7 +25,7 @@ async function goTo(recording: Recording, wanted: number): Promise<void> {
     for (let shown = -1; shown !== position.value;) {
       const next = position.value;
       const data = await actions.request<Moment>("btcore/moment", { position: next });
-      show(recording, data);
+      showMoment(data, recording, { problem: data.problem && treeTexts.notReplayed(data.problem) });
       // A part that is shown for the first time is run in several replies.
       if (data.position === next || data.problem) shown = next;
     }
@@ -37,12 +36,12 @@ async function goTo(recording: Recording, wanted: number): Promise<void> {
   }
 }
 
-function show(recording: Recording, data: Moment): void {
+/** Show a moment of a recording or of a run in the picture. *more* is what the moment does not have. */
+export function showMoment(data: Moment, { keys, calls }: Pick<Live, "keys" | "calls">, more: Partial<Live>): void {
   moment.value = data;
   live.value = {
-    address: "", connection: "connected", detail: "", problem: data.problem && treeTexts.notReplayed(data.problem),
-    statuses: data.statuses, results: data.results, entries: data.entries, wanted: [], breakpoints: [], stopped: "",
-    keys: recording.keys, calls: recording.calls,
+    address: "", connection: "connected", detail: "", problem: data.problem, statuses: data.statuses, results: data.results,
+    entries: data.entries, wanted: [], breakpoints: [], stopped: "", keys, calls, ...more,
   };
 }
 

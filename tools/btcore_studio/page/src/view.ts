@@ -1,11 +1,11 @@
 // The picture of the tree as elements: only visible cards exist. No card has listeners of its own.
 
 import { effect, type ReadonlySignal, type Signal, signal } from "@preact/signals";
-import { liveIndex, statuses } from "./live";
+import { liveIndex } from "./live";
 import { around, type Box, outline, overlaps } from "./picture";
 import type { Change, Drawing, DrawnNode } from "./protocol";
 import { drawing, folded, live, selection, severities } from "./state";
-import { comparisonTexts, treeTexts } from "./texts";
+import { comparisonTexts, statuses, treeTexts } from "./texts";
 import { inOrder, Structure } from "./tree";
 
 const SVG = "http://www.w3.org/2000/svg";

@@ -1,9 +1,9 @@
 // Why a node did what it did at the shown moment: the chain of reasons as a list, and on the tree.
 
 import { effect, signal } from "@preact/signals";
-import { mockRun, nameOf } from "./mock_run";
+import { mockRun } from "./mock_run";
 import type { Why } from "./protocol";
-import { actions, announce, drawing, message, selectedNode, showError } from "./state";
+import { actions, announce, drawing, message, nameOf, selectedNode, showError } from "./state";
 import { runTexts, treeTexts } from "./texts";
 import { moment } from "./timeline";
 import { draw, view } from "./view";
@@ -57,7 +57,7 @@ export function Explanation() {
         {found.links.map(({ key, tick, because, tried }, index) => (
           <li key={index}>
             <button disabled={!key} onClick={() => select(key)}>
-              <i class="number">{index + 1}</i><b>{key ? nameOf(key, key) : runTexts.outside}</b><small>{treeTexts.tick(tick)}</small>
+              <i class="number">{index + 1}</i><b>{key ? nameOf(key) : runTexts.outside}</b><small>{treeTexts.tick(tick)}</small>
               <span>{because}</span>
               {tried && <span>→ {tried}</span>}
             </button>
@@ -109,4 +109,3 @@ effect(() => {
   // After the view has drawn the same change.
   queueMicrotask(drawChain);
 });
-

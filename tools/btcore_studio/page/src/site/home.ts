@@ -13,18 +13,16 @@ import { PythonWorker } from "./python_worker";
 
 /** The folder of the documents in Python, which has no files. */
 const FOLDER = "file:///studio";
-const FIRST_FILE = "tree.xml";
+const FIRST_FILE: LinkedFile = { name: "tree.xml", text: NEW_FILE, mark: false };
 
 interface PageFile {
   name: string;
   /** Whether the file begins with a byte order mark. */
   mark: boolean;
-  /** The text before it is open in `documents`. */
-  first: Text;
   version: number;
   /** The text in the user's file; null if there is none. */
   saved: Text | null;
-  /** The text that is in the user's file or in a link. */
+  /** The text that is in the user's file or in a link. It is the text of the page before the file is open in `documents`. */
   kept: Text;
   handle: FileSystemFileHandle | null;
 }
@@ -56,7 +54,7 @@ export class SiteHome extends PageHome {
       return null;
     });
     const uris = (linked?.files ?? []).map((file) => this.add(file));
-    if (!uris.length) uris.push(this.addFirst());
+    if (!uris.length) uris.push(this.add(FIRST_FILE, true));
     void this.connect();
     return { folder: "", uri: uris[0]!, tree: linked?.tree ?? null, readOnly: false, live: false, recording: null };
   }
@@ -130,25 +128,18 @@ export class SiteHome extends PageHome {
   }
 
   private text(uri: string): Text {
-    return this.documents.isOpen(uri) ? this.documents.text(uri) : this.file(uri).first;
+    return this.documents.isOpen(uri) ? this.documents.text(uri) : this.file(uri).kept;
   }
 
   private isUnsaved(uri: string): boolean {
     return !this.file(uri).saved?.eq(this.text(uri));
   }
 
-  private add({ name, text, mark }: LinkedFile): string {
+  /** Add a file. @param isSaved Whether it need not be saved before the user has changed it. */
+  private add({ name, text, mark }: LinkedFile, isSaved = false): string {
     const uri = `${FOLDER}/${encodeURIComponent(name)}`;
-    const first = textOf(text);
-    this.files.set(uri, { name, mark, first, version: 1, saved: null, kept: first, handle: null });
-    this.show();
-    return uri;
-  }
-
-  /** Add a file that need not be saved before the user has changed it. */
-  private addFirst(): string {
-    const uri = this.add({ name: FIRST_FILE, text: NEW_FILE, mark: false });
-    this.file(uri).saved = this.file(uri).first;
+    const kept = textOf(text);
+    this.files.set(uri, { name, mark, version: 1, saved: isSaved ? kept : null, kept, handle: null });
     this.show();
     return uri;
   }

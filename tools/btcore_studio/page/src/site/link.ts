@@ -67,7 +67,7 @@ function checked(data: unknown): Linked | null {
 
 /** Return the bytes that a stream makes of *bytes*. It is ended when it has made more than *most*. */
 async function through(bytes: Uint8Array<ArrayBuffer>, stream: CompressionStream | DecompressionStream, most: number): Promise<Uint8Array> {
-  const parts: Uint8Array[] = [];
+  const parts: Uint8Array<ArrayBuffer>[] = [];
   let length = 0;
   const reader = new Blob([bytes]).stream().pipeThrough(stream).getReader();
   for (;;) {
@@ -80,13 +80,7 @@ async function through(bytes: Uint8Array<ArrayBuffer>, stream: CompressionStream
       throw new LinkError("large");
     }
   }
-  const joined = new Uint8Array(length);
-  let at = 0;
-  for (const part of parts) {
-    joined.set(part, at);
-    at += part.length;
-  }
-  return joined;
+  return new Uint8Array(await new Blob(parts).arrayBuffer());
 }
 
 /** Encode in base64 with the alphabet of addresses, without padding. */

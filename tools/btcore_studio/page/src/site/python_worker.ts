@@ -8,6 +8,7 @@ import type { WorkerMessage } from "./worker";
 
 /** Python that has not replied for this time may be ended by the user. */
 const BUSY_MS = 5000;
+const REQUEST_FAILED = -32803;
 
 /** What Python does; "busy" if requests wait for a long time. */
 export const python = signal<"starting" | "ready" | "busy" | "failed">("starting");
@@ -60,9 +61,8 @@ export class PythonWorker implements Transport {
 
   private handle(data: WorkerMessage): void {
     if (typeof data !== "string") {
-      performance.mark(`btcore-${data.state}`);
       if (data.state === "failed") this.fail(data.reason);
-      else if (data.state === "ready") this.show("ready");
+      else this.show("ready");
       return;
     }
     const message = JSON.parse(data) as Message;
@@ -91,5 +91,3 @@ export class PythonWorker implements Transport {
     this.show("failed");
   }
 }
-
-const REQUEST_FAILED = -32803;

@@ -17,7 +17,7 @@ interface Pyodide {
 }
 
 /** A state of Python. A text is a message of the language server. */
-export type WorkerMessage = string | { state: "python" } | { state: "ready" } | { state: "failed"; reason: string };
+export type WorkerMessage = string | { state: "ready" } | { state: "failed"; reason: string };
 
 const folder = new URL("python/", import.meta.url).href;
 const post = (message: WorkerMessage): void => self.postMessage(message);
@@ -53,7 +53,6 @@ async function start(): Promise<void> {
       }
     },
   });
-  post({ state: "python" });
   python.runPython("import gc; gc.disable()"); // the session enables it
   const session = python.pyimport("btcore_studio.site.session").SiteSession(post);
   post({ state: "ready" });

@@ -1,7 +1,7 @@
 """Build the studio's site, which consists of static files: `make studio-site` runs this script.
 
 Usage: build_site.py PARTS SITE. PARTS is a folder with the wheels of btcore and of what the language server
-needs, and with the worker.js of the page; the page and Pyodide are beside this script.
+needs, and with the worker.js of the page. Pyodide is beside this script.
 """
 
 import gzip
@@ -19,8 +19,9 @@ from btcore.entry_points import LIMIT_VARIABLE
 from btcore_drawing.svg import drawing_style
 from btcore_studio.language.node_models import models_of
 
-NPM: Final = Path(__file__).parents[4] / ".ci" / "npm"
-PAGE: Final = Path(__file__).parents[1]
+ROOT: Final = Path(__file__).parents[2]
+NPM: Final = ROOT / ".ci" / "npm"
+PAGE: Final = ROOT / "tools" / "btcore_studio" / "page" / "built"
 PYODIDE: Final = Path(__file__).parent / "node_modules" / "pyodide"
 PYODIDE_FILES: Final = (
     "pyodide.mjs",
@@ -86,9 +87,9 @@ def main(parts: Path, site: Path) -> int:
     pack(modules, python / "modules.bin")
     for name in PYODIDE_FILES:
         shutil.copy(PYODIDE / name, python)
-    shutil.copy(PAGE / "built" / "studio.js", site)
+    shutil.copy(PAGE / "studio.js", site)
     shutil.copy(parts / "worker.js", site)
-    style = (PAGE / "built" / "studio.css").read_text(encoding="utf-8")
+    style = (PAGE / "studio.css").read_text(encoding="utf-8")
     (site / "studio.css").write_text(drawing_style() + style, encoding="utf-8", newline="\n")
     shutil.copy(Path(__file__).with_name("index.html"), site)
     size = sum(len(gzip.compress(path.read_bytes(), 6)) for path in site.rglob("*") if path.is_file())
