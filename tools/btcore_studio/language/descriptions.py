@@ -10,6 +10,7 @@ from btcore.lint.ports import is_required
 from btcore.registry.manifest import Manifest
 from btcore.registry.nodes_without_code import is_mock
 from btcore.status import NodeType
+from btcore.suggestions import shortened
 from btcore.values import DOUBLE, ValueType
 from btcore.values.types import literals_of
 
@@ -54,7 +55,7 @@ _ACTIVE: Final = re.compile(r"[<\[\]!]")
 
 def code(text: str) -> str:
     """Return *text* as code in one line of Markdown. A long text is cut."""
-    shown = escape_controls(text if len(text) <= _MAX_CODE else text[: _MAX_CODE - 1] + "…", one_line=True)
+    shown = escape_controls(shortened(text, _MAX_CODE), one_line=True)
     if "`" in shown:
         return f"`` {shown.replace('``', '` `')} ``"
     return f"`{shown}`" if shown else "`''`"

@@ -2,6 +2,7 @@
 
 from lsprotocol import types
 
+from btcore.suggestions import shortened
 from btcore_studio.language.descriptions import type_name
 from btcore_studio.language.entries import entry_facts
 from btcore_studio.language.key_links import KeyLinks, TreeKey, links_of
@@ -51,10 +52,10 @@ def _hints_of(links: KeyLinks, tree: TreeSymbol, first: int, last: int) -> list[
 
 def _first_label(links: KeyLinks, tree: TreeSymbol, key: str) -> str:
     facts = entry_facts(links, [TreeKey(tree, key)])
-    label = f": {_shortened(type_name(facts.type))}" if facts.type is not None else ""
+    label = f": {shortened(type_name(facts.type), _MAX_NAME)}" if facts.type is not None else ""
     names = dict.fromkeys(outer.key for outer in facts.keys if outer.tree is not tree and outer.key != key)
     if names:
-        label += f" = {_shortened(' or '.join(names))}"
+        label += f" = {shortened(' or '.join(names), _MAX_NAME)}"
     return label
 
 
@@ -62,7 +63,3 @@ def _after(use: KeyUse) -> int:
     """Return the offset of a hint about *use*: after a name in a script, else after the attribute."""
     attribute = use.element.attribute(use.port)
     return use.end if use.form is KeyForm.SCRIPT or attribute is None else attribute.end
-
-
-def _shortened(text: str) -> str:
-    return text if len(text) <= _MAX_NAME else text[: _MAX_NAME - 1] + "…"

@@ -14,6 +14,7 @@ from lsprotocol.types import (
 
 from btcore.registry.registry import Registry
 from btcore.status import NodeType
+from btcore.suggestions import shortened
 from btcore.xml.read.scan import ScannedAttribute, ScannedElement
 from btcore.xml.read.tags import EXPLICIT_TAGS
 from btcore_studio.language.project import Project, SourceDocument
@@ -185,5 +186,4 @@ def _rank(name: str, query: str) -> int | None:
 
 def _label(text: str) -> str:
     """Return *text* as one line of limited length."""
-    line = " ".join(text.split())
-    return line if len(line) <= MAX_LABEL_LENGTH else line[: MAX_LABEL_LENGTH - 1] + "…"
+    return shortened(" ".join(text.split()), MAX_LABEL_LENGTH)
