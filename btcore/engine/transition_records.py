@@ -1,23 +1,14 @@
 """The recorded transitions of a tree: a flat list, which observers read as a lazy sequence of `Transition`.
 
-To save time, the thread that ticks the tree appends only values that it has at hand. The Transition objects
-are created on first access, on any thread. The list is a series of records of three forms:
+To save time, the thread that ticks the tree appends only pairs of values: the time (ns) and the `NodeConfig`
+of the node, then the previous and the new Status. The second pair is omitted from IDLE to SUCCESS, the most
+frequent transition. The Transition objects are created on first access, on any thread.
 
-    a transition         | time | config  | previous   | status |
-    IDLE to SUCCESS      | time | config  |
-    a reset of nodes     | time | configs | statuses   | IDLE   |
+If the children of a node are reset together, the config and the previous status are lists: the configs of all
+children, and the previous statuses of the first children, or of all; IDLE = the child was not reset.
 
-    time         the time (ns) of the tree's clock, an int
-    config       the NodeConfig of the node
-    previous     the previous Status
-    status       the new Status
-    configs      a list with the configs of the children of a node
-    statuses     a list with the previous Status of each child, or of the first; IDLE = it was not reset
-
-IDLE to SUCCESS is the most frequent transition. The third value distinguishes the forms: a Status, the time
-of the next record or nothing, or a list. For example, a Sequence (s) with the leaves a and b succeeds:
-
-    | 0 | s | IDLE | RUNNING | 3 | a | 5 | b | 7 | [a, b] | [SUCCESS, SUCCESS] | IDLE | ...
+A tick in which 100 leaves succeed and are reset takes 5 % longer if no pair is omitted (compiled), and 10 %
+longer if each child has its own record of the reset (pure).
 """
 
 from collections.abc import Iterator
@@ -85,21 +76,21 @@ def decode_transitions(number: int, tick: int, records: list[object]) -> list[Tr
     transitions: list[Transition] = []
     count, at = len(records), 0
     while at < count:
-        stamp, node = records[at], records[at + 1]
-        third = records[at + 2] if at + 2 < count else 0
-        following = number + len(transitions)
-        if type(third) is int:
-            transitions.append(create_transition(following, stamp, tick, node, IDLE, SUCCESS))
+        stamp, config = records[at], records[at + 1]
+        previous: object = IDLE
+        status: object = SUCCESS
+        at += 2
+        if at < count and type(records[at]) is not int:
+            previous, status = records[at], records[at + 1]
             at += 2
-        elif type(third) is list:
-            for config, previous in zip(cast(list[object], node), third, strict=False):
-                if previous is not IDLE:
-                    transitions.append(create_transition(following, stamp, tick, config, previous, IDLE))
-                    following += 1
-            at += 4
-        else:
-            transitions.append(create_transition(following, stamp, tick, node, third, records[at + 3]))
-            at += 4
+        if type(config) is not list:
+            transitions.append(create_transition(number, stamp, tick, config, previous, status))
+            number += 1
+            continue
+        for child, before in zip(config, cast(list[object], previous), strict=False):
+            if before is not IDLE:
+                transitions.append(create_transition(number, stamp, tick, child, before, IDLE))
+                number += 1
     return transitions
 
 
