@@ -107,7 +107,7 @@ class TreeContext:
         observers: None while nothing is subscribed, so that a transition costs one comparison.
         deadlines: For each node that requested a tick, by uid: the time (ns) at which the tick is due.
         on_wake_up: Called by each wake-up, on any thread; set by an event loop that runs the tree.
-        lock: Held while the callbacks and counters of a node change, which any thread may do.
+        lock: Held while a node gets its wrapper, or the tree its hooks, which any thread may cause.
         woken_by: The UID of the node that last requested a tick, −1 for `Tree.wake`, 0 for no request.
         limit: The limit of ticks that repeat nodes.
         uses_time: Whether a node has read the clock, so that the tree reads it at the start of each tick.

@@ -15,12 +15,15 @@ from mypy_extensions import i64
 from btcore.blackboard.blackboard import Blackboard, WriteRecorder
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.recorded_events import (
+    ChildHalted,
+    ChildTicked,
     Event,
     ExternalHaltBegan,
     ExternalHaltEnded,
     HaltBegan,
     MessageLogged,
     Paused,
+    Raised,
     Removed,
     Replaced,
     ScriptRun,
@@ -153,6 +156,21 @@ class Journal(WriteRecorder):
         self.enter()
         self._records.append(config)
         self._records.append(status)
+
+    def enter_with_error(self, uid: int, error: BaseException) -> None:
+        """Go inside, because the tick of the external node *uid* raised *error*; record it."""
+        self.enter()
+        self.add(Raised(uid, recorded_error(error)))
+
+    def enter_child_tick(self, uid: int) -> None:
+        """Go inside, because an external node ticks its child *uid*; record it."""
+        self.enter()
+        self.add(ChildTicked(uid))
+
+    def enter_child_halt(self, uid: int) -> None:
+        """Go inside, because an external node halts its child *uid*; record it."""
+        self.enter()
+        self.add(ChildHalted(uid))
 
     def add_transition(self, config: NodeConfig, status: Status) -> None:
         """Add a transition to the checksum. Record it if external code makes it."""

@@ -2,7 +2,7 @@
 
 A parent calls `execute_tick`. A class of nodes implements `tick`. The order within a tick is that of
 BehaviorTree.CPP (src/tree_node.cpp): pre-conditions, tick, post-conditions, stored status. A node with
-conditions, callbacks or counters has a `TickWrapper`; its subclass `RecordedTick` records the ticks.
+conditions, callbacks or counters, or whose ticks are recorded, has a `TickWrapper`.
 
 `execute_tick`, `halt_node`, `set_status` and `reset_status` are functions, and methods that call them.
 Built-in nodes call the functions: mypyc looks up by name every method that an interpreted class may override,
@@ -15,7 +15,7 @@ the field `x` of a spec is `_x`.
 
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
-from typing import Any, ClassVar, Final, NoReturn, SupportsIndex
+from typing import TYPE_CHECKING, Any, ClassVar, Final, NoReturn, SupportsIndex
 
 from mypy_extensions import mypyc_attr
 
@@ -37,6 +37,9 @@ from btcore.status import (
     PossibleResults,
     Status,
 )
+
+if TYPE_CHECKING:
+    from btcore.engine.journal import Journal  # imported when a recording begins
 
 UNDECIDED: Final = IDLE
 """Stands for a result that the pre-conditions leave to the node; a node returns IDLE only in format 3."""
@@ -73,7 +76,7 @@ class TreeNode:
     # What every tick reads comes first, so that it is close together in memory (compiled).
     _status: Status = IDLE
     _wrapper: "TickWrapper | None" = None
-    """Calls `tick` and `halt` of a node with conditions or callbacks, or that is watched; None for others."""
+    """Calls `tick` and `halt` of a node that has conditions, or has had callbacks, counters or a journal."""
     _overrides_execute_tick: bool = False
     _must_complete: bool = False
     _decorated_child: "TreeNode | None" = None
@@ -169,10 +172,7 @@ class TreeNode:
         Args:
             callback: The function; None removes it.
         """
-        with self._context.lock:
-            wrapper = self._wrapper or TickWrapper()
-            wrapper.pre_tick = callback
-            self._wrapper = None if wrapper.is_empty else wrapper
+        tick_wrapper(self).pre_tick = callback
 
     def set_post_tick_function(self, callback: "Callable[[Any, Status], Status] | None") -> None:
         """Set the function that is called after each tick and its post-conditions; thread-safe.
@@ -183,10 +183,7 @@ class TreeNode:
         Args:
             callback: The function; None removes it.
         """
-        with self._context.lock:
-            wrapper = self._wrapper or TickWrapper()
-            wrapper.post_tick = callback
-            self._wrapper = None if wrapper.is_empty else wrapper
+        tick_wrapper(self).post_tick = callback
 
     def __repr__(self) -> str:
         return f"<{self.config.id} '{self.config.path}' {self._status.name}>"
@@ -311,8 +308,7 @@ def attach_to_tree(node: TreeNode, config: NodeConfig, context: TreeContext, bla
     node._context = context
     node._blackboard = blackboard
     if config.conditions:
-        node._wrapper = TickWrapper()
-        node._wrapper.conditions = NodeConditions(config.conditions, config.enums, blackboard)
+        node._wrapper = TickWrapper(NodeConditions(config.conditions, config.enums, blackboard))
 
 
 def execution_error(node: TreeNode, cause: BaseException, doing: str) -> NodeExecutionError:
@@ -587,8 +583,7 @@ class NodeConditions:
 class TickWrapper:
     """Calls the tick and the halt of a node, with what comes before and after them.
 
-    Args:
-        former: The wrapper whose attributes it gets, or None.
+    In a recorded tree, external code runs outside of the journal: see `btcore.engine.journal`.
 
     Attributes:
         conditions: The pre- and post-conditions, or None.
@@ -596,31 +591,28 @@ class TickWrapper:
         post_tick: As in `TreeNode.set_post_tick_function`.
         counts: The counters of the ticks, or None.
         on_tick_start: Called at the start of each tick, before the pre-conditions; or None.
+        journal: The journal of a recorded tree, if the node or its parent is external; else None.
+        is_external: Whether the node is external. If not, and there is a journal, its parent is.
     """
 
-    def __init__(self, former: "TickWrapper | None" = None) -> None:
-        self.conditions: NodeConditions | None = None
+    def __init__(self, conditions: NodeConditions | None = None) -> None:
+        self.conditions = conditions
         self.pre_tick: Callable[[Any], Status] | None = None
         self.post_tick: Callable[[Any, Status], Status] | None = None
         self.counts: TickCounts | None = None
         self.on_tick_start: Callable[[], object] | None = None
-        if former is not None:
-            self.conditions = former.conditions
-            self.pre_tick = former.pre_tick
-            self.post_tick = former.post_tick
-            self.counts = former.counts
-            self.on_tick_start = former.on_tick_start
-
-    @property
-    def is_empty(self) -> bool:
-        """Whether the node needs no wrapper."""
-        has_callbacks = self.pre_tick is not None or self.post_tick is not None
-        is_watched = self.counts is not None or self.on_tick_start is not None
-        return self.conditions is None and not has_callbacks and not is_watched
+        self.journal: Journal | None = None
+        self.is_external = False
 
     def tick(self, node: TreeNode) -> Status:
         """Tick *node* unless a pre-condition or callback decides, run what follows, and return the result."""
-        counts, conditions = self.counts, self.conditions
+        counts, conditions, journal = self.counts, self.conditions, self.journal
+        if journal is not None and not journal.is_inside:
+            journal.enter_child_tick(node.config.uid)
+            try:
+                return self.tick(node)
+            finally:
+                journal.leave()
         if counts is not None:
             counts.ticks += 1
         if self.on_tick_start is not None:
@@ -635,7 +627,10 @@ class TickWrapper:
         if pre_tick is not None and status is UNDECIDED and node._status not in (SUCCESS, FAILURE):
             status = _forced_status(node, True, partial(pre_tick, node))
         if status is UNDECIDED:
-            status = self.call_tick(node)
+            if journal is None or not self.is_external:
+                status = _as_status(node, node.tick())
+            else:
+                status = _tick_outside(node, journal)
         if conditions is not None and (status is SUCCESS or status is FAILURE):
             conditions.run_postconditions(status)
         post_tick = self.post_tick
@@ -647,21 +642,60 @@ class TickWrapper:
             counts.add_result(status)
         return status
 
-    def call_tick(self, node: TreeNode) -> Status:
-        """Return the result of `tick` of *node*."""
-        return _as_status(node, node.tick())
-
     def halt(self, node: TreeNode) -> None:
         """Halt *node*, and run its `_onHalted`. Count the halt if *node* is RUNNING."""
+        journal = self.journal
+        if journal is not None and not journal.is_inside:
+            journal.enter_child_halt(node.config.uid)
+            try:
+                halt_node(node)  # from inside now, so that what follows an exception is inside, too
+            finally:
+                journal.leave()
+            return
         if self.counts is not None and node._status is RUNNING:
             self.counts.halted += 1
-        self.call_halt(node)
+        if journal is None or not self.is_external:
+            node.halt()
+        else:
+            _halt_outside(node, journal)
         if self.conditions is not None:
             self.conditions.run_on_halted()
 
-    def call_halt(self, node: TreeNode) -> None:
-        """Call `halt` of *node*."""
+
+def tick_wrapper(node: TreeNode) -> TickWrapper:
+    """Return the wrapper of *node*, which gets one if it has none. Thread-safe."""
+    with node._context.lock:
+        wrapper = node._wrapper
+        if wrapper is None:
+            node._wrapper = wrapper = TickWrapper()
+        return wrapper
+
+
+def _tick_outside(node: TreeNode, journal: "Journal") -> Status:
+    """Call `tick` of an external node, and record its result."""
+    journal.leave()
+    try:
+        status = _as_status(node, node.tick())
+    except BaseException as error:
+        journal.enter_with_error(node.config.uid, error)
+        raise
+    journal.enter_with_result(node.config, status)
+    return status
+
+
+def _halt_outside(node: TreeNode, journal: "Journal") -> None:
+    """Call `halt` of an external node, and record what it does, unless it only resets itself."""
+    start = journal.record_count
+    journal.leave()
+    raised: BaseException | None = None
+    try:
         node.halt()
+    except BaseException as error:
+        raised = error
+        raise
+    finally:
+        journal.enter()
+        journal.add_halt(node.config.uid, start, raised, node._status is IDLE)
 
 
 def _forced_status(node: TreeNode, is_pre_tick: bool, callback: Callable[[], Status]) -> Status:
@@ -673,9 +707,8 @@ def _forced_status(node: TreeNode, is_pre_tick: bool, callback: Callable[[], Sta
 
 def start_tick_counts(node: TreeNode) -> TickCounts:
     """Count the ticks of *node* from now on. Return the counters."""
-    with node._context.lock:
-        node._wrapper = wrapper = node._wrapper or TickWrapper()
-        wrapper.counts = counts = wrapper.counts or TickCounts()
+    wrapper = tick_wrapper(node)
+    wrapper.counts = counts = wrapper.counts or TickCounts()
     return counts
 
 

@@ -9,7 +9,7 @@ from collections.abc import Callable, Hashable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
-from btcore.engine.node import TickWrapper, TreeNode
+from btcore.engine.node import TreeNode, tick_wrapper
 from btcore.status import SKIPPED, Status
 from btcore.tree.tree import Tree
 from btcore_proof.tree_state import StateKeeper, state_fields_of
@@ -48,7 +48,7 @@ class TickProgress:
             for child in node.children:
                 self._parents[child.config.uid] = node
         for number, node in enumerate(tree.nodes):
-            node._wrapper = wrapper = node._wrapper or TickWrapper()
+            wrapper = tick_wrapper(node)
             if node.children:
                 reads = _reads_entries(node)
                 wrapper.on_tick_start = partial(self._start, node, reads, bool(state_fields_of(type(node))))

@@ -8,7 +8,7 @@ from functools import partial
 from random import Random
 from typing import Any, Final, NamedTuple
 
-from btcore.engine.node import TickWrapper, TreeNode
+from btcore.engine.node import TreeNode, tick_wrapper
 from btcore.engine.recorded_events import (
     ChildHalted,
     ChildTicked,
@@ -248,7 +248,7 @@ class TickCursor:
         self._is_wanted: StopCondition | None = None
         self._deadline: float | None = None  # None in a replay
         for node in tree.nodes:
-            node._wrapper = wrapper = node._wrapper or TickWrapper()
+            wrapper = tick_wrapper(node)
             wrapper.on_tick_start = partial(self._add, node.config.uid, None)
             wrapper.post_tick = partial(self._end, wrapper.post_tick)
 

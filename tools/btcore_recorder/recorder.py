@@ -16,10 +16,10 @@ from btcore.blackboard.blackboard import Blackboard
 from btcore.builds import active_build
 from btcore.engine.control import ControlNode, DecoratorNode
 from btcore.engine.journal import Journal
+from btcore.engine.node import tick_wrapper
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.observers import Observer
 from btcore.engine.recorded_events import HaltBegan, StepEnded, TickBegan
-from btcore.engine.recorded_tick import start_recording, stop_recording
 from btcore.engine.transition_records import Transitions
 from btcore.errors import BtcoreError, NodeExecutionError
 from btcore.registry.manifest import Manifest
@@ -176,10 +176,10 @@ class Recorder(Observer):
         for node in tree.nodes:
             if is_external(type(node)):
                 self._result_lines[node.config] = result_lines(node.uid)
-                start_recording(node, self._journal, True)
-                for child in node.children:
-                    if not is_external(type(child)):
-                        start_recording(child, self._journal, False)
+                wrapper = tick_wrapper(node)
+                wrapper.is_external = True
+                for each in (wrapper, *map(tick_wrapper, node.children)):
+                    each.journal = self._journal
         for board in self._boards:
             board.recorder = self._journal
         tree.context.uses_time = True  # each tick has a time
@@ -200,7 +200,8 @@ class Recorder(Observer):
         for board in self._boards:
             board.recorder = None
         for node in self._tree.nodes:
-            stop_recording(node)
+            if node._wrapper is not None:
+                node._wrapper.journal = None
         for unsubscribe in self._unsubscribe:
             unsubscribe()
 

@@ -7,7 +7,7 @@ from typing import Final, NamedTuple
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.ports import SCRIPT_ROLES
-from btcore.engine.node import TickWrapper, TreeNode
+from btcore.engine.node import TreeNode, tick_wrapper
 from btcore.engine.observers import Observer
 from btcore.errors import NodeExecutionError
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status, Transition
@@ -122,24 +122,21 @@ class TickTrace(Observer):
         self._boards = scopes_of(tree)
         self._reads = readings(tree)
         self._parents = {child.config.uid: node.config.uid for node in tree.nodes for child in node.children}
-        self._saved = {node.config.uid: node._wrapper for node in tree.nodes}
-        for node in tree.nodes:
-            self._follow(node)
+        wrappers = [tick_wrapper(node) for node in tree.nodes]
+        self._saved = [(each, each.on_tick_start, each.pre_tick, each.post_tick) for each in wrappers]
+        for node, wrapper in zip(tree.nodes, wrappers, strict=True):
+            wrapper.on_tick_start = partial(self._start, node)
+            wrapper.pre_tick = partial(self._pre_tick, wrapper.pre_tick)
+            wrapper.post_tick = partial(self._post_tick, wrapper.post_tick)
         self._known = {name: entry.sequence_id for name, entry in self._entries()}
         self._unsubscribe = tree.subscribe(self)
-
-    def _follow(self, node: TreeNode) -> None:
-        node._wrapper = wrapper = TickWrapper(node._wrapper)
-        wrapper.on_tick_start = partial(self._start, node)
-        wrapper.pre_tick = partial(self._pre_tick, wrapper.pre_tick)
-        wrapper.post_tick = partial(self._post_tick, wrapper.post_tick)
 
     def close(self) -> None:
         """Stop following the tree."""
         self._note_writes()
         self._unsubscribe()
-        for node in self._tree.nodes:
-            node._wrapper = self._saved[node.config.uid]
+        for wrapper, on_tick_start, pre_tick, post_tick in self._saved:
+            wrapper.on_tick_start, wrapper.pre_tick, wrapper.post_tick = on_tick_start, pre_tick, post_tick
 
     # --- the answers
 
