@@ -112,8 +112,6 @@ class TreeContext:
         limit: The limit of ticks that repeat nodes.
         uses_time: Whether a node has read the clock, so that the tree reads it at the start of each tick.
         tick_start: The time (ns) at which the present tick began, by which its timers are judged, or -1.
-        journal: Records what the ticks depend on; None = nothing is recorded. It is made of `observers`,
-            which are never set to None again: the ticks of a tree without observers need not look for it.
         recorded_pause: In a replay, answers `must_pause` as in the recorded run.
     """
 
@@ -129,8 +127,12 @@ class TreeContext:
         self.limit = TickLimit()
         self.uses_time = False  # most trees without timers never read the clock, which takes time
         self.tick_start = -1
-        self.journal: Journal | None = None
         self.recorded_pause: Callable[[int, int], bool] | None = None
+
+    @property
+    def journal(self) -> "Journal | None":
+        """Records what the ticks depend on; None = nothing is recorded."""
+        return None if self.observers is None else self.observers.journal
 
     @property
     def is_in_event_loop(self) -> bool:

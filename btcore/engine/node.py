@@ -607,7 +607,7 @@ class TickWrapper:
     def tick(self, node: TreeNode) -> Status:
         """Tick *node* unless a pre-condition or callback decides, run what follows, and return the result."""
         counts, conditions, journal = self.counts, self.conditions, self.journal
-        if journal is not None and not journal.is_inside:
+        if journal is not None and not journal.is_inside:  # called by an external parent
             journal.enter_child_tick(node.config.uid)
             try:
                 return self.tick(node)
@@ -645,7 +645,7 @@ class TickWrapper:
     def halt(self, node: TreeNode) -> None:
         """Halt *node*, and run its `_onHalted`. Count the halt if *node* is RUNNING."""
         journal = self.journal
-        if journal is not None and not journal.is_inside:
+        if journal is not None and not journal.is_inside:  # called by an external parent
             journal.enter_child_halt(node.config.uid)
             try:
                 halt_node(node)  # from inside now, so that what follows an exception is inside, too

@@ -555,7 +555,7 @@ def _tick_observed_root(tree: Tree, observers: Observers) -> Status:
     """Tick the root like `_tick_root`. Notify *observers*, and record the tick if the tree has a journal."""
     context = tree.context
     observers.begin_tick(tree.ticks)
-    journal = context.journal
+    journal = observers.journal
     if journal is None:
         status = _tick_root(tree)
     else:

@@ -184,7 +184,7 @@ class Recorder(Observer):
             board.recorder = self._journal
         tree.context.uses_time = True  # each tick has a time
         tree.context.woken_by = 0
-        tree.context.journal = observers.journal = self._journal
+        observers.journal = self._journal
         self.head = self._create_head(types)
         self._encoder.found = found
         self._log_records = _log_record_factory()
@@ -192,10 +192,9 @@ class Recorder(Observer):
 
     def close(self) -> None:
         """End the recording. Call it while no tick is in progress."""
-        context = self._tree.context
-        if context.journal is not self._journal:
+        if self._observers.journal is not self._journal:
             return
-        context.journal = self._observers.journal = None
+        self._observers.journal = None
         self._log_records.recorders.discard(self)
         for board in self._boards:
             board.recorder = None
