@@ -16,17 +16,15 @@ class Format3Blackboard(Blackboard):
 
     def find(self, key: str) -> Entry | None:
         """Return the entry of *key* after remapping, or None. The entry may never have been written."""
-        board: Blackboard = self
-        while True:
-            entry = board._entries.get(key)
+        board: Blackboard | None = self
+        outer: str | None = key
+        while board is not None and outer is not None:
+            entry = board._entries.get(outer)
             if entry is not None:
                 return entry
-            external = board._remaps.get(key)
-            if board.parent is None or (external is None and not board.autoremap):
-                return None
-            if external is not None:
-                key = external
+            outer = board._remaps.get(outer, outer if board.autoremap else None)
             board = board.parent
+        return None
 
     def set(self, key: str, value: object, declared: ValueType | None = None) -> None:
         """Write *value* to the entry of *key* after remapping. Create it if it does not exist."""
@@ -75,25 +73,16 @@ class Format3Blackboard(Blackboard):
 
     def _find_or_create(self, key: str, declared: ValueType, inferred: bool, value: object = None) -> Entry:
         """Return the entry where the remappings of *key* end, and store it in every scope that they pass."""
-        way: list[tuple[Blackboard, str]] = []
-        board: Blackboard = self
-        while True:
-            entry = board._entries.get(key)
-            if entry is not None:
-                previous = entry.declared
-                if previous.strong and declared.strong and not previous.same(declared):
-                    raise self._type_error(key, previous, declared)
-                break
-            way.append((board, key))
-            external = board._remaps.get(key)
-            if external is None and not board.autoremap:
+        entry = self._entries.get(key)
+        if entry is None:
+            outer = self._remaps.get(key, key if self.autoremap else None)
+            if outer is None:
                 entry = Entry(declared, inferred)
-                break
-            if board.parent is None:
+            elif self.parent is None:
                 raise BlackboardError(f"the key '{key}' is remapped, but its blackboard has no parent")
-            if external is not None:
-                key = external
-            board = board.parent
-        for scope, inner in way:
-            scope._entries[inner] = entry
+            else:
+                entry = self.parent._find_or_create(outer, declared, inferred)
+            self._entries[key] = entry
+        elif entry.declared.strong and declared.strong and not entry.declared.same(declared):
+            raise self._type_error(key, entry.declared, declared)
         return entry
