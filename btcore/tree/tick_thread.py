@@ -10,9 +10,10 @@ import contextvars
 import sys
 import threading
 from collections.abc import Callable
+from concurrent.futures import Future
 from typing import Any
 
-from btcore.status import IDLE, Status
+from btcore.status import Status
 
 
 class TickThread:
@@ -22,9 +23,7 @@ class TickThread:
         self._loop = asyncio.get_running_loop()
         self._task: asyncio.Task[Any] | None = asyncio.current_task()
         self._tick: Callable[[], Status] | None = None
-        self._status: Status = IDLE
-        self._error: BaseException | None = None
-        self._done = False
+        self._result: Future[Status] = Future()
         self._has_turn = False
         self._released = asyncio.Event()
         # Released to give the turn to the tick thread, and to give it back to the event loop's thread.
@@ -46,24 +45,20 @@ class TickThread:
                 the tick completes before the cancellation continues; then called with False.
         """
         self._tick = tick
-        self._done = False
+        self._result = Future()
         try:
             self._give_turn()
-            while not self._done:
+            while not self._result.done():
                 await self._released.wait()
                 self._released.clear()
                 self._give_turn()
         except BaseException:
             ignore_breakpoints(True)
-            while not self._done:
+            while not self._result.done():
                 self._give_turn()
             ignore_breakpoints(False)
-            self._error = None
             raise
-        error, self._error = self._error, None
-        if error is not None:
-            raise error
-        return self._status
+        return self._result.result()
 
     def close(self) -> None:
         """End the thread."""
@@ -115,8 +110,7 @@ class TickThread:
             if tick is None:
                 return
             try:
-                self._status = tick()
+                self._result.set_result(tick())
             except BaseException as error:
-                self._error = error
-            self._done = True
+                self._result.set_exception(error)
             self._loop_turn.release()
