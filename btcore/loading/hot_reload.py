@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from btcore.clock import POLL_INTERVAL_S
@@ -25,8 +26,7 @@ class FileWatcher:
         self._confined = confined
         self._next_check = time.monotonic() + POLL_INTERVAL_S
         self._is_settling = False
-        self._files = self._all_files()
-        self._stamps = _stamps(self._files)
+        self._stamps = self._read_stamps()
 
     def take_save(self) -> bool:
         """Return True once after each save, at the first check that finds all files without a further change.
@@ -38,26 +38,21 @@ class FileWatcher:
         if now < self._next_check:
             return False
         self._next_check = now + POLL_INTERVAL_S
-        stamps = _stamps(self._files)
+        stamps = {path: file_stamp(path) for path in self._stamps}
         if None in stamps.values():
             return False
         was_settling, self._is_settling = self._is_settling, stamps != self._stamps
         if self._is_settling:
-            # The list of included files may have changed too.
-            self._files = self._all_files()
-            self._stamps = _stamps(self._files)
+            self._stamps = self._read_stamps()
         return was_settling and not self._is_settling
 
-    def _all_files(self) -> set[Path]:
-        try:
+    def _read_stamps(self) -> dict[Path, FileStamp | None]:
+        """Return the stamps of the file and of those that it includes now."""
+        files = {self._path}
+        with suppress(BtcoreError):
             documents = read(parse_file(self._path, confined=self._confined)).documents
-        except BtcoreError:
-            return {self._path}
-        return {self._path, *(Path(document.file) for document in documents if document.file)}
-
-
-def _stamps(files: set[Path]) -> dict[Path, FileStamp | None]:
-    return {path: file_stamp(path) for path in files}
+            files.update(Path(document.file) for document in documents if document.file)
+        return {path: file_stamp(path) for path in files}
 
 
 def rebuild_tree(tree: Tree, plans: Plans, resources: Sequence[object]) -> Tree:
