@@ -99,10 +99,8 @@ class Observers:
         self._now: Callable[[], Any] = FAST_NOW.get(type(clock), clock.now)
         self._first = 1  # the number of the first transition in `records`
         self._count = 0  # of the transitions in `records`
-        # The observers that override `Observer.transition`, and those that override `Observer.transitions`.
-        self._immediate_observers: list[Observer] = []
-        self._batch_observers: list[Observer] = []
-        self._has_readers = False  # whether any observer overrides one of these
+        self._immediate_observers: list[Observer] = []  # those that override `Observer.transition`
+        self._has_readers = False  # whether any observer overrides it, or `Observer.transitions`
         self._is_flushing = False
         self._tick_start = 0  # ns of real time
 
@@ -169,7 +167,7 @@ class Observers:
                 self._first += self._count
                 self.records = []
                 self._count = 0
-                for observer in self._batch_observers:
+                for observer in self.observers:
                     try:
                         observer.transitions(changes)
                     except Exception as error:
@@ -232,10 +230,9 @@ class Observers:
         self._immediate_observers = [
             observer for observer in observers if type(observer).transition is not Observer.transition
         ]
-        self._batch_observers = [
-            observer for observer in observers if type(observer).transitions is not Observer.transitions
-        ]
-        self._has_readers = bool(self._immediate_observers or self._batch_observers)
+        self._has_readers = bool(self._immediate_observers) or any(
+            type(observer).transitions is not Observer.transitions for observer in observers
+        )
 
     def _unsubscribe_after_error(self, observer: Observer, error: Exception) -> None:
         self._set_observers([other for other in self.observers if other is not observer])

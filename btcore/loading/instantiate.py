@@ -161,10 +161,9 @@ class NodeCreator:
     ) -> None:
         self._plans = plans
         self.format = plans.format
-        self._registry = registry = plans.registry
         # Most registries have no substitution rules; then the manifests of the plan are used as they are.
-        self._rules = registry.substitutions
-        self.enums = registry.types.enums
+        self._rules = plans.registry.substitutions
+        self.enums = plans.registry.types.enums
         self._resources = Resources(resources)  # to which the tree adds its own instances of TreeResource
         self.context = TreeContext(clock)
         self._scope_class = Blackboard
@@ -178,7 +177,6 @@ class NodeCreator:
         # The main tree's path is the empty text, as in BehaviorTree.CPP.
         self._paths: set[str] = {""}
         self._declarations: dict[Entry, tuple[Binding, NodeConfig]] = {}
-        self._uid = 0
         self.collector = DiagnosticCollector()
 
     def create_nodes(self, tree_plan: TreePlan) -> None:
@@ -224,7 +222,7 @@ class NodeCreator:
     def _create_config(self, node_plan: NodePlan, draft: SubtreeDraft) -> NodeConfig:
         """Return the configuration of the next node, without its ports."""
         call, own_name = node_plan.subtree_call, node_plan.name
-        self._uid = uid = self._uid + 1
+        uid = len(self.nodes) + 1
         attributes = node_plan.attributes
         if call is None:
             default_name = node_plan.id
@@ -357,7 +355,7 @@ class NodeCreator:
         # A SubTree node has the root of the called tree as its only child.
         children = len(node_plan.children) if node_plan.subtree_call is None else 1
         try:
-            return self._registry.apply_substitutions(config, node_plan.manifest, children)
+            return self._plans.registry.apply_substitutions(config, node_plan.manifest, children)
         except NodeError as error:
             draft.report(NODE_NOT_CREATED, str(error), node_plan.element)
             return node_plan.manifest
