@@ -143,7 +143,7 @@ class ControlNode(TreeNode):
                     child._status_before_reset = status
             else:
                 return
-        elif not observers.needs_each and _reset_and_record(self._children, self._configs, observers):
+        elif _reset_and_record(self._children, self._configs, observers):
             return
         first_error: NodeExecutionError | None = None
         for child in self._children:
@@ -168,7 +168,7 @@ class ControlNode(TreeNode):
 
 
 def _reset_and_record(children: list[TreeNode], configs: list[NodeConfig], observers: Observers) -> bool:
-    """Reset the children up to the first that is RUNNING, in one record. Return whether all are reset."""
+    """Reset the children up to the first that is RUNNING, and record it. Return whether all are reset."""
     before: list[Status] = []
     count = 0
     for child in children:

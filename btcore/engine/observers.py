@@ -125,19 +125,19 @@ class Observers:
             number = self._first + self._count - 1
             self._notify_at_once(create_transition(number, stamp, self.tick, config, previous, status))
 
-    @property
-    def needs_each(self) -> bool:
-        """Whether each transition is recorded by itself, because it is handled at once."""
-        return self.journal is not None or bool(self._immediate_observers)
-
     def record_resets(self, configs: list[NodeConfig], before: list[Status], count: int) -> None:
-        """Record that children of a node were reset. Do not call it if `needs_each`.
+        """Record that children of a node were reset.
 
         Args:
             configs: The configs of all children.
             before: The previous statuses of the first children, or of all; IDLE = the child was not reset.
             count: The number of children that were reset.
         """
+        if self.journal is not None or self._immediate_observers:
+            for index, previous in enumerate(before):
+                if previous is not IDLE:
+                    self.record_transition(configs[index], previous, IDLE)
+            return
         if not self._has_readers:
             self._first += count
             return
