@@ -21,12 +21,11 @@ from btcore.lint.possible_results import ResultAnalysis
 from btcore.lint.scripts import check_script_results
 from btcore.lint.subtree_calls import check_remappings, check_unused_trees
 from btcore.lint.unwritten_keys import check_keys
-from btcore.loading.load import paused_garbage_collection
 from btcore.registry.registry import Registry
 from btcore.suggestions import shortened
 from btcore.xml.define import define
 from btcore.xml.plan.key_uses import TreeKeys
-from btcore.xml.plan.plan import Plans, plan, root_trees
+from btcore.xml.plan.plan import Plans, paused_garbage_collection, plan, root_trees
 from btcore.xml.read.document import CollectedDiagnostics, DiagnosticCollector, Document, sort_diagnostics
 from btcore.xml.read.positions import LineIndex
 from btcore.xml.read.read import Sources, read

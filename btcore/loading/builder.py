@@ -28,7 +28,7 @@ from btcore.diagnostics import Diagnostic
 from btcore.errors import ConversionError, PortError, TreeError, UnknownNodeError, XmlSyntaxError
 from btcore.fixes import Fix
 from btcore.loading.instantiate import instantiate
-from btcore.loading.load import paused_garbage_collection, registry_or_standard
+from btcore.loading.load import registry_or_standard
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.suggestions import nearest_name, suggestion
@@ -179,9 +179,8 @@ class Builder:
         """
         text, drafts = _write(main, id, subtrees, "")
         document = _BuiltDocument(text, main.where[0], drafts)
-        with paused_garbage_collection():
-            plans = plan_document(document, self._nodes, id)
-            return instantiate(plans, resources, blackboard, clock, tick_limit)
+        plans = plan_document(document, self._nodes, id)
+        return instantiate(plans, resources, blackboard, clock, tick_limit)
 
     def _describe(self, manifest: Manifest, /, *children: Any, **ports: object) -> NodeDraft:
         where = _caller()

@@ -32,7 +32,7 @@ from btcore.registry.registry import Registry, library_of
 from btcore.registry.resources import Resources
 from btcore.tree.tree import Subtree, Tree, TreeDocument
 from btcore.values import parse_constant, type_of
-from btcore.xml.plan.plan import Plans, report_invalid_scripts
+from btcore.xml.plan.plan import Plans, paused_garbage_collection, report_invalid_scripts
 from btcore.xml.plan.tree_plan import NodePlan, SubtreeCall, TreePlan
 from btcore.xml.read.document import DiagnosticCollector
 
@@ -62,7 +62,8 @@ def instantiate(
     main = plans.main_tree
     assert main is not None, "a missing main tree is an error"
     creator = NodeCreator(plans, resources, clock or _find_clock(resources), blackboard)
-    creator.create_nodes(main)
+    with paused_garbage_collection():
+        creator.create_nodes(main)
     creator.collector.diagnostics.raise_errors()
     sources = plans.definitions.sources
     return Tree(

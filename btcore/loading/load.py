@@ -1,9 +1,7 @@
 """Load a tree from files or texts, or make a registered tree: all stages of loading in one call."""
 
-import gc
 import reprlib
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from os import PathLike
 
 from btcore.blackboard.blackboard import Blackboard
@@ -17,30 +15,6 @@ from btcore.tree.tree import Tree
 from btcore.xml.plan.plan import plan_document
 from btcore.xml.read.document import CollectedDiagnostics, Document
 from btcore.xml.read.read import PackageResolver, parse_file, parse_text
-
-
-@contextmanager
-def paused_garbage_collection() -> Iterator[None]:
-    """Disable Python's cyclic garbage collector, because a tree is created.
-
-    The collector would scan the growing tree again and again, although no part of it is garbage.
-    """
-    was_enabled = gc.isenabled()
-    gc.disable()
-    # A new tree goes to the oldest generation at once: scanning it on its way there takes a fifth of the time
-    # of loading. Only freeze() moves objects there, and it moves all young objects of the process; therefore
-    # the other young objects are collected first. An application's frozen objects stay frozen.
-    freezes = was_enabled and not gc.get_freeze_count()
-    if freezes:
-        gc.collect(1)
-    try:
-        yield
-    finally:
-        if freezes:
-            gc.freeze()
-            gc.unfreeze()
-        if was_enabled:
-            gc.enable()
 
 
 def load(
@@ -88,10 +62,9 @@ def load(
         >>> btcore.load("tree.xml").tick_while_running()
         <Status.SUCCESS: 2>
     """
-    with paused_garbage_collection():
-        main, *shared = _parse_all(parse_file, (path, *more), confined)
-        plans = plan_document(main, registry_or_standard(nodes), tree, format, shared, packages)
-        return instantiate(plans, resources, blackboard, clock, tick_limit)
+    main, *shared = _parse_all(parse_file, (path, *more), confined)
+    plans = plan_document(main, registry_or_standard(nodes), tree, format, shared, packages)
+    return instantiate(plans, resources, blackboard, clock, tick_limit)
 
 
 def loads(
@@ -122,10 +95,9 @@ def loads(
         >>> btcore.loads(xml).tick_while_running()
         <Status.SUCCESS: 2>
     """
-    with paused_garbage_collection():
-        main, *shared = _parse_all(parse_text, (text, *more), confined)
-        plans = plan_document(main, registry_or_standard(nodes), tree, format, shared, packages)
-        return instantiate(plans, resources, blackboard, clock, tick_limit)
+    main, *shared = _parse_all(parse_text, (text, *more), confined)
+    plans = plan_document(main, registry_or_standard(nodes), tree, format, shared, packages)
+    return instantiate(plans, resources, blackboard, clock, tick_limit)
 
 
 def make(
@@ -164,9 +136,8 @@ def make(
         raise TreeError([Diagnostic(UNDETERMINED_MAIN_TREE, f"unknown tree '{id}'", hint=hint)])
     # The document of the tree; the last document if the tree is in an included file.
     main = next((document for document in reversed(documents) if _defines(document, id)), documents[-1])
-    with paused_garbage_collection():
-        plans = plan_document(main, registry, id, format, packages=packages)
-        return instantiate(plans, resources, blackboard, clock, tick_limit)
+    plans = plan_document(main, registry, id, format, packages=packages)
+    return instantiate(plans, resources, blackboard, clock, tick_limit)
 
 
 def _parse_all(

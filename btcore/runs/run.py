@@ -14,7 +14,7 @@ from btcore.engine.leaf import StatefulAction
 from btcore.errors import NodeExecutionError, TreeError
 from btcore.exit_codes import ExitCode
 from btcore.loading.instantiate import create_leaf_tree, instantiate, resources_as_sequence
-from btcore.loading.load import paused_garbage_collection, registry_or_standard
+from btcore.loading.load import registry_or_standard
 from btcore.registry.registry import Registry
 from btcore.registry.resources import Resources, TypeRef
 from btcore.runs.available_providers import AvailableProviders
@@ -66,8 +66,7 @@ Runnable = str | PathLike[str] | Plans | TreelessProgram
 def _plan(source: object, nodes: Registry | None, tree: str | None) -> Plans | TreelessProgram:
     """Plan the tree of a file, and check plans for errors. A program is returned unchanged."""
     if isinstance(source, (str, PathLike)):
-        with paused_garbage_collection():
-            source = plan_document(parse_file(source), registry_or_standard(nodes), tree)
+        source = plan_document(parse_file(source), registry_or_standard(nodes), tree)
     if isinstance(source, Plans):
         source.diagnostics.raise_errors()
     elif not isinstance(source, TreelessProgram):
@@ -257,8 +256,7 @@ class Run:
         if isinstance(source, TreelessProgram):
             return source.create_tree(self.clock)
         try:
-            with paused_garbage_collection():
-                return instantiate(source, self.resources, self._blackboard, self.clock, self._tick_limit)
+            return instantiate(source, self.resources, self._blackboard, self.clock, self._tick_limit)
         except TreeError as error:
             for note in self.providers.explain_missing():
                 error.add_note(note)

@@ -3,8 +3,10 @@
 This is the third stage of loading.
 """
 
+import gc
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any, Final, NamedTuple
 
 from btcore.diagnostic_codes import RECURSIVE_TREES, SCRIPT_SYNTAX, TREE_TOO_LARGE, UNKNOWN_FORMAT
@@ -81,6 +83,30 @@ class Plans(NamedTuple):
         return types
 
 
+@contextmanager
+def paused_garbage_collection() -> Iterator[None]:
+    """Disable the garbage collector. What is created meanwhile skips its young generations.
+
+    The collector would scan the growing plans and trees again and again, although no part of them is garbage.
+    """
+    was_enabled = gc.isenabled()
+    gc.disable()
+    # A new tree goes to the oldest generation at once: scanning it on its way there takes a fifth of the time
+    # of loading. Only freeze() moves objects there, and it moves all young objects of the process; therefore
+    # the other young objects are collected first. An application's frozen objects stay frozen.
+    freezes = was_enabled and not gc.get_freeze_count()
+    if freezes:
+        gc.collect(1)
+    try:
+        yield
+    finally:
+        if freezes:
+            gc.freeze()
+            gc.unfreeze()
+        if was_enabled:
+            gc.enable()
+
+
 def plan(definitions: Definitions, registry: Registry, every_tree: bool = False) -> Plans:
     """Return the plans of the main tree and of the trees that it calls.
 
@@ -90,9 +116,10 @@ def plan(definitions: Definitions, registry: Registry, every_tree: bool = False)
         every_tree: Whether all other trees are planned, too, and all scripts checked. Otherwise the scripts
             are checked only after errors: without errors they are compiled when the nodes are created.
     """
-    plans = _plan_trees(definitions, registry, every_tree)
-    is_unsure = definitions.is_format_assumed and plans.diagnostics.errors
-    return _compare_with_format_4(plans, every_tree) if is_unsure else plans
+    with paused_garbage_collection():
+        plans = _plan_trees(definitions, registry, every_tree)
+        is_unsure = definitions.is_format_assumed and plans.diagnostics.errors
+        return _compare_with_format_4(plans, every_tree) if is_unsure else plans
 
 
 def plan_document(
