@@ -110,8 +110,7 @@ class Hooks:
         Returns:
             Whether the tree has a node with this uid.
         """
-        node = self._nodes.get(hook.uid)
-        if node is None:
+        if hook.uid not in self._nodes:
             return False
         with self._condition:
             known = self._hooks.get((hook.position, hook.uid))
@@ -122,11 +121,8 @@ class Hooks:
                 known.desired_status = hook.desired_status
                 self._condition.notify_all()
                 return True
-            self._hooks[hook.position, hook.uid] = replace(hook)
-            if hook.position is HookPosition.PRE:
-                node.set_pre_tick_function(self._on_pre_tick)
-            else:
-                node.set_post_tick_function(self._on_post_tick)
+            own = self._hooks[hook.position, hook.uid] = replace(hook)
+            self._set_callback(own, lambda *_: self._fire(own))
         return True
 
     def unlock(
@@ -252,28 +248,22 @@ class Hooks:
         if tick_thread is not None:
             tick_thread.close()
 
-    def _on_pre_tick(self, node: TreeNode) -> Status:
-        return self._fire(self._hooks.get((HookPosition.PRE, node.config.uid)))
+    def _set_callback(self, hook: Hook, callback: Callable[..., Status] | None) -> None:
+        node = self._nodes[hook.uid]
+        if hook.position is HookPosition.PRE:
+            node.set_pre_tick_function(callback)
+        else:
+            node.set_post_tick_function(callback)
 
-    def _on_post_tick(self, node: TreeNode, status: Status) -> Status:
-        return self._fire(self._hooks.get((HookPosition.POST, node.config.uid)))
-
-    def _fire(self, hook: Hook | None) -> Status:
+    def _fire(self, hook: Hook) -> Status:
         """Stop at a breakpoint until it is unlocked. Return the status that *hook* injects, or SKIPPED."""
-        if hook is None:
-            return SKIPPED
-        tick_thread = self._tick_thread if self._context.is_in_event_loop else None
-        stops = False
+        tick_thread = self._tick_thread  # None unless an event loop runs the tree
         with self._condition:
-            if not hook.enabled:
+            stops = hook.mode is HookMode.BREAKPOINT
+            # A tick on the event loop's own thread must not stop: the loop could never unlock it.
+            is_on_loop = self._context.is_in_event_loop and not (tick_thread and tick_thread.is_current)
+            if not hook.enabled or (stops and (self._ignores_breakpoints or is_on_loop)):
                 return SKIPPED
-            if hook.mode is HookMode.BREAKPOINT:
-                # A tick on the event loop's own thread must not stop: the loop could never unlock it.
-                if self._ignores_breakpoints or (
-                    self._context.is_in_event_loop and (tick_thread is None or not tick_thread.is_current)
-                ):
-                    return SKIPPED
-                stops = True
             for listener in self._listeners:
                 listener(hook)
             if stops:
@@ -304,8 +294,4 @@ class Hooks:
     def _remove(self, hook: Hook) -> None:
         hook.enabled = False
         del self._hooks[hook.position, hook.uid]
-        node = self._nodes[hook.uid]
-        if hook.position is HookPosition.PRE:
-            node.set_pre_tick_function(None)
-        else:
-            node.set_post_tick_function(None)
+        self._set_callback(hook, None)
