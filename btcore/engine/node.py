@@ -608,11 +608,7 @@ class TickWrapper:
         """Tick *node* unless a pre-condition or callback decides, run what follows, and return the result."""
         counts, conditions, journal = self.counts, self.conditions, self.journal
         if journal is not None and not journal.is_inside:  # called by an external parent
-            journal.enter_child_tick(node.config.uid)
-            try:
-                return self.tick(node)
-            finally:
-                journal.leave()
+            return _tick_from_outside(node, self, journal)
         if counts is not None:
             counts.ticks += 1
         if self.on_tick_start is not None:
@@ -646,11 +642,7 @@ class TickWrapper:
         """Halt *node*, and run its `_onHalted`. Count the halt if *node* is RUNNING."""
         journal = self.journal
         if journal is not None and not journal.is_inside:  # called by an external parent
-            journal.enter_child_halt(node.config.uid)
-            try:
-                halt_node(node)  # from inside now, so that what follows an exception is inside, too
-            finally:
-                journal.leave()
+            _halt_from_outside(node, journal)
             return
         if self.counts is not None and node._status is RUNNING:
             self.counts.halted += 1
@@ -669,6 +661,22 @@ def tick_wrapper(node: TreeNode) -> TickWrapper:
         if wrapper is None:
             node._wrapper = wrapper = TickWrapper()
         return wrapper
+
+
+def _tick_from_outside(node: TreeNode, wrapper: TickWrapper, journal: "Journal") -> Status:
+    journal.enter_child_tick(node.config.uid)
+    try:
+        return wrapper.tick(node)
+    finally:
+        journal.leave()
+
+
+def _halt_from_outside(node: TreeNode, journal: "Journal") -> None:
+    journal.enter_child_halt(node.config.uid)
+    try:
+        halt_node(node)  # from inside now, so that what follows an exception is inside, too
+    finally:
+        journal.leave()
 
 
 def _tick_outside(node: TreeNode, journal: "Journal") -> Status:
