@@ -49,7 +49,7 @@ class TickLimit:
 
     Attributes:
         has_timed_out: Whether the time of `start` has ended the tick.
-        is_interrupted: Whether ticks end as soon as possible, until `resume`.
+        is_interrupted: Whether ticks end as soon as possible. Any thread may set it.
     """
 
     def __init__(self) -> None:
@@ -77,14 +77,6 @@ class TickLimit:
         if self._end:
             self._end += nanoseconds
 
-    def interrupt(self) -> None:
-        """End ticks as soon as possible, until `resume` is called. Thread-safe."""
-        self.is_interrupted = True
-
-    def resume(self) -> None:
-        """End the effect of `interrupt`. Call it between ticks."""
-        self.is_interrupted = False
-
     def check(self) -> bool:
         """Return whether the tick must end now; set `has_timed_out`, and let Python handle signals."""
         if self.is_interrupted:
@@ -104,6 +96,7 @@ class TreeContext:
     Attributes:
         clock: The clock of the tree.
         wake_event: Set by each wake-up; the trees of a run share one, for which the run waits.
+        is_woken: Whether a wake-up of this tree is pending. Event.is_set() would take much longer.
         observers: None while nothing is subscribed, so that a transition costs one comparison.
         deadlines: For each node that requested a tick, by uid: the time (ns) at which the tick is due.
         on_wake_up: Called by each wake-up, on any thread; set by an event loop that runs the tree.
@@ -118,7 +111,7 @@ class TreeContext:
     def __init__(self, clock: Clock) -> None:
         self.clock = clock
         self.wake_event = threading.Event()
-        self._is_woken = False  # mirrors `wake_event`: Event.is_set() takes much longer than an attribute
+        self.is_woken = False
         self.lock = threading.Lock()
         self.observers: Observers | None = None
         self.deadlines: dict[int, int] = {}
@@ -139,15 +132,10 @@ class TreeContext:
         """Whether an event loop runs the tree, so that leaves may await asyncio's functions."""
         return self.on_wake_up is not None
 
-    @property
-    def is_woken(self) -> bool:
-        """Whether a wake-up is pending."""
-        return self._is_woken
-
     def wake_up(self, woken_by: int = -1) -> None:
         """Request a tick as soon as possible. Thread-safe."""
         self.woken_by = woken_by
-        self._is_woken = True
+        self.is_woken = True
         self.wake_event.set()
         # Read once: the event loop's thread may set it to None at any time.
         on_wake_up = self.on_wake_up
@@ -157,7 +145,7 @@ class TreeContext:
     def take_woken_by(self) -> int:
         """Return `woken_by` of the tick that begins, and forget it unless another request is pending."""
         woken_by = self.woken_by
-        if not self._is_woken:
+        if not self.is_woken:
             self.woken_by = 0
         return woken_by
 
@@ -169,7 +157,7 @@ class TreeContext:
         """Return whether a wake-up was pending, by a signal or a deadline that has passed. Consume it."""
         if self.deadlines:
             self._expire_deadlines()
-        return self._is_woken and self._clear_wake_up()
+        return self.is_woken and self._clear_wake_up()
 
     def wait_until(self, deadline: int) -> bool:
         """Wait until *deadline* (ns), the first deadline or a wake-up, and consume the wake-up.
@@ -180,11 +168,11 @@ class TreeContext:
         if self.deadlines:
             self._expire_deadlines()
             deadline = self.first_deadline(deadline)
-        woken = self._is_woken or self.clock.wait_until(deadline, self.wake_event)
+        woken = self.is_woken or self.clock.wait_until(deadline, self.wake_event)
         if not woken and self.deadlines:
             self._expire_deadlines()
-        # A wake-up that arrives here is consumed now if `_is_woken` is set already, else by the next call.
-        return (woken or self._is_woken) and self._clear_wake_up()
+        # A wake-up that arrives here is consumed now if `is_woken` is set already, else by the next call.
+        return (woken or self.is_woken) and self._clear_wake_up()
 
     def next_tick_time(self, schedule: TickSchedule) -> int:
         """Return the time (ns) of the next tick: the due time of *schedule* or the first deadline before it.
@@ -203,7 +191,7 @@ class TreeContext:
 
     def wait_real_time(self, seconds: float) -> None:
         """Wait at most *seconds* (s, real time even with another clock) for a wake-up, and consume it."""
-        if not self._is_woken:
+        if not self.is_woken:
             self.wake_event.wait(seconds)
         self._clear_wake_up()
 
@@ -230,7 +218,7 @@ class TreeContext:
 
     def _clear_wake_up(self) -> bool:
         # A wake-up that another thread sends between these lines may count twice, but is never lost.
-        self._is_woken = False
+        self.is_woken = False
         self.wake_event.clear()
         return True
 
@@ -241,5 +229,5 @@ class TreeContext:
             del self.deadlines[uid]
         if due:
             self.woken_by = due[0]
-            self._is_woken = True
+            self.is_woken = True
             self.wake_event.set()

@@ -127,7 +127,7 @@ class TickLoop:
         for tree in self.trees:
             tree.context.wake_event = self._wake_event
             # The end of an earlier loop, such as by a signal, has no effect on this one.
-            tree.context.limit.resume()
+            tree.context.limit.is_interrupted = False
 
     def run(self, until: Until, on_tick: OnTick | None, reloader: Reloader | None) -> LoopEnd:
         """Tick until the loop ends, also after reloads of trees that have ended, and return the reason.

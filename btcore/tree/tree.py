@@ -349,7 +349,7 @@ class Tree:
 
         From now on, ticks do not repeat nodes, and ignore breakpoints. A signal handler may call this method.
         """
-        self.context.limit.interrupt()
+        self.context.limit.is_interrupted = True
         # In a thread, since the handler may have interrupted code that holds the locks that this needs.
         threading.Thread(target=self._end_waits, daemon=True).start()
 
