@@ -60,9 +60,6 @@ class Manifest:
             A class declares them with a static method `metadata()`, as in C++.
     """
 
-    is_overridable = False
-    """Whether a later node with the same ID replaces this node: True for nodes of installed libraries."""
-
     def __init__(
         self,
         id: str,
