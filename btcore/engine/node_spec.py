@@ -57,7 +57,6 @@ class NodeSpec:
             None = the children are not ticked in order.
         branch_results: The results of the first child that select the second child, the third child, …
         formats: The XML formats in which the class is a built-in node; () = a base class. Not inherited.
-        id: The ID of the built-in node; "" = the name of the class. Not inherited.
 
     Examples:
         >>> import btcore
@@ -90,7 +89,6 @@ class NodeSpec:
     continue_on: Status | None = None
     branch_results: tuple[Status, ...] = ()
     formats: tuple[int, ...] = ()
-    id: str = ""
     _declared: dict[str, Any] = field(init=False, repr=False)
 
     def __new__(cls, **declared: Any) -> "NodeSpec":
@@ -121,7 +119,7 @@ def _complete_spec(cls: type) -> NodeSpec:
     values: dict[str, Any] = {}
     for declared in lineage:
         values |= declared
-    values |= {"formats": (), "id": ""} | declared_fields(cls)
+    values |= {"formats": ()} | declared_fields(cls)
     for name in ("state_fields", "time_fields"):
         if values.get(name) is not None:
             values[name] = tuple(sorted({item for declared in lineage for item in declared.get(name) or ()}))
