@@ -1,19 +1,10 @@
 """What a node class declares about its nodes for tools and static checks, in addition to its ports."""
 
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import dataclass, field
 from typing import Any, Final
 from weakref import WeakKeyDictionary
 
-from btcore.status import ANY_RESULT, NodeType, Status
-
-_NOT_DECLARED: Final[Any] = object()
-_ADDED: Final = ("state_fields", "time_fields")
-"""The fields to which a class adds names, instead of replacing those of its base classes."""
-
-
-def _inherited(default: Any) -> Any:
-    """Return a field that a class inherits unless it declares it; `TreeNode` has the value *default*."""
-    return field(default=_NOT_DECLARED, metadata={"default": default})
+from btcore.status import ANY_RESULT, RUNNING, NodeType, Status
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, match_args=False)
@@ -23,8 +14,7 @@ class NodeSpec:
     A class declares the fields in which it differs from its base class. Reading `spec`, of a class or a node,
     returns all fields, with those that are inherited. Ticks do not read it, but attributes to which `prepare`
     has copied fields, which is faster. What only the methods of the class read, such as `Repeat.is_async`, is
-    a class variable instead. Only btcore reads a spec; the static method `metadata()` returns the texts that
-    are also written to the TreeNodesModel, so that Groot and C++ see them.
+    a class variable instead.
 
     Attributes:
         node_type: The type of the nodes: action, condition, control or decorator.
@@ -40,9 +30,20 @@ class NodeSpec:
             time. Added to those of the base classes.
         uses: The names of the things that only one action may use at a time, such as a robot's base, for
             proofs. None = an action uses the resources that it gets as parameters; other nodes use nothing.
+        hands_over: Whether another action may take over the resources in the tick in which the action is
+            halted, before its halt, because the halt does not affect them, for proofs.
+        optional_inputs: The inputs of a leaf whose entries need not be written before the leaf reads them;
+            without them it does not succeed, for proofs.
+        writes: The outputs that a leaf may write in any tick, whatever its result is, for proofs, and the
+            keys of other entries that it writes. None = there are none, except that a leaf that gets the
+            whole blackboard may write any key.
+        writes_early: Whether a leaf may write its outputs already while it is RUNNING, for proofs.
+        writes_on_halt: The outputs that a leaf writes when it is halted, for proofs.
+        results_without_child: The results, possibly RUNNING, that a decorator that needs resources may return
+            without ticking its child, for proofs.
         must_complete: Whether a tick must not return RUNNING.
         may_complete_on_start: For a StatefulAction: whether `on_start` may complete the action at once. If
-            so, `btcore validate` does not treat the action as asynchronous.
+            so, `btcore validate` does not treat the action as asynchronous. None = proofs try both.
         never_pauses: Whether a tick only ticks children and, while a child is RUNNING, only this child. When
             such a node is RUNNING, a child is RUNNING or the node has requested the next tick at once.
         skips_alone: Whether a tick may return SKIPPED although no child was skipped.
@@ -56,7 +57,6 @@ class NodeSpec:
             None = the children are not ticked in order.
         branch_results: The results of the first child that select the second child, the third child, …
         formats: The XML formats in which the class is a built-in node; () = a base class. Not inherited.
-        id: The ID of the built-in node; "" = the name of the class. Not inherited.
 
     Examples:
         >>> import btcore
@@ -66,24 +66,36 @@ class NodeSpec:
         (('goal',), <NodeType.ACTION: 1>)
     """
 
-    node_type: NodeType = _inherited(NodeType.UNDEFINED)  # noqa: RUF009 (a field)
-    symbol: str = _inherited("")
-    results: frozenset[Status] = _inherited(ANY_RESULT)
-    state_fields: tuple[str, ...] | None = _inherited(())
-    time_fields: tuple[str, ...] = _inherited(())
-    uses: frozenset[str] | None = _inherited(None)
-    must_complete: bool = _inherited(False)
-    may_complete_on_start: bool = _inherited(False)
-    never_pauses: bool = _inherited(False)
-    skips_alone: bool = _inherited(True)
-    is_endless: bool = _inherited(False)
-    child_count: tuple[int, int | None] = _inherited((0, 0))
-    child_count_at_load: tuple[int, int | None] = _inherited((0, 0))
-    child_roles: str = _inherited("")
-    continue_on: Status | None = _inherited(None)  # noqa: RUF009
-    branch_results: tuple[Status, ...] = _inherited(())
+    node_type: NodeType = NodeType.UNDEFINED
+    symbol: str = ""
+    results: frozenset[Status] = ANY_RESULT
+    state_fields: tuple[str, ...] | None = ()
+    time_fields: tuple[str, ...] = ()
+    uses: frozenset[str] | None = None
+    hands_over: bool = False
+    optional_inputs: tuple[str, ...] = ()
+    writes: tuple[str, ...] | None = None
+    writes_early: bool = False
+    writes_on_halt: tuple[str, ...] = ()
+    results_without_child: frozenset[Status] = frozenset({RUNNING})
+    must_complete: bool = False
+    may_complete_on_start: bool | None = None
+    never_pauses: bool = False
+    skips_alone: bool = True
+    is_endless: bool = False
+    child_count: tuple[int, int | None] = (0, 0)
+    child_count_at_load: tuple[int, int | None] = (0, 0)
+    child_roles: str = ""
+    continue_on: Status | None = None
+    branch_results: tuple[Status, ...] = ()
     formats: tuple[int, ...] = ()
-    id: str = ""
+    _declared: dict[str, Any] = field(init=False, repr=False)
+
+    def __new__(cls, **declared: Any) -> "NodeSpec":
+        """Return a spec that knows which fields were given to it."""
+        spec = super().__new__(cls)
+        object.__setattr__(spec, "_declared", declared)
+        return spec
 
     def __get__(self, node: object, cls: type) -> "NodeSpec":
         """Return the complete spec of *cls*."""
@@ -94,30 +106,21 @@ class NodeSpec:
 
 
 _COMPLETE_SPECS: Final["WeakKeyDictionary[type, NodeSpec]"] = WeakKeyDictionary()
-_DEFAULTS: Final = {each.name: each.metadata["default"] for each in fields(NodeSpec) if each.metadata}
-"""The inherited fields, with their values for `TreeNode`."""
 
 
 def declared_fields(cls: type) -> dict[str, Any]:
-    """Return the inherited fields that *cls* itself declares in its spec, with their values."""
-    spec = _own_spec(cls)
-    return {name: value for name in _DEFAULTS if (value := getattr(spec, name)) is not _NOT_DECLARED}
-
-
-def _own_spec(cls: type) -> NodeSpec:
+    """Return the fields that *cls* itself declares in its spec, with their values."""
     spec = vars(cls).get("spec")
-    return spec if isinstance(spec, NodeSpec) else NodeSpec()
+    return spec._declared if isinstance(spec, NodeSpec) else {}
 
 
 def _complete_spec(cls: type) -> NodeSpec:
-    values = dict(_DEFAULTS)
-    added: dict[str, set[str]] = {name: set() for name in _ADDED}
-    for parent in reversed(cls.__mro__):
-        declared = declared_fields(parent)
-        values.update(declared)
-        for name, items in added.items():
-            items.update(declared.get(name) or ())
-    for name, items in added.items():
-        if values[name] is not None:
-            values[name] = tuple(sorted(items))
-    return replace(_own_spec(cls), **values)
+    lineage = [declared_fields(parent) for parent in reversed(cls.__mro__)]
+    values: dict[str, Any] = {}
+    for declared in lineage:
+        values |= declared
+    values |= {"formats": ()} | declared_fields(cls)
+    for name in ("state_fields", "time_fields"):
+        if values.get(name) is not None:
+            values[name] = tuple(sorted({item for declared in lineage for item in declared.get(name) or ()}))
+    return NodeSpec(**values)

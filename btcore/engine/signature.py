@@ -10,15 +10,18 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import MISSING
 from numbers import Number
 from types import MemberDescriptorType
-from typing import TYPE_CHECKING, Annotated, Any, Final, TypeVar
+from typing import TYPE_CHECKING, Annotated, Any, Final, TypeAlias, TypeVar
 
 from btcore.blackboard.ports import UNSET, Direction, Port
 from btcore.engine.leaf import port_getter, port_setter
 from btcore.engine.node import TreeNode
 from btcore.errors import ConversionError, RegistrationError
-from btcore.values import TypeRegistry, ValueType, to_text
+from btcore.values import ValueType, to_text
 
 T = TypeVar("T")
+
+ValueTypeOf: TypeAlias = Callable[[Any], ValueType]
+"""Returns the type of a port for the type in its annotation, which may be a ValueType itself."""
 
 
 class PortMark:
@@ -178,14 +181,14 @@ class Parameter:
         return self.port is None and self.resource_type in (int, float, str, bool)
 
 
-def port_from_annotation(
-    name: str, annotation: object, value_type_of: Callable[[Any], ValueType], default: object = UNSET
+def _port_from_annotation(
+    name: str, annotation: object, value_type_of: ValueTypeOf, default: object
 ) -> Port | None:
     """Return the port that *annotation* declares, or None if it does not declare a port.
 
     Args:
         annotation: The annotation of an attribute or a parameter.
-        value_type_of: Returns the ValueType for the type in In[…], which may be a ValueType itself.
+        value_type_of: Returns the ValueType for the type in In[…].
         default: The default value; UNSET = the port is mandatory.
     """
     inner, *marks = _type_and_marks(annotation)
@@ -212,7 +215,7 @@ def _default_text(default: object) -> str | None:
         return repr(default)
 
 
-def check_parameter_writable(name: str, function_name: str, annotation: object) -> None:
+def _check_parameter_writable(name: str, function_name: str, annotation: object) -> None:
     """Check that a parameter is not annotated with Out or InOut, which work for attributes only."""
     mark = _port_mark(_type_and_marks(annotation))
     if mark is not None and mark.direction is not Direction.IN and not mark.put:
@@ -234,13 +237,16 @@ def _port_mark(marks: Iterable[object]) -> PortMark | None:
 
 
 def function_parameters(
-    function: Callable[..., object], types: TypeRegistry, names: Mapping[str, Any], skip_first: bool = False
+    function: Callable[..., object],
+    value_type_of: ValueTypeOf,
+    names: Mapping[str, Any],
+    skip_first: bool = False,
 ) -> list[Parameter]:
     """Return the parameters of *function*, ports and resources, in order.
 
     Args:
         function: The function or `__init__` method.
-        types: The types that ports may have.
+        value_type_of: Returns the ValueType for the type in In[…].
         names: Local names, for resolving annotations that are strings.
         skip_first: Whether to leave out the first parameter, `self`.
     """
@@ -262,9 +268,9 @@ def function_parameters(
         default = UNSET if parameter.default is parameter.empty else parameter.default
         if skip_first and hides_attribute(parameter.name, default):  # a dataclass takes it for the default
             default = UNSET
-        port = port_from_annotation(parameter.name, annotation, types.of, default)
+        port = _port_from_annotation(parameter.name, annotation, value_type_of, default)
         if not skip_first:  # a dataclass sets its ports in __init__
-            check_parameter_writable(parameter.name, function_name, annotation)
+            _check_parameter_writable(parameter.name, function_name, annotation)
         keyword = parameter.kind is parameter.KEYWORD_ONLY
         parameters.append(Parameter(parameter.name, keyword, port, annotation, default))
     return parameters
@@ -280,11 +286,11 @@ def name_or_config_hint(name: str) -> str:
     )
 
 
-def class_ports(cls: type, types: TypeRegistry, names: Mapping[str, Any]) -> list[Port]:
+def class_ports(cls: type, value_type_of: ValueTypeOf, names: Mapping[str, Any]) -> list[Port]:
     """Return the ports of a node class, inherited ports first.
 
     Args:
-        types: The types that ports may have.
+        value_type_of: Returns the ValueType for the type in In[…].
         names: Local names, for resolving annotations that are strings.
     """
     listed: dict[str, Port] = {}
@@ -293,7 +299,7 @@ def class_ports(cls: type, types: TypeRegistry, names: Mapping[str, Any]) -> lis
         for port in provided():
             listed[port.name] = port
     for name, annotation in class_annotations(cls, names).items():
-        port = port_from_annotation(name, annotation, types.of, _default_in(cls, name))
+        port = _port_from_annotation(name, annotation, value_type_of, _default_in(cls, name))
         if port is not None:
             _check_not_hidden(cls, name)
             if name in listed:  # also in provided_ports()
@@ -347,18 +353,18 @@ def bind_class(cls: type, ports: list[Port]) -> None:
     for port in ports:
         known = getattr(cls, port.name, None)
         if port.name in annotated and not (isinstance(known, PortAttribute) and known.is_of(port)):
-            setattr(cls, port.name, PortAttribute(port))
+            setattr(cls, port.name, PortAttribute(port, port_getter(port), port_setter(port)))
 
 
 class PortAttribute(property):
     """A port as an attribute: reading it reads the blackboard, assigning it writes the blackboard."""
 
-    def __init__(self, port: Port) -> None:
+    def __init__(self, port: Port, getter: Callable[[Any], Any], setter: Callable[[Any, Any], None]) -> None:
         self.default = UNSET if port.default is None else port.default
         if port.default_value is not UNSET:
             self.default = port.default_value
 
-        super().__init__(port_getter(port), port_setter(port), doc=port.description)
+        super().__init__(getter, setter, doc=port.description)
         self.direction = port.direction
 
     def is_of(self, port: Port) -> bool:

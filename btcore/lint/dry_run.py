@@ -18,7 +18,6 @@ from btcore.errors import BlackboardError
 from btcore.fixes import Fix
 from btcore.lint.possible_results import is_built_in
 from btcore.loading.instantiate import NodeCreator, SubtreeDraft
-from btcore.names import names_in
 from btcore.registry.manifest import Manifest
 from btcore.registry.nodes_without_code import is_mock
 from btcore.script.expressions import Assignment
@@ -76,7 +75,7 @@ class DryRun(NodeCreator):
         has_untracked_access: Whether the tree may use entries that are known only when it runs: because a
             leaf takes the whole blackboard, or because a script or a key is read from an entry.
         has_untracked_writes: The same for entries that the tree may write. A leaf that takes the whole
-            blackboard can declare the keys that it writes: `metadata()` returns them as "writes".
+            blackboard can declare the keys that it writes in its `spec`.
         has_mocks: Whether mock nodes replace nodes without code. Then the registry may lack enums that the
             C++ code registers.
         entrances: For each inner blackboard, the place of the SubTree element that creates it.
@@ -170,11 +169,8 @@ class DryRun(NodeCreator):
         """Record a leaf that takes the whole blackboard."""
         self.has_untracked_access = True
         manifest, board = node_plan.manifest, draft.subtree.blackboard
-        declared = manifest.metadata.get("writes")
-        if declared is None:
-            self.has_untracked_writes = True
-            return
-        for key in names_in(declared):
+        self.has_untracked_writes = self.has_untracked_writes or manifest.spec.writes is None
+        for key in manifest.spec.writes or ():
             if key not in manifest.ports:
                 self._recorded.append(EntryUse(AccessKind.WRITES, key, board, draft.document, node_plan, ""))
 

@@ -19,8 +19,12 @@ def node_classes() -> Iterator[type[TreeNode]]:
                     yield cls
 
 
+def _id_of(cls: type[TreeNode]) -> str:
+    """Return the name of a class, without the final 3 of a class of format 3 alone, such as `Repeat3`."""
+    return cls.__name__.removesuffix("3") if cls.spec.formats == (3,) else cls.__name__
+
+
 BUILTIN_NODES: Final[dict[int, dict[str, type[TreeNode]]]] = {
-    format: {cls.spec.id or cls.__name__: cls for cls in node_classes() if format in cls.spec.formats}
-    for format in (3, 4)
+    format: {_id_of(cls): cls for cls in node_classes() if format in cls.spec.formats} for format in (3, 4)
 }
 """The classes of the built-in nodes by format and ID."""

@@ -44,7 +44,7 @@ class Parallel3(ParallelNode):
     children is an error.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,), id="Parallel")
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,))
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -89,7 +89,7 @@ class WhileDoElse3(BranchNode):
     """
 
     spec: ClassVar[NodeSpec] = NodeSpec(
-        child_count=(3, 3), child_roles="a condition, and two branches", formats=(3,), id="WhileDoElse"
+        child_count=(3, 3), child_roles="a condition, and two branches", formats=(3,)
     )
 
     def tick(self) -> Status:
@@ -119,7 +119,7 @@ class Repeat3(Repeat):
     With 0 cycles it succeeds without ticking the child.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,), id="Repeat")
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,))
     is_async: ClassVar[bool] = False
 
 
@@ -131,7 +131,7 @@ class RetryUntilSuccessful3(RetryUntilSuccessful):
     tick. With 0 attempts it fails without ticking the child.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,), id="RetryUntilSuccessful")
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,))
     is_async: ClassVar[bool] = False
 
 
@@ -149,7 +149,7 @@ class SetBlackboard3(SetBlackboard):
     `value="{key}"` copies the entry `key` with its type, even if it was never written.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(results=frozenset({SUCCESS}), formats=(3,), id="SetBlackboard")
+    spec: ClassVar[NodeSpec] = NodeSpec(results=frozenset({SUCCESS}), formats=(3,))
 
     def nothing_to_copy(self, key: str) -> Status:
         """Remove the value of the destination, as the entry to copy has no value. Return SUCCESS."""
@@ -268,7 +268,7 @@ class SubTree3(SubTree):
     blackboard.
     """
 
-    spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,), id="SubTree")
+    spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,))
 
     @staticmethod
     def provided_ports() -> list[Port]:

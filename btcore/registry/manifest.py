@@ -60,9 +60,6 @@ class Manifest:
             A class declares them with a static method `metadata()`, as in C++.
     """
 
-    is_overridable = False
-    """Whether a later node with the same ID replaces this node: True for nodes of installed libraries."""
-
     def __init__(
         self,
         id: str,
@@ -245,13 +242,14 @@ def create_manifest(
     check_id(id)
     if isinstance(implementation, type):
         check_source(id, implementation)
-        ports = class_ports(implementation, types, names)
+        ports = class_ports(implementation, types.of, names)
         check_ports(id, ports, format)
         check_class(id, implementation)
         check_methods(id, implementation)
         parameters = []
         if _has_own_init(implementation):
-            parameters = function_parameters(_initialiser(implementation), types, names, skip_first=True)
+            initialiser = _initialiser(implementation)
+            parameters = function_parameters(initialiser, types.of, names, skip_first=True)
         attributes = class_resources(implementation, names, {parameter.name for parameter in parameters})
         # After all checks, because it changes the class.
         bind_class(implementation, ports)
@@ -262,7 +260,7 @@ def create_manifest(
             f"{implementation.__qualname__} is an async def that yields; await running() instead of the "
             "yield, or make it a plain generator"
         )
-    parameters = function_parameters(implementation, types, names)
+    parameters = function_parameters(implementation, types.of, names)
     outputs = [item.name for item in parameters if item.port is not None and not item.port.reads]
     check_source(id, implementation, outputs)
     ports = [parameter.port for parameter in parameters if parameter.port is not None]

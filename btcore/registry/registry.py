@@ -1,5 +1,6 @@
 """The registry of what a tree may use: built-in nodes, the user's nodes and node libraries, and trees."""
 
+import copy
 import inspect
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -66,6 +67,7 @@ class Registry:
     Attributes:
         types: The types of ports and entries, with their converters.
         substitutions: The substitution rules by pattern, see `substitute`.
+        documents: The documents of `add_trees`.
 
     Examples:
         >>> import btcore
@@ -80,15 +82,13 @@ class Registry:
 
     def __init__(self) -> None:
         self.types = TypeRegistry()
-        # The nodes of each format by ID. A built-in node is stored as its class until it is used, because
-        # creating a manifest takes time.
+        # The nodes of each format by ID, and those of installed libraries, which the others override. A
+        # built-in node is stored as its class, because creating a manifest takes time.
         self._nodes: dict[int, dict[str, Manifest | type[TreeNode]]] = {3: {}, 4: {}}
+        self._installed: dict[int, dict[str, Manifest | type[TreeNode]]] = {3: {}, 4: {}}
         self._libraries: list[str] = []
         self.substitutions: dict[str, SubstitutionRule] = {}
         self.documents: list[Document] = []
-        """The documents of `add_trees`."""
-        self.overridden_nodes: list[tuple[Manifest, Manifest]] = []
-        """Pairs of manifests: a node of an installed library, and the user's node that replaced it."""
 
     @classmethod
     def standard(cls) -> "Registry":
@@ -104,20 +104,26 @@ class Registry:
 
         Types and enums are shared.
         """
-        registry = Registry()
-        registry.types = self.types
+        registry = copy.copy(self)
         registry._nodes = {format: dict(nodes) for format, nodes in self._nodes.items()}
+        registry._installed = {format: dict(nodes) for format, nodes in self._installed.items()}
         registry._libraries = list(self._libraries)
         registry.substitutions = dict(self.substitutions)
         registry.documents = list(self.documents)
-        registry.overridden_nodes = list(self.overridden_nodes)
         return registry
+
+    def _library_layer(self) -> "Registry":
+        """Return a registry with the same trees and rules, which adds to the nodes of installed libraries."""
+        layer = copy.copy(self)
+        layer._nodes, layer._installed = self._installed, self._nodes
+        layer.types = self.types.library_layer()
+        return layer
 
     # --- lookup
 
     def manifests_of(self, format: int) -> Mapping[str, Manifest]:
         """Return the nodes that a tree of *format* (3 or 4) may use, by ID, sorted."""
-        ids = sorted(self._nodes[format])
+        ids = sorted(self._nodes[format] | self._installed[format])
         return {id: manifest for id in ids if (manifest := self.get(id, format)) is not None}
 
     @property
@@ -135,12 +141,35 @@ class Registry:
         Returns:
             The manifest; None if the ID is unknown in this format.
         """
-        node = self._nodes[format].get(id)
+        node = self._nodes[format].get(id) or self._installed[format].get(id)
         if node is None or isinstance(node, Manifest):
             return node
         # mypy takes the hash of a node for that of the class.
-        manifest = self._nodes[format][id] = _builtin_manifest(id, node)  # type: ignore[arg-type]
-        return manifest
+        return _builtin_manifest(id, node)  # type: ignore[arg-type]
+
+    def is_taken(self, id: str, format: int = 4) -> bool:
+        """Return whether an ID belongs to a node, so that another node or a tree cannot have it.
+
+        Both can have the ID of a node of an installed library, which they override.
+
+        Args:
+            id: The registration ID.
+            format: The XML format, 3 or 4.
+        """
+        return id in self._nodes[format]
+
+    @property
+    def overridden_nodes(self) -> list[tuple[Manifest, Manifest]]:
+        """Pairs of manifests: a node of an installed library, and the other node that has its ID."""
+        pairs = {
+            id: (theirs, mine)
+            for format, nodes in self._installed.items()
+            for id, theirs in nodes.items()
+            if isinstance(theirs, Manifest)
+            and (mine := self.get(id, format)) is not None
+            and not theirs.has_same_origin(mine)
+        }
+        return list(pairs.values())
 
     @property
     def libraries(self) -> list[str]:
@@ -188,14 +217,10 @@ class Registry:
         """
         names = _names_of_caller()
         for id, implementation in nodes.items():
-            before = {format: known[id] for format, known in self._nodes.items() if id in known}
+            library = library_of(implementation)
+            manifest = create_manifest(_id_of(implementation, id), implementation, self.types, names, library)
             self.remove(id)
-            try:
-                self._add(implementation, id, names, library_of(implementation))
-            except RegistrationError:
-                for format, node in before.items():
-                    self._nodes[format][id] = node
-                raise
+            self._put(manifest, (3, 4))
 
     def remove(self, id: str) -> None:
         """Unregister *id* for both formats.
@@ -203,7 +228,7 @@ class Registry:
         Raises:
             RegistrationError: *id* is not registered.
         """
-        removed = [nodes.pop(id, None) for nodes in self._nodes.values()]
+        removed = [nodes.pop(id, None) for nodes in (*self._nodes.values(), *self._installed.values())]
         if not any(removed):
             hint = did_you_mean(id, self.manifests)
             raise RegistrationError(f"no node is registered as '{id}'{hint}")
@@ -324,30 +349,23 @@ class Registry:
         id = _id_of(implementation, id)
         manifest = create_manifest(id, implementation, self.types, names, library, format or 4)
         formats = (3, 4) if format is None else (format,)
-        for used_format in formats:
-            known = self.get(manifest.id, used_format)
-            if known is None:
-                continue
-            is_same = known.has_same_origin(manifest)
-            if known.is_overridable and not self.types.installing:
-                if is_same:
-                    return
-                self.remove(manifest.id)
-                self.overridden_nodes.append((known, manifest))
-            elif is_same:
-                raise RegistrationError(
-                    f"'{manifest.id}' is registered already, from the same place: {known.origin}; add it once"
-                )
-            else:
-                raise RegistrationError(
-                    f"'{manifest.id}' is registered twice: by {known.origin} and by {manifest.origin}; "
-                    f"replace the first with replace(…), or give one of them another ID"
-                )
-        manifest.is_overridable = self.types.installing
-        for used_format in formats:
-            self._nodes[used_format][manifest.id] = manifest
-        if library not in self._libraries:
-            self._libraries.append(library)
+        known = next((self.get(id, used) for used in formats if self.is_taken(id, used)), None)
+        if known is not None and known.has_same_origin(manifest):
+            raise RegistrationError(
+                f"'{id}' is registered already, from the same place: {known.origin}; add it once"
+            )
+        if known is not None:
+            raise RegistrationError(
+                f"'{id}' is registered twice: by {known.origin} and by {manifest.origin}; "
+                f"replace the first with replace(…), or give one of them another ID"
+            )
+        self._put(manifest, formats)
+
+    def _put(self, manifest: Manifest, formats: Iterable[int]) -> None:
+        for format in formats:
+            self._nodes[format][manifest.id] = manifest
+        if manifest.library not in self._libraries:
+            self._libraries.append(manifest.library)
 
     # --- node libraries
 
@@ -356,9 +374,9 @@ class Registry:
     ) -> list[UnavailableEntryPoint]:
         """Register the node libraries of all installed packages (entry points "btcore.nodes").
 
-        They can be overridden: a node that is registered later under the same ID replaces the library's node.
-        A type that is registered later takes the name of the library's type; the ports of the library keep
-        their type.
+        Other nodes and types of the registry override them: a node that is registered by other means replaces
+        the library's node with the same ID. A type that is registered by other means has its name also if the
+        library has such a type; the ports of the library keep their type.
 
         Args:
             own: Whether to register the libraries of btcore's own packages, too.
@@ -373,17 +391,13 @@ class Registry:
         """
         unavailable = []
         for point in entry_points.find(NODES_GROUP, own):
-            # Not an argument of `add_plugin`: the library's register(nodes) calls `add` and `add_type`.
-            self.types.installing = True
             try:
-                self.add_plugin(point.value, point.distribution)
+                self._library_layer().add_plugin(point.value, point.distribution)
             except RegistrationError as error:
                 ignored = UnavailableEntryPoint(point.name, point.distribution, error)
                 if strict and ignored.missing_module is None:
                     raise
                 unavailable.append(ignored)
-            finally:
-                self.types.installing = False
         return unavailable
 
     def add_plugin(self, plugin: "str | Path | ModuleType | Plugin", name: str | None = None) -> None:

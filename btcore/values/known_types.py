@@ -8,6 +8,7 @@ entry gets the type of the port.
 """
 
 import types
+from collections import ChainMap
 from collections.abc import Callable, Mapping
 from enum import Enum
 from numbers import Integral, Real
@@ -69,9 +70,6 @@ class TypeRegistry:
 
     Attributes:
         enums: The enum names that scripts and enum ports may use, with their numbers.
-        installing: Whether `Registry.add_installed_libraries` is adding the types and nodes of a library.
-            Such a type gives its name to a type of the user that is called the same.
-        overridden: Pairs of types: a type of an installed library, and the user's type that has its name now.
 
     Examples:
         >>> from btcore import values
@@ -83,10 +81,19 @@ class TypeRegistry:
     def __init__(self) -> None:
         self.enums: dict[str, int] = {}
         self._by_class: dict[object, ValueType] = dict(_OF_CLASS)
-        self._by_name: dict[str, ValueType] = {value_type.name: value_type for value_type in BUILTIN_TYPES}
-        self._of_libraries: set[str] = set()  # the names of types of installed libraries
-        self.installing = False
-        self.overridden: list[tuple[ValueType, ValueType]] = []
+        # The names of this registry, and below them those of each installed library.
+        self._by_name = ChainMap({value_type.name: value_type for value_type in BUILTIN_TYPES})
+
+    def library_layer(self) -> "TypeRegistry":
+        """Return a registry for the types of an installed library.
+
+        Both registries share classes and enums. The types of this registry, and of earlier libraries, have
+        precedence if several types have the same name.
+        """
+        layer = TypeRegistry()
+        layer.enums, layer._by_class = self.enums, self._by_class
+        self._by_name.maps += layer._by_name.maps
+        return layer
 
     def of(self, annotation: object) -> ValueType:
         """Return the type of *annotation*.
@@ -144,13 +151,12 @@ class TypeRegistry:
             RegistrationError: The class has a text form already, or another type has this name.
         """
         known = self._by_class.get(python_type)
-        is_overridable = known is not None and known.name in self._of_libraries and not self.installing
-        has_text = known is not None and known.has_converters and not is_overridable
+        has_text = known is not None and known.has_converters and not self.is_of_library(known)
         if python_type in _OF_CLASS or (has_text and from_text is not None):
             raise RegistrationError(f"{python_type.__qualname__} has a text form already")
         name = name or python_type.__qualname__
-        other = self._by_name.get(name)
-        if other is not None and other is not known and not (self.installing or name in self._of_libraries):
+        other = self._by_name.maps[0].get(name)
+        if other is not None and other is not known:
             owner = next((cls for cls, value_type in self._by_class.items() if value_type is other), None)
             of = f", for {owner.__module__}.{owner.__qualname__}" if isinstance(owner, type) else ""
             raise RegistrationError(
@@ -199,19 +205,23 @@ class TypeRegistry:
 
     def is_of_library(self, value_type: ValueType) -> bool:
         """Return whether an installed library registered *value_type*, whose name a user may use, too."""
-        return value_type.name in self._of_libraries
+        name = value_type.name
+        return name in self._by_name and name not in self._by_name.maps[0]
+
+    @property
+    def overridden(self) -> list[tuple[ValueType, ValueType]]:
+        """Pairs of types: a type of an installed library, and the user's type that has its name."""
+        own, *libraries = self._by_name.maps
+        return [
+            (value_type, own[name])
+            for names in libraries
+            for name, value_type in names.items()
+            if own.get(name, value_type) is not value_type and not isinstance(value_type, VectorType)
+        ]
 
     def _keep(self, annotation: object, value_type: ValueType) -> ValueType:
         self._by_class[annotation] = value_type
-        known = self._by_name.setdefault(value_type.name, value_type)
-        if known is value_type:
-            if self.installing:
-                self._of_libraries.add(value_type.name)
-        elif not self.installing and value_type.name in self._of_libraries:
-            self._of_libraries.remove(value_type.name)
-            self._by_name[value_type.name] = value_type
-            if not isinstance(value_type, VectorType):
-                self.overridden.append((known, value_type))
+        self._by_name.maps[0].setdefault(value_type.name, value_type)
         return value_type
 
 

@@ -140,8 +140,7 @@ def problems(
         return
     if isinstance(node, DecoratorNode):
         # The child always succeeds, so that any other result is the decorator's own.
-        results = SHIPPED[node.id].metadata.get("results", "")
-        if result is FAILURE and "FAILURE" not in results:
+        if result is FAILURE and FAILURE not in model.results:
             yield "fails without its child"
         if result is RUNNING and not model.lasts:
             yield "holds its child back"

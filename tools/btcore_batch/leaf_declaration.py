@@ -9,17 +9,18 @@ import inspect
 import typing
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import Annotated, Any, Final, NamedTuple, TypeAlias, TypeVar, overload
+from functools import partial
+from typing import Annotated, Any, Final, TypeAlias, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from btcore.blackboard.ports import UNSET, Port
+from btcore.blackboard.ports import Port
 from btcore.engine.functions import MARK, camel_case
 from btcore.engine.leaf import Condition, SyncAction
 from btcore.engine.leaf import StatefulAction as OrdinaryAction
 from btcore.engine.node import TreeNode
-from btcore.engine.signature import check_parameter_writable, port_from_annotation
+from btcore.engine.signature import Parameter, PortAttribute, class_ports, function_parameters
 from btcore.errors import NodeError, RegistrationError
 from btcore.registry.registry import Registry
 from btcore.status import Status
@@ -56,24 +57,6 @@ class NodeName(str):
     """The type of a parameter that gets the name of the node."""
 
 
-class LeafParameter(NamedTuple):
-    """A parameter of a leaf.
-
-    Attributes:
-        name: The name.
-        port: The port; None if the parameter is not a port.
-        annotation: The type, which determines the value of a parameter that is not a port.
-        default: The default value, or UNSET.
-        keyword: Whether the parameter is keyword-only.
-    """
-
-    name: str
-    port: Port | None
-    annotation: Any
-    default: object
-    keyword: bool
-
-
 @dataclass
 class LeafDeclaration:
     """A leaf that a tree of a batch can use.
@@ -89,7 +72,7 @@ class LeafDeclaration:
     id: str
     base_class: type[TreeNode]
     ports: list[Port]
-    parameters: list[LeafParameter]
+    parameters: list[Parameter]
     implementation: "Callable[..., Any] | type[StatefulAction]"
 
     def create_node_class(self) -> type[TreeNode]:
@@ -268,85 +251,46 @@ def read_declaration(leaf: Any, types: TypeRegistry) -> LeafDeclaration:
             "for each agent; derive a class from batch.StatefulAction"
         )
     base_class, id = getattr(leaf, _MARK, (SyncAction, None))
-    parameters = _parameters(leaf, types)
+    parameters = function_parameters(leaf, partial(_value_type, types), {})
     ports = [parameter.port for parameter in parameters if parameter.port is not None]
     return LeafDeclaration(id or camel_case(leaf.__name__), base_class, ports, parameters, leaf)
 
 
 def _class_declaration(cls: type[StatefulAction], types: TypeRegistry) -> LeafDeclaration:
-    ports = []
-    for name, annotation in _hints(cls).items():
-        # After the first call for a class, its ports are PortAttributes instead of their defaults.
-        default = inspect.getattr_static(cls, name, UNSET)
-        port = default.port if isinstance(default, PortAttribute) else _port(name, annotation, types, default)
-        if port is not None:
-            ports.append(port)
-            setattr(cls, name, PortAttribute(port))
+    value_type_of = partial(_value_type, types)
+    ports = class_ports(cls, value_type_of, {})
+    for port in ports:
+        setattr(cls, port.name, _column_attribute(port))
     has_init = cls.__init__ is not object.__init__
-    parameters = _parameters(cls.__init__, types, skip_first=True) if has_init else []
+    parameters = function_parameters(cls.__init__, value_type_of, {}, skip_first=True) if has_init else []
     return LeafDeclaration(cls.__name__, OrdinaryAction, ports, parameters, cls)
 
 
-class PortAttribute(property):
-    """A port as an attribute: reading it returns the column, assigning to it writes the column."""
+def _column_attribute(port: Port) -> PortAttribute:
+    """Return a port as an attribute: reading it returns the column, assigning to it writes the column."""
+    name = port.name
 
-    def __init__(self, port: Port) -> None:
-        self.port = port
-        name = port.name
+    def read(leaf: StatefulAction) -> Any:
+        if not port.reads:
+            raise NodeError(f"the port '{name}' is an output; it can be assigned, but not read")
+        return leaf._port(name).current()
 
-        def read(leaf: StatefulAction) -> Any:
-            if not port.reads:
-                raise NodeError(f"the port '{name}' is an output; it can be assigned, but not read")
-            return leaf._port(name).current()
+    def write(leaf: StatefulAction, values: Any) -> None:
+        if not port.writes:
+            raise NodeError(f"the port '{name}' is an input; it can be read, but not assigned")
+        leaf._port(name + "=")(values)
 
-        def write(leaf: StatefulAction, values: Any) -> None:
-            if not port.writes:
-                raise NodeError(f"the port '{name}' is an input; it can be read, but not assigned")
-            leaf._port(name + "=")(values)
-
-        super().__init__(read, write, doc=port.description)
+    return PortAttribute(port, read, write)
 
 
-def _hints(function: Any) -> dict[str, Any]:
-    try:
-        return typing.get_type_hints(function, include_extras=True)
-    except (NameError, TypeError) as error:
-        raise RegistrationError(f"cannot read the annotations of {function.__qualname__}: {error}") from error
-
-
-def _parameters(
-    function: Callable[..., Any], types: TypeRegistry, skip_first: bool = False
-) -> list[LeafParameter]:
-    hints = _hints(function)
-    parameters = []
-    for inspected in list(inspect.signature(function).parameters.values())[skip_first:]:
-        if inspected.name not in hints or inspected.kind in (inspected.VAR_POSITIONAL, inspected.VAR_KEYWORD):
-            raise RegistrationError(
-                f"parameter '{inspected.name}' of {function.__qualname__} needs an annotation: "
-                "In[Floats], Put[Floats], Mask, or the type of a resource"
-            )
-        annotation = hints[inspected.name]
-        default = UNSET if inspected.default is inspected.empty else inspected.default
-        port = _port(inspected.name, annotation, types, default)
-        check_parameter_writable(inspected.name, function.__qualname__, annotation)
-        is_keyword = inspected.kind is inspected.KEYWORD_ONLY
-        parameters.append(LeafParameter(inspected.name, port, annotation, default, is_keyword))
-    return parameters
-
-
-def _port(name: str, annotation: Any, types: TypeRegistry, default: object) -> Port | None:
-    """Return the port that *annotation* declares, or None."""
-    return port_from_annotation(name, annotation, lambda column: _value_type(column, types), default)
-
-
-def _value_type(annotation: Any, types: TypeRegistry) -> ValueType:
+def _value_type(types: TypeRegistry, annotation: Any) -> ValueType:
     """Return the type of a single agent's value in a column that is annotated with *annotation*."""
     if isinstance(annotation, ValueType):
         return annotation
     if typing.get_origin(annotation) is Annotated:
         inner, *metadata = typing.get_args(annotation)
         declared = next((mark for mark in metadata if isinstance(mark, ValueType)), None)
-        return declared or _value_type(inner, types)
+        return declared or _value_type(types, inner)
     if typing.get_origin(annotation) is np.ndarray:
         dtype = typing.get_args(typing.get_args(annotation)[1])
         return _OF_DTYPE.get(dtype[0] if dtype else None, ANY)

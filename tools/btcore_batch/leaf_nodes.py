@@ -10,12 +10,13 @@ from btcore.blackboard.ports import UNSET
 from btcore.clock import Clock
 from btcore.engine.leaf import SyncAction
 from btcore.engine.node import TreeNode
+from btcore.engine.signature import Parameter
 from btcore.errors import NodeError
 from btcore.registry.resources import Resources
 from btcore.status import Status
 from btcore_batch.agent_sets import AgentSet, Indices, Mask
 from btcore_batch.context import BatchContext
-from btcore_batch.leaf_declaration import LeafDeclaration, LeafParameter, NodeName
+from btcore_batch.leaf_declaration import LeafDeclaration, NodeName
 from btcore_batch.node import NO_RESULTS, BatchNode, Results, merge_results, unsupported
 from btcore_batch.ports import BatchInput, BatchOutput
 
@@ -33,20 +34,20 @@ class LeafNode(BatchNode):
         super().__init__(node, context, [])
         self.leaf = leaf
 
-    def resource(self, parameter: LeafParameter) -> object:
+    def resource(self, parameter: Parameter) -> object:
         """Return the value of a parameter that is not a port.
 
         Raises:
             TreeError: No resource has the parameter's type, and the parameter has no default; or several
                 resources of one class have it.
         """
-        if parameter.annotation is Clock:
+        if parameter.resource_type is Clock:
             return self.context.clock
-        if parameter.annotation is NodeName:
+        if parameter.resource_type is NodeName:
             return NodeName(self.name)
         use = f"the parameter '{parameter.name}' of <{self.leaf.id}>"
         try:
-            resource = Resources(self.context.resources).first_of(parameter.annotation, use)
+            resource = Resources(self.context.resources).first_of(parameter.resource_type, use)
         except NodeError as error:
             message, _, hint = str(error).partition(": ")
             raise unsupported(self.config, message, hint) from None
@@ -54,9 +55,9 @@ class LeafNode(BatchNode):
             return resource
         if parameter.default is not UNSET:
             return parameter.default
-        type_name = getattr(parameter.annotation, "__name__", str(parameter.annotation))
         message = (
-            f"<{self.leaf.id}> needs a resource of type {type_name} for its parameter '{parameter.name}'"
+            f"<{self.leaf.id}> needs a resource of type {parameter.type_name} for its parameter "
+            f"'{parameter.name}'"
         )
         raise unsupported(self.config, message, "pass it to BatchTree.load(…, resources=[…])")
 
@@ -127,9 +128,9 @@ class FunctionNode(LeafNode):
             elif port is not None:
                 argument = BatchOutput(self, port.name)
                 self._outputs.append(argument)
-            elif parameter.annotation == Mask:
+            elif parameter.resource_type == Mask:
                 self._masks.append(index)
-            elif parameter.annotation == Indices:
+            elif parameter.resource_type == Indices:
                 self._indices.append(index)
             else:
                 argument = self.resource(parameter)

@@ -1,26 +1,22 @@
 """Models of leaves for proofs: what a leaf may return, write and use.
 
-A model comes from the leaf's class, its metadata, and a declaration beside the tree, each more specific than
-the one before. A class declares in its `spec` what only btcore reads, such as `results` and `uses`, and in
-`metadata()` the other values of its model, such as `hands_over`, as texts that are also written to the
-TreeNodesModel, so that Groot and C++ see them.
+A model comes from the `spec` of the leaf's class, the metadata of its TreeNodesModel, and a declaration
+beside the tree, each more specific than the one before.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Final, NamedTuple
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.ports import Port
 from btcore.clock import Clock
 from btcore.engine.leaf import Condition, SyncAction
-from btcore.engine.node import TreeNode
-from btcore.engine.node_spec import declared_fields
 from btcore.errors import BtcoreError, ConversionError
 from btcore.names import names_in
 from btcore.registry.manifest import Manifest
 from btcore.registry.mock_leaves import MockCondition
 from btcore.registry.resources import is_tree_resource
-from btcore.status import ANY_RESULT, FAILURE, SKIPPED, SUCCESS, NodeType, Status
+from btcore.status import ANY_RESULT, FAILURE, RUNNING, SKIPPED, SUCCESS, NodeType, Status
 from btcore.suggestions import did_you_mean, join_names
 from btcore.values import BOOL, EnumType
 
@@ -71,7 +67,8 @@ def model_of(manifest: Manifest, declared: Mapping[str, Any] | None = None) -> L
 
     By default a condition and an action of one tick return SUCCESS or FAILURE, and any other action also
     RUNNING. If the leaf's spec declares `results` or `may_complete_on_start`, they restrict the results.
-    An action uses the resources that it declares as parameters.
+    An action uses the resources that it declares as parameters. The results of a decorator are those that it
+    returns without its child.
 
     Args:
         manifest: The registration of the leaf.
@@ -80,21 +77,34 @@ def model_of(manifest: Manifest, declared: Mapping[str, Any] | None = None) -> L
     Raises:
         ModelError: The metadata of the leaf or *declared* is invalid.
     """
-    cls = manifest.cls
-    declared_results = cls.spec.results
-    results = {SUCCESS, FAILURE} if declared_results is ANY_RESULT else set(declared_results)
-    lasts = not issubclass(cls, (Condition, SyncAction, MockCondition))
-    uses = cls.spec.uses
+    spec = manifest.spec
+    is_decorator = manifest.type is NodeType.DECORATOR
+    if is_decorator:
+        results, lasts = spec.results_without_child, RUNNING in spec.results_without_child
+    else:
+        results = spec.results - {SKIPPED} if spec.results is ANY_RESULT else spec.results
+        lasts = not issubclass(manifest.cls, (Condition, SyncAction, MockCondition))
+    uses = spec.uses
     if uses is None:
         uses = resources_of(manifest) if manifest.type is NodeType.ACTION else frozenset()
-    at_once = not lasts or _may_complete_on_start(cls)
-    endless = lasts and (cls.spec.is_endless or not results)
-    model = LeafModel(_order(results), lasts, at_once, endless, uses)
+    model = LeafModel(
+        results=_order(results),
+        lasts=lasts,
+        at_once=not lasts or spec.may_complete_on_start is not False,
+        endless=lasts and not is_decorator and (spec.is_endless or not results),
+        uses=uses,
+        optional=frozenset(spec.optional_inputs),
+        early=spec.writes_early,
+        writes=frozenset(spec.writes or ()),
+        on_halt=frozenset(spec.writes_on_halt),
+        hands_over=spec.hands_over,
+    )
     metadata = {key: text for key, text in manifest.metadata.items() if key in _KEYS}
-    if metadata:
-        model = _narrow(model, metadata, f"the metadata of <{manifest.id}>")
-    if declared is not None:
-        model = _narrow(model, declared, f"[leaves.{manifest.id}]")
+    places = {f"the metadata of <{manifest.id}>": metadata, f"[leaves.{manifest.id}]": declared or {}}
+    for place, values in places.items():
+        model = _narrow(model, values, place)
+        if is_decorator and "results" in values:
+            model = model._replace(lasts="RUNNING" in str(values["results"]), endless=False)
     return model._replace(entries=model.writes - set(manifest.ports))
 
 
@@ -124,13 +134,7 @@ def domain_of(
         raise ModelError(f"[entries] {key}: {error}") from error
 
 
-def _may_complete_on_start(cls: type[TreeNode]) -> bool:
-    """Return what a class declares; True if only the default of all actions is known."""
-    declared = any("may_complete_on_start" in declared_fields(base) for base in cls.__mro__)
-    return cls.spec.may_complete_on_start if declared else True
-
-
-def _order(results: set[Status]) -> tuple[Status, ...]:
+def _order(results: Collection[Status]) -> tuple[Status, ...]:
     return tuple(status for status in RESULTS.values() if status in results)
 
 
@@ -158,7 +162,7 @@ def _narrow(model: LeafModel, declared: Mapping[str, Any], place: str) -> LeafMo
                 raise ModelError(
                     f"{place}: '{unknown[0]}' is not a result: use {join_names([*RESULTS, 'RUNNING'])}"
                 )
-            results = _order({RESULTS[name] for name in names if name in RESULTS})
+            results = _order([RESULTS[name] for name in names if name in RESULTS])
             lasts = model.lasts if results else True
             model = model._replace(results=results, lasts=lasts or "RUNNING" in names, endless=not results)
         elif key in _NAMES:

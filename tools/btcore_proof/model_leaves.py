@@ -485,12 +485,11 @@ class ModelDecorator(DecoratorNode):
     """A decorator that ticks its child, or not, as the search decides.
 
     It writes its outputs when it ticks the child. If its model *lasts*, it may be RUNNING instead, but not
-    forever, and not while the child is RUNNING. It may return one of *instead*, and then halts the child.
+    forever, and not while the child is RUNNING. It may return a result of its model; it then halts the child.
     """
 
     spec = NodeSpec(state_fields=())
     model: ClassVar[LeafModel]
-    instead: ClassVar[tuple[Status, ...]] = ()
 
     def __init__(self, choices: Choices) -> None:
         free = self.model._replace(results=(SUCCESS,), at_once=True)
@@ -502,11 +501,12 @@ class ModelDecorator(DecoratorNode):
         """Tick the child, unless the search decides otherwise."""
         before = self._status
         self.set_status(RUNNING)
-        if self.instead:
-            option = self._choices.choose(1 + len(self.instead), self)
+        results = self.model.results
+        if results:
+            option = self._choices.choose(1 + len(results), self)
             if option:
                 self.reset_child()
-                return self.instead[option - 1]
+                return results[option - 1]
         chooser = self._passing if self.child._status is RUNNING else self._free
         return RUNNING if chooser.take(before) is RUNNING else self.child.execute_tick()
 
@@ -600,10 +600,6 @@ def with_model_leaves(nodes: Registry, declared: Mapping[str, Mapping[str, objec
             if copy.get(id, format) is manifest:
                 copy.remove(id)
                 model_class = _model_class(id, manifest.cls, model, ports)
-                results = declared.get(id, {}).get("results", manifest.metadata.get("results"))
-                if issubclass(model_class, ModelDecorator) and results is not None:
-                    model_class.instead = model.results
-                    model_class.model = model._replace(lasts="RUNNING" in str(results))
                 copy.add(model_class, ID=id)
     return copy
 

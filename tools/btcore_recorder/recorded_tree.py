@@ -3,7 +3,6 @@
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import replace
 from typing import Any, Final, NoReturn
 
 from btcore.blackboard.blackboard import Blackboard, Entry
@@ -393,14 +392,11 @@ def _stand_in_class(recorded: RecordedClass, external: ExternalCode) -> type[Tre
     for port in ports:
         if default_value_error(port):
             port.default_value = None  # the default is a Python value, which is not recorded
-    spec = NodeSpec(node_type=NodeType[recorded.node_type], must_complete=recorded.must_complete)
-    if recorded.kind == "control":
-        spec = replace(spec, child_count=(0, None), child_count_at_load=(0, None))
     members: dict[str, Any] = {
         "tick": lambda node: external.tick(node),
         "halt": lambda node: external.halt(node),
         "provided_ports": staticmethod(lambda: ports),
-        "spec": spec,
+        "spec": NodeSpec(node_type=NodeType[recorded.node_type], must_complete=recorded.must_complete),
         "__module__": __name__,
     }
     return type(recorded.id, (_BASES[recorded.kind],), members)

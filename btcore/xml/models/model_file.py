@@ -131,8 +131,8 @@ def add_document_models(nodes: Registry, document: Document, override: bool = Fa
             message = f"missing ID in the model <{model.tag}>"
             collector.report(document, MISSING_ID, message, model, hint=f'write <{model.tag} ID="…">')
             continue
-        known = nodes.get(id, 3) or nodes.get(id, 4)
-        if known is not None and not (override and known.is_overridable):
+        is_known = nodes.is_taken if override else nodes.get
+        if is_known(id, 3) or is_known(id, 4):
             continue
         ports = [_port(nodes, document, item) for item in model.iterchildren(*PORT_TAGS) if item.get("name")]
         described = next(model.iterchildren("description"), None)

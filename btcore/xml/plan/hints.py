@@ -130,7 +130,7 @@ class UnknownNameHints:
 
         The commands load all libraries; a program may have loaded none.
         """
-        has_libraries = any(manifest.is_overridable for manifest in self._manifests.values())
+        has_libraries = any(not self._registry.is_taken(id, self._format) for id in self._manifests)
         return (self._registry, []) if has_libraries else _installed_nodes()
 
 

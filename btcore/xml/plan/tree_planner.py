@@ -131,7 +131,7 @@ class PlanningContext:
         self.format = definitions.format
         self.collector = collector
         self.leaf_tags: set[str] = set()
-        self._registry = registry
+        self.registry = registry
         self._binding_caches: dict[str, _BindingCache | None] = {}
         self._name_hints: UnknownNameHints | None = None
 
@@ -141,12 +141,12 @@ class PlanningContext:
         if self._name_hints is None:
             from btcore.xml.plan.hints import UnknownNameHints  # only errors need it
 
-            self._name_hints = UnknownNameHints(self.definitions, self._registry, self.collector)
+            self._name_hints = UnknownNameHints(self.definitions, self.registry, self.collector)
         return self._name_hints
 
     def manifest(self, id: str) -> Manifest | None:
         """Return the manifest of a node; None if it is unknown."""
-        return self._registry.get(id, self.format)
+        return self.registry.get(id, self.format)
 
     def binding_cache(self, id: str) -> _BindingCache | None:
         """Return the cache for the bindings of a node; None if the node is unknown."""
@@ -343,8 +343,7 @@ class TreePlanner:
             self._report_child_count(label, len(children), rule, element, advice)
 
     def _check_not_a_node(self, id: str, element: Element) -> None:
-        known = self._context.manifest(id)
-        if known is not None and not known.is_overridable:
+        if self._context.registry.is_taken(id, self._format):
             message, hint = f"invalid tree ID '{id}': a node has this name", "rename the tree"
             self._report(TREE_NAMED_AS_NODE, message, element, attribute="ID", hint=hint)
 

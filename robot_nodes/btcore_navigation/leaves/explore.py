@@ -89,13 +89,7 @@ class Explore(GoalLeaf):
         Out[Pose2D | None], "The robot's pose when the exploration began, in the frame map: the way back."
     ] = None
 
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that *start* is written while the node is RUNNING, for proofs.
-
-        A halt does not affect the base, because it cancels this leaf's goal only.
-        """
-        return {"early": "true", "hands_over": "true"}
+    spec = NodeSpec(hands_over=True, writes_early=True)  # a halt cancels the goal of this leaf only
 
     def __init__(self, explorer: Explorer, robot: Robot) -> None:
         self.explorer = explorer

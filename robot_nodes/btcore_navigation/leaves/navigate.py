@@ -33,12 +33,7 @@ class Move(GoalLeaf):
     error_code: Annotated[Out[int | None], "Nav2's error code; 0 when there was no error."] = None
     error: Annotated[Out[str | None], "The error message; empty when there was no error."] = None
 
-    spec = NodeSpec(may_complete_on_start=False)
-
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that a halt does not affect the base, for proofs: it cancels this leaf's goal only."""
-        return {"hands_over": "true"}
+    spec = NodeSpec(hands_over=True, may_complete_on_start=False)  # a halt cancels the goal of this leaf only
 
     def __init__(self, navigator: PoseNavigator, robot: Robot) -> None:
         self.navigator = navigator

@@ -40,14 +40,11 @@ BASE = frozenset({"base"})
 class _PlanningNode(BtActionNode):
     """Base of the planning nodes: on failure and on a halt the path becomes empty."""
 
+    spec = NodeSpec(writes_on_halt=("path", "last_reached_index"))
+
     planner_id: Annotated[In[str], "Planner plug-in: GridBased or empty."] = ""
 
     provided_ports = path_port("Path created by the planner; empty when there is none.", Direction.OUT)
-
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that a halt writes the path, for proofs."""
-        return {"on_halt": "path, last_reached_index"}
 
     def on_completion(self, handle: AnyGoalHandle) -> None:
         """Write the planned path, or an empty path."""
@@ -115,7 +112,7 @@ class FollowPath(BtActionNode):
     """Follows *path*. A new path or plug-in is taken over without a stop while the robot drives."""
 
     action = "follow_path"
-    spec = NodeSpec(uses=BASE)
+    spec = NodeSpec(uses=BASE, writes=("tracking_feedback",))
 
     controller_id: Annotated[In[str], "Controller plug-in: FollowPath or empty."] = ""
     goal_checker_id: Annotated[In[str], "Goal checker plug-in."] = ""
@@ -126,11 +123,6 @@ class FollowPath(BtActionNode):
     ] = OPTIONAL
 
     provided_ports = path_port("Path to follow.")
-
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that the feedback is written while the node is RUNNING, for proofs."""
-        return {"writes": "tracking_feedback"}
 
     def make_goal(self) -> FollowPathGoal:
         """Return a goal with the current path and plug-ins."""
@@ -162,10 +154,7 @@ class FollowPath(BtActionNode):
 class _RecoveryAction(BtActionNode):
     """Base of the behaviours that count as recoveries."""
 
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that a start may write the count of recoveries, for proofs."""
-        return {"writes": "number_recoveries"}
+    spec = NodeSpec(writes=("number_recoveries",))
 
     def make_goal(self) -> object:
         """Count the recovery and return the subclass's goal."""

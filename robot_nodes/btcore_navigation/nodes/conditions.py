@@ -334,11 +334,7 @@ class AreErrorCodesPresent(Condition):
     error_codes_to_check: ErrorCodes = OPTIONAL
 
     default_codes: ClassVar[frozenset[int]] = frozenset()
-
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that the code need not be written yet, for proofs."""
-        return {"optional": "error_code"}
+    spec = NodeSpec(optional_inputs=("error_code",))
 
     def tick(self) -> bool:
         """Compare the code; an entry without a value is not an error."""

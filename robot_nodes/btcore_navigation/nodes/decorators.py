@@ -63,12 +63,7 @@ class DistanceController(DecoratorNode):
     global_frame: Annotated[In[str], "Global frame; always map here."] = "map"
     robot_base_frame: Annotated[In[str], "Robot base frame; always base_footprint here."] = "base_footprint"
 
-    spec = NodeSpec(state_fields=("start",))
-
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that the node may fail without its child, for proofs."""
-        return {"results": "FAILURE, RUNNING"}
+    spec = NodeSpec(state_fields=("start",), results_without_child=frozenset({FAILURE, RUNNING}))
 
     def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers
@@ -192,12 +187,7 @@ class GoalUpdater(DecoratorNode):
     output_goal: Annotated[Out[Pose2D], "Goal that the child receives."] = OPTIONAL
     output_goals: Annotated[Out[Poses], "Goals that the child receives."] = OPTIONAL
 
-    spec = NodeSpec(state_fields=("several", "single"))
-
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that the node never holds its child back, for proofs."""
-        return {"lasts": "false"}
+    spec = NodeSpec(state_fields=("several", "single"), results_without_child=frozenset())
 
     def __init__(self, servers: NavigationServers) -> None:
         self.servers = servers

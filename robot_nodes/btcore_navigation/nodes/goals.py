@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Annotated, Any
 
-from btcore import In, Out, SyncAction, TreeNode
+from btcore import In, NodeSpec, Out, SyncAction, TreeNode
 from btcore_navigation.costmap import UNKNOWN
 from btcore_navigation.navigate_goal import WaypointState, WaypointStatus
 from btcore_navigation.navigation_servers import AnyGoalHandle, GetCosts
@@ -30,10 +30,7 @@ class RemovePassedGoals(ServersAction):
     output_goals: OutGoals = OPTIONAL
     output_waypoint_statuses: OutStatuses = OPTIONAL
 
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that only given statuses are updated, and none after a failed request, for proofs."""
-        return {"writes": "output_waypoint_statuses"}
+    spec = NodeSpec(writes=("output_waypoint_statuses",))  # only given statuses are updated
 
     def tick(self) -> bool:
         """Write the remaining goals; return FAILURE while the robot's pose is unknown."""
@@ -80,11 +77,7 @@ class RemoveInCollisionGoals(_CostCheck):
     output_goals: OutGoals = OPTIONAL
     output_waypoint_statuses: OutStatuses = OPTIONAL
 
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that only given statuses are updated, and none after a failed request, for proofs."""
-        return {"writes": "output_waypoint_statuses"}
-
+    spec = NodeSpec(writes=("output_waypoint_statuses",))
     checked: tuple[Pose2D, ...] = ()
 
     def poses(self) -> tuple[Pose2D, ...]:

@@ -118,12 +118,9 @@ class TruncatePathLocal(SyncAction):
 class _PathValidation(BtServiceNode):
     """Base of the nodes that request whether a path is valid."""
 
-    provided_ports = path_port("Path to check.")
+    spec = NodeSpec(optional_inputs=("path",))
 
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that the path need not be written yet, for proofs."""
-        return {"optional": "path"}
+    provided_ports = path_port("Path to check.")
 
     def on_start(self) -> Status:
         """Send the request; return FAILURE for a missing or empty path."""
@@ -197,7 +194,10 @@ class SmoothPath(BtActionNode):
     """
 
     action = "smooth_path"
-    spec = NodeSpec(may_complete_on_start=True)
+    # A goal that another client cancels has no path.
+    spec = NodeSpec(
+        may_complete_on_start=True, writes=("smoothed_path", "smoothing_duration", "was_completed")
+    )
 
     unsmoothed_path: InPath
     max_smoothing_duration: Annotated[In[float], "Maximum smoothing duration (s)."] = 3.0
@@ -206,11 +206,6 @@ class SmoothPath(BtActionNode):
     smoothed_path: OutPath = OPTIONAL
     smoothing_duration: Annotated[Out[float], "Time (s) taken to smooth the path."] = OPTIONAL
     was_completed: Annotated[Out[bool], "True if smoothing was not interrupted."] = OPTIONAL
-
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that a goal that another client cancels has no path, for proofs."""
-        return {"writes": "smoothed_path, smoothing_duration, was_completed"}
 
     def tick(self) -> Status:
         """Start or continue to smooth the path. A completed node starts again."""

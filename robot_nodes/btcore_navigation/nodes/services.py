@@ -36,11 +36,7 @@ class _Clear(BtServiceNode):
     """Base of the nodes that clear a costmap. Each start counts as a recovery."""
 
     area: ClassVar[ClearedArea]
-
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that a start writes the count of recoveries, for proofs."""
-        return {"writes": "number_recoveries"}
+    spec = NodeSpec(writes=("number_recoveries",))
 
     service_name: ServiceName = ""
     plugins: Plugins = OPTIONAL

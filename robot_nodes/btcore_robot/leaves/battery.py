@@ -34,12 +34,7 @@ class BatteryChecker(Condition):
 
     low: Annotated[In[float], "The level (0–100) below which the check fails."] = 10.0
 
-    spec = NodeSpec(state_fields=("last_check",))
-
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that each tick writes the estimate, for proofs."""
-        return {"writes": "battery_level"}
+    spec = NodeSpec(state_fields=("last_check",), writes=("battery_level",))
 
     def __init__(self, robot: Robot, blackboard: Blackboard) -> None:
         self.robot = robot
@@ -65,12 +60,12 @@ class Recharge(StatefulAction):
     A halt interrupts charging; the next start continues it.
     """
 
-    spec = NodeSpec(results=frozenset({SUCCESS}), state_fields=("ticks",), may_complete_on_start=False)
-
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that the end writes the estimate, for proofs."""
-        return {"writes": "battery_level"}
+    spec = NodeSpec(
+        results=frozenset({SUCCESS}),
+        state_fields=("ticks",),
+        writes=("battery_level",),
+        may_complete_on_start=False,
+    )
 
     def __init__(self, robot: Robot, blackboard: Blackboard) -> None:
         self.robot = robot

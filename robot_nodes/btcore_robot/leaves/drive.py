@@ -29,12 +29,9 @@ FULL_TURN_TIME = round(2 * math.pi / TURN_SPEED * NS_PER_S)
 
 
 class _DrivingAction(StatefulAction):
-    """An action that sends a command in each tick."""
+    """An action that sends a command in each tick, which replaces the last command."""
 
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that a halt does not affect the base, for proofs: each command replaces the last one."""
-        return {"hands_over": "true"}
+    spec = NodeSpec(hands_over=True)
 
 
 class Forward(_DrivingAction):

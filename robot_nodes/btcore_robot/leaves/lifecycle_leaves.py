@@ -79,12 +79,8 @@ class LocateObjects(_KeepActive):
 
     boxes: Annotated[Out[object], "The objects in the newest image: a list of boxes in the frame map."]
 
-    spec = NodeSpec(state_fields=None)  # the boxes belong to the locator, and a copy would count as new
-
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that boxes are written while the node is RUNNING, for proofs."""
-        return {"writes": "boxes"}
+    # The boxes belong to the locator, and a copy would count as new.
+    spec = NodeSpec(state_fields=None, writes=("boxes",))
 
     def __init__(self, locator: ObjectLocatorProtocol) -> None:
         self._server = self.locator = locator

@@ -43,13 +43,12 @@ class WaitForScan(StatefulAction):
     # With a recent scan the node succeeds on its first tick, so it may be the first child of a reactive node.
     # It is endless, because no scan may arrive.
     spec = NodeSpec(
-        results=frozenset({SUCCESS}), state_fields=(), may_complete_on_start=True, is_endless=True
+        results=frozenset({SUCCESS}),
+        state_fields=(),
+        hands_over=True,  # each command replaces the last one
+        may_complete_on_start=True,
+        is_endless=True,
     )
-
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that a halt does not affect the base, for proofs: each command replaces the last one."""
-        return {"hands_over": "true"}
 
     def __init__(self, robot: Robot) -> None:
         self.robot = robot

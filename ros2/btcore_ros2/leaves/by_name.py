@@ -2,7 +2,7 @@
 
 import logging
 from collections.abc import Callable, Iterable, Mapping
-from typing import Annotated, Any, Final
+from typing import Annotated, Any, ClassVar, Final
 
 from btcore import (
     FAILURE,
@@ -68,11 +68,7 @@ class NoCodeLeaf:
 
     config: Any
     get_input: Any
-
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that the error is written whatever the result is, for proofs."""
-        return {"writes": "error"}
+    spec: ClassVar[NodeSpec] = NodeSpec(writes=("error",))
 
     @property
     def default_name(self) -> str:
@@ -125,7 +121,7 @@ class RosActionCall(NoCodeLeaf, RosAction):
     action_name: Annotated[In[str], "the action; default: the instance name"] = ""
     server_timeout: Annotated[In[int], "the time (ms) that the server has to accept the goal"] = 1000
     wait_for_server_timeout: Annotated[In[int], WAIT_FOR_SERVER] = DISCOVERY_MS
-    spec = NodeSpec(symbol="⇄")
+    spec = NodeSpec(symbol="⇄", writes=("error", "feedback"))
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -139,11 +135,6 @@ class RosActionCall(NoCodeLeaf, RosAction):
             field_input("feedback_field", "feedback"),
             error_output("why the goal failed, or an empty text"),
         ]
-
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that error and feedback are written whatever the result is, for proofs."""
-        return {"writes": "error, feedback"}
 
     @classmethod
     def check_literals(cls, literals: Mapping[str, str]) -> Iterable[LiteralProblem]:

@@ -59,6 +59,8 @@ class ComputeRoute(BtActionNode):
 
     action = "compute_route"
 
+    spec = NodeSpec(writes_on_halt=("route", "path", "planning_time"))
+
     start_id: Annotated[In[int], "ID of the first node; used without use_poses."] = 0
     goal_id: Annotated[In[int], "ID of the last node; used without use_poses."] = 0
     start: Annotated[In[Pose2D], "Start pose; used with use_poses and use_start."] = OPTIONAL
@@ -69,11 +71,6 @@ class ComputeRoute(BtActionNode):
     planning_time: Annotated[Out[float], "Time (s) taken to compute the route."] = OPTIONAL
 
     provided_ports = path_port("Path along the route.", Direction.OUT)
-
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that a halt writes the route, for proofs."""
-        return {"on_halt": "route, path, planning_time"}
 
     def make_goal(self) -> ComputeRouteGoal:
         """Return a goal with the poses or the IDs."""
@@ -123,15 +120,11 @@ class AssistedTeleop(BtActionNode):
     """
 
     action = "assisted_teleop"
-    spec = NodeSpec(uses=BASE)
+    # A start may write the count of recoveries.
+    spec = NodeSpec(uses=BASE, writes=("number_recoveries",))
 
     time_allowance: Annotated[In[float], "Allowed time (s) for the teleoperation."] = 10.0
     is_recovery: Annotated[In[bool], "True if the teleoperation counts as a recovery."] = False
-
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        """Return that a start may write the count of recoveries, for proofs."""
-        return {"writes": "number_recoveries"}
 
     def make_goal(self) -> AssistedTeleopGoal:
         """Count the recovery, and return the goal."""

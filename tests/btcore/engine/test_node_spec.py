@@ -58,7 +58,7 @@ def test_a_class_whose_state_cannot_be_saved_can_have_a_subclass_whose_state_can
     assert Saved.spec.state_fields == ("goal",)
 
 
-def test_format_and_id_of_a_built_in_node_are_not_inherited() -> None:
+def test_formats_of_a_built_in_node_are_not_inherited() -> None:
     class Own(AsyncSequence):
         pass
 

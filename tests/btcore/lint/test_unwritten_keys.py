@@ -1,5 +1,7 @@
 """Keys that are read but never written, and assignments to entries that are never created."""
 
+from dataclasses import replace
+
 import pytest
 
 from btcore import Registry
@@ -108,7 +110,8 @@ def test_leaf_with_the_whole_blackboard_hides_no_warning_if_it_declares_what_it_
 ) -> None:
     body = sequence("<Tidy/>", '<Say text="{level}"/>', '<Say text="{lvl}"/>')
     assert check(body) == ""
-    palette.manifests["Tidy"].metadata["writes"] = "level, x"
+    manifest = palette.manifests["Tidy"]
+    manifest.spec = replace(manifest.spec, writes=("level", "x"))
     assert [item.message for item in check.found(body)] == [
         "the port 'text' of <Say> reads {lvl}, which is never written"
     ]

@@ -459,20 +459,54 @@ def test_every_part_of_btcore_registers_the_same_installed_libraries(
         assert set(program.libraries) == packages
 
 
-def test_user_registration_overrides_an_installed_plugin(library: Path) -> None:
+@pytest.mark.parametrize("is_installed_first", [True, False])
+def test_user_registration_overrides_an_installed_plugin(library: Path, is_installed_first: bool) -> None:
     install_metadata(library.parent, "polite-robot", "gestures = gestures")
-    nodes = Registry.standard()
-    nodes.add_installed_libraries()
 
     class Linger(SyncAction):
         def tick(self) -> bool:
             return True
 
+    nodes = Registry.standard()
+    if is_installed_first:
+        nodes.add_installed_libraries()
+        assert not nodes.is_taken("Linger")
     nodes.add(Linger)
+    if not is_installed_first:
+        nodes.add_installed_libraries()
+    assert nodes.is_taken("Linger")
     assert nodes.manifests["Linger"].cls is Linger
     assert [(old.library, new.cls) for old, new in nodes.overridden_nodes] == [("polite-robot", Linger)]
     assert nodes.copy().overridden_nodes == nodes.overridden_nodes
     assert "registered already" in refused(nodes.add, Linger)
+
+
+def test_removal_of_an_installed_node_from_a_copy_leaves_the_original_unchanged(library: Path) -> None:
+    install_metadata(library.parent, "polite-robot", "gestures = gestures")
+    nodes = Registry.standard()
+    nodes.add_installed_libraries()
+    copied = nodes.copy()
+    copied.remove("Linger")
+    assert "Linger" not in copied
+    assert "Linger" in nodes
+
+
+def test_installed_libraries_cannot_have_the_same_node(library: Path) -> None:
+    library.with_name("gestures_again.py").write_text(LIBRARY, encoding="utf-8")
+    install_metadata(library.parent, "polite-robot", "gestures = gestures\nagain = gestures_again")
+    expected_message = refused(Registry.standard().add_installed_libraries)
+    assert "'FlagRaised' is registered twice" in expected_message
+
+
+def test_installed_node_with_the_id_of_a_built_in_node_is_overridden(library: Path) -> None:
+    library.write_text(
+        LIBRARY + "\ndef register(nodes):\n    nodes.add(Linger, ID='Sleep')\n", encoding="utf-8"
+    )
+    install_metadata(library.parent, "polite-robot", "gestures = gestures")
+    nodes = Registry.standard()
+    nodes.add_installed_libraries()
+    assert nodes.manifests["Sleep"].library == "btcore"
+    assert [(old.library, new.library) for old, new in nodes.overridden_nodes] == [("gestures", "btcore")]
 
 
 def test_resource_of_file_loaded_twice_is_explained(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import pytest
 
-from btcore import In, Out
+from btcore import In, NodeSpec, Out
 from btcore_proof.prover import PROVED, REFUTED
 from tests.tools.btcore_proof.trees import ConditionLeaf, LastingLeaf, answers_of, prover_of
 
@@ -19,9 +19,7 @@ class Check(ConditionLeaf):
 
     value: Annotated[In[str], "The entry."]
 
-    @staticmethod
-    def metadata() -> dict[str, str]:
-        return {"optional": "value"}
+    spec = NodeSpec(optional_inputs=("value",))
 
 
 @pytest.mark.parametrize(

@@ -260,8 +260,7 @@ def _rename_tree(
             raise RenameError(f"invalid tree ID '{new_name}': {character!r} is not allowed")
         if new_name in RESERVED_IDS:
             raise RenameError(f"invalid tree ID '{new_name}': the name is reserved")
-        known = symbols.registry.get(new_name, 4)
-        if symbols.node_models(new_name) or (known is not None and not known.is_overridable):
+        if symbols.node_models(new_name) or symbols.registry.is_taken(new_name, 4):
             raise RenameError(f"invalid tree ID '{new_name}': a node has this name")
     for file in {file for file, *_ in places}:
         for other_file in symbols.files_of_tree(new_name, file):
