@@ -1,5 +1,6 @@
 """Commands with the options of providers, also of those in plugins, and their runs with these settings."""
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, Final, NamedTuple, TypeGuard
@@ -59,11 +60,10 @@ def attach_providers(
     available = AvailableProviders(
         provider for plugin in plugins.values() for provider in providers_in(plugin.module)
     )
-    options = _ProviderOptions(command_options)
-    options.add([*available.of_user, *available.core])
-    if has_all_options or _may_need_all_options(ctx, args, available, [*command_options, *options.created]):
-        options.add(available.all())
-    providers = ctx.meta[_META_KEY] = CommandProviders(available, options.created, plugins)
+    options = _create_options(command_options, available.known)
+    if has_all_options or _may_need_all_options(ctx, args, available, [*command_options, *options]):
+        options = _create_options(command_options, available.all())
+    providers = ctx.meta[_META_KEY] = CommandProviders(available, options, plugins)
     return providers
 
 
@@ -112,33 +112,27 @@ def command_providers(ctx: click.Context) -> CommandProviders:
     return providers
 
 
-class _ProviderOptions:
-    """The options of providers' settings, except for settings of which the command has options itself."""
-
-    def __init__(self, command_options: Sequence[click.Parameter]) -> None:
-        self.created: list[FieldOption] = []
-        self._known = {option.options_class for option in command_options if isinstance(option, FieldOption)}
-        self._known.add(RunSettings)
-        names = (name for option in command_options for name in (*option.opts, option.name or ""))
-        self._owner_by_name = dict.fromkeys(["--help", *names], "the command")
-
-    def add(self, providers: Sequence[Provider]) -> None:
-        """Create the options of *providers* that were not created before."""
-        for provider in providers:
-            for settings_class in provider.settings_classes:
-                if settings_class not in self._known:
-                    self._known.add(settings_class)
-                    for option in create_options(settings_class):
-                        self._take_names(option, repr(provider))
-                        self.created.append(option)
-
-    def _take_names(self, option: FieldOption, owner: str) -> None:
-        for name in (option.opts[0], option.name):
-            if name in self._owner_by_name:
-                raise ProviderError(
-                    f"{option.opts[0]} is an option of {owner} and of {self._owner_by_name[name]}: rename one"
-                )
-            self._owner_by_name[name] = owner
+def _create_options(
+    command_options: Sequence[click.Parameter], providers: Sequence[Provider]
+) -> list[FieldOption]:
+    """Return the options of the providers' settings, except for settings of which the command has options."""
+    names = (name for option in command_options for name in (*option.opts, option.name or ""))
+    owner_by_name = dict.fromkeys(["--help", *names], "the command")
+    known = {option.options_class for option in command_options if isinstance(option, FieldOption)}
+    known.add(RunSettings)
+    created = []
+    for provider in providers:
+        new = [cls for cls in provider.settings_classes if cls not in known]
+        known.update(new)
+        for option in itertools.chain(*map(create_options, new)):
+            for name in (option.opts[0], option.name):
+                if owner := owner_by_name.get(name):
+                    raise ProviderError(
+                        f"{option.opts[0]} is an option of {provider} and of {owner}: rename one"
+                    )
+                owner_by_name[name] = repr(provider)
+            created.append(option)
+    return created
 
 
 def given_setting_options(ctx: click.Context) -> list[FieldOption]:

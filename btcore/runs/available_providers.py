@@ -27,6 +27,7 @@ class AvailableProviders:
     Attributes:
         of_user: The argument, as a list.
         core: The providers of btcore's core.
+        known: The providers that were imported: the user's, then those of the core, then others.
         unavailable: The entry points that could not be imported.
     """
 
@@ -37,9 +38,10 @@ class AvailableProviders:
                 name = getattr(provider, "__name__", repr(provider))
                 raise TypeError(f"{name} is not a provider: mark the function by @btcore.provider")
         self.core = [random_numbers, tree_logs]
+        self.known = [*self.of_user, *self.core]
         self.unavailable: list[entry_points.UnavailableEntryPoint] = []
         self._uses_installed = uses_installed
-        self._loaded: dict[str, Provider | None] = {}
+        self._loaded: set[str] = set()
 
     @cached_property
     def _points(self) -> dict[entry_points.EntryPoint, str]:
@@ -50,40 +52,37 @@ class AvailableProviders:
     def of_type(self, name: str) -> list[Provider]:
         """Return the providers of the type with the full *name*."""
         self._load(point for point, provided in self._points.items() if provided == name)
-        return [provider for provider in self._known() if name in provider.type_names]
+        return [provider for provider in self.known if name in provider.type_names]
 
     def with_side_effects(self, given: Set[type[Settings]]) -> list[Provider]:
         """Return the side-effect providers, such as a publisher, that take settings of *given*."""
         for provider in self.of_user:
             if not provider.types and not provider.settings_classes:
+                reason = "the parameter Tree" if provider.needs_tree else "no type in its return annotation"
                 raise ProviderError(
-                    f"the provider {provider} has no type in its return annotation, and no settings, so "
-                    "that no run would use it"
+                    f"the provider {provider} has {reason}, so that leaves cannot get its object, and no "
+                    "settings, so that no run would use it"
                 )
-        if not given <= {cls for provider in self._known() for cls in provider.settings_classes}:
+        if not given <= {cls for provider in self.known for cls in provider.settings_classes}:
             self._load(point for point, provided in self._points.items() if not provided)
-        side_effects = [provider for provider in self._known() if not provider.types]
+        side_effects = [provider for provider in self.known if not provider.types]
         return [provider for provider in side_effects if not given.isdisjoint(provider.settings_classes)]
 
     def all(self) -> list[Provider]:
         """Return all providers, the user's first."""
         self._load(self._points)
-        return self._known()
-
-    def _known(self) -> list[Provider]:
-        loaded = (provider for provider in self._loaded.values() if provider is not None)
-        return [*self.of_user, *self.core, *loaded]
+        return self.known
 
     def _load(self, points: Iterable[entry_points.EntryPoint]) -> None:
         for point in points:
             if point.value in self._loaded:
                 continue
             loaded = entry_points.load_point(point)
-            self._loaded[point.value] = None
+            self._loaded.add(point.value)
             if isinstance(loaded, entry_points.UnavailableEntryPoint):
                 self.unavailable.append(loaded._replace(name=loaded.name.partition("-")[0]))
             elif isinstance(loaded.value, Provider):
-                self._loaded[point.value] = loaded.value
+                self.known.append(loaded.value)
             else:
                 raise ProviderError(
                     f"the entry point '{point.name}' of the distribution '{loaded.distribution}' is not a "

@@ -15,7 +15,7 @@ from btcore.entry_points import names_by_remedy
 from btcore.errors import BtcoreError, ProviderError
 from btcore.registry.resources import Resources, TypeRef, fits, full_name
 from btcore.runs.available_providers import AvailableProviders
-from btcore.runs.choice import Choice, choose_providers, title_with_article
+from btcore.runs.choice import Choice, Source, choose_providers, title_with_article
 from btcore.runs.providers import Need, Provider, is_settings
 from btcore.runs.report import Report
 from btcore.runs.settings import GivenSettings, RunSettings, Settings
@@ -41,10 +41,10 @@ class OpenedProvider:
         self.value: object = None
         self.error: BtcoreError | None = None
         self._context: contextlib.AbstractContextManager[object] | None = None
-        self.open(arguments)
+        self._open(arguments)
 
-    def open(self, arguments: Mapping[str, object]) -> None:
-        """Call the function with *arguments*, up to its `yield`; again after `close`."""
+    def _open(self, arguments: Mapping[str, object]) -> None:
+        """Call the function with *arguments*, up to its `yield`."""
         function = self.provider.function
         with _convert_errors(self.provider):
             if inspect.isgeneratorfunction(function):
@@ -76,14 +76,15 @@ class OpenedProvider:
                 raise  # the exception of the run, or its explanation by the provider
             self.error = self.error or own_error
 
-    def replace_tree(self, tree: Tree) -> bool:
-        """Pass *tree* to what was provided; return False if it has no method `replace_tree`."""
+    def replace_tree(self, tree: Tree, arguments: Mapping[str, object]) -> None:
+        """Pass *tree* to the method `replace_tree` of the object, or open the provider again."""
         replace_tree = getattr(self.value, "replace_tree", None)
         if replace_tree is None:
-            return False
-        with _convert_errors(self.provider):
-            replace_tree(tree)
-        return True
+            self.close()
+            self._open(arguments)
+        else:
+            with _convert_errors(self.provider):
+                replace_tree(tree)
 
     @property
     def objects(self) -> list[object]:
@@ -155,12 +156,8 @@ class RunProviders:
             self._optional_types,
         )
         for name in map(full_name, self._wanted_types):
-            problem = self.choice.problems.get(name)
-            if problem is not None:
+            if problem := self.choice.sources[name].problem:
                 raise ProviderError("; ".join([problem, *self._explain_unavailable()]))
-            provider = self.choice.providers.get(name)
-            if provider is not None and self.choice.opens_after_tree(provider):
-                raise ProviderError(_explain_late_opening(provider))
 
     def open_before_tree(self, stack: contextlib.ExitStack) -> None:
         """Open the providers that do not need the tree, and fill the resources; *stack* closes them."""
@@ -170,7 +167,7 @@ class RunProviders:
                 settings.check_environment()
         self.resources += self._program_resources
         for provider in self.choice.order:
-            if not self.choice.opens_after_tree(provider):
+            if not provider.needs_tree:
                 # A provider may return an object of another one, under another type.
                 known = set(map(id, self.resources))
                 objects = self._open(provider, stack)
@@ -184,7 +181,7 @@ class RunProviders:
         """Open the providers that need *tree*, whose leaves do not get their objects."""
         self.tree = tree
         for provider in self.choice.order:
-            if self.choice.opens_after_tree(provider):
+            if provider.needs_tree:
                 self._open(provider, stack)
 
     def _open(self, provider: Provider, stack: contextlib.ExitStack) -> list[object]:
@@ -201,10 +198,10 @@ class RunProviders:
 
     def _find_assigned(self, type_name: str) -> object:
         """Return the object that the choice assigns to the type with a full name, or None."""
-        if type_name in self.choice.objects:
-            return self.choice.objects[type_name]
-        provider = self.choice.providers.get(type_name)
-        return self._opened[provider].object_for(type_name) if provider in self._opened else None
+        source = self.choice.sources.get(type_name, Source())
+        if source.provider in self._opened:
+            return self._opened[source.provider].object_for(type_name)
+        return source.own
 
     @cached_property
     def clock(self) -> Clock:
@@ -212,32 +209,23 @@ class RunProviders:
         if self._program_clock is not None:
             return self._program_clock
         provider = self.choice.clock
-        if provider in self._opened:
-            for provided in self._opened[provider].objects:
-                for clock in (provided, getattr(provided, "clock", None)):
-                    if is_clock(clock):
-                        return clock
-            raise ProviderError(
-                f"the provider {provider} declares a Clock, but provides no object with a clock"
-            )
-        clock = next(filter(is_clock, self._program_resources), None)
-        return clock or (SimClock() if self._settings.of(RunSettings).fast else SystemClock())
+        if provider is None:
+            own = next(filter(is_clock, self._program_resources), None)
+            return own or (SimClock() if self._settings.of(RunSettings).fast else SystemClock())
+        if provider not in self._opened:
+            raise ProviderError(f"the clock of the run is needed to open its own provider, {provider}")
+        for provided in self._opened[provider].objects:
+            for clock in (provided, getattr(provided, "clock", None)):
+                if is_clock(clock):
+                    return clock
+        raise ProviderError(f"the provider {provider} declares a Clock, but provides no object with a clock")
 
     def replace_tree(self, tree: Tree) -> None:
-        """Pass *tree* to the providers that need the tree; those that cannot take it are opened again."""
+        """Pass *tree* to the providers that need the tree."""
         self.tree = tree
-        again: dict[Provider, OpenedProvider] = {}
-        for provider, opened in self._opened.items():  # each after those that it needs
+        for provider, opened in self._opened.items():
             if provider.needs_tree:
-                is_new = not opened.replace_tree(tree)
-            else:
-                is_new = any(other in again for other in self.choice.providers_for(provider))
-            if is_new:
-                again[provider] = opened
-        for opened in reversed(again.values()):
-            opened.close()
-        for provider, opened in again.items():
-            opened.open(self._collect_arguments(provider))
+                opened.replace_tree(tree, self._collect_arguments(provider))
 
     @property
     def reload_requests(self) -> ReloadRequests | None:
@@ -273,15 +261,13 @@ class RunProviders:
         unknown = []
         for type in self._leaf_types:
             name = full_name(type)
-            provider, problem = self.choice.providers.get(name), self.choice.problems.get(name)
-            if provider is not None and self.choice.opens_after_tree(provider):
-                yield _explain_late_opening(provider)
-            elif provider is not None and self._find_assigned(name) is None:
-                yield f"the provider {provider} has provided None"
-            elif problem is not None and self._available.of_type(name):
-                yield problem
-            elif problem is not None:
+            source = self.choice.sources[name]
+            if self._available.of_type(name) and source.problem:
+                yield source.problem
+            elif source.problem:
                 unknown.append(type)
+            elif self._find_assigned(name) is None:
+                yield f"the provider {source.provider} has provided None"
         yield from self._explain_unavailable()
         if any(getattr(type, "__module__", "builtins") != "builtins" for type in unknown):
             yield (
@@ -312,13 +298,9 @@ class RunProviders:
             return self._settings.find(need.type)
         assigned = self._find_assigned(need.type_name)
         if assigned is None and not need.is_optional:
-            other = self.choice.providers[need.type_name]
+            other = self.choice.sources[need.type_name].provider
             raise ProviderError(f"{provider} needs its '{need.parameter}', but {other} has provided None")
         return assigned
-
-
-def _explain_late_opening(provider: Provider) -> str:
-    return f"{provider} is opened after the tree, so that leaves cannot get what it provides"
 
 
 @contextlib.contextmanager

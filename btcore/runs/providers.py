@@ -14,8 +14,8 @@ the provider needs, by their types. A package offers a provider by an entry poin
 
 The name of the entry point is that of the provider, a dash, and the full name of the type. A provider has one
 for each type by which leaves or other providers may ask for it. Nothing is imported to find out which
-packages provide a type. The entry point of a side-effect provider, whose annotation has no type, such as a
-publisher, is named after the provider alone.
+packages provide a type. A side-effect provider, such as a publisher, has no type in its annotation, or needs
+the tree; its entry point is named after the provider alone.
 """
 
 import inspect
@@ -111,9 +111,14 @@ class Provider:
 
     @cached_property
     def types(self) -> tuple[TypeRef, ...]:
-        """The provided types of each object: those that were passed, then that of the annotation."""
+        """The provided types of each object: those that were passed, then that of the annotation.
+
+        There are none if the provider needs the tree: leaves cannot get what is provided after them.
+        """
         if "return" not in self._hints:
             raise ProviderError(f"the provider {self} has no return annotation: write -> Iterator[Gripper]")
+        if self.needs_tree:
+            return ()
         annotated = (type for type in self._object_types if type not in (NoneType, object))
         return (*self._provides, *annotated)
 
@@ -206,8 +211,9 @@ def provider(
     Parameters may have the types of objects that others provide (`X | None`: the object is not necessary),
     classes of `Settings`, and these types: `RunSettings`; `Clock`, the clock of the run; `Report`;
     `Resources`, all provided objects; `Tree`. A provider that has the parameter `Tree` is opened after the
-    tree was created. When another tree replaces it (`--watch`), the method `replace_tree(tree)` of the object
-    is called; an object without such a method is closed, and the provider opened again.
+    tree was created, so that its object is for the run alone. When another tree replaces it (`--watch`), the
+    method `replace_tree(tree)` of the object is called; an object without such a method is closed, and the
+    provider opened again.
 
     An annotation may be a text with the full names of types whose import would take time, such as
     `"Iterator[grippers.arm.Gripper]"`. For type checkers, the module is imported under TYPE_CHECKING.

@@ -1,7 +1,7 @@
 """Which providers a run uses, in which order they are opened and closed, and the errors about them."""
 
 import inspect
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Protocol
@@ -24,6 +24,7 @@ from btcore import (
 )
 from btcore.clock import Clock, SimClock
 from btcore.errors import BtcoreError
+from btcore.registry.resources import full_name
 from btcore.runs.available_providers import AvailableProviders
 from btcore.runs.providers import Provider
 from btcore.runs.run import TreelessProgram
@@ -71,11 +72,11 @@ def run_with(
     want: Any = (),
     settings: Any = (),
     resources: Any = (),
-    installed: Mapping[str, Provider] | None = None,
+    installed: Sequence[Provider] = (),
 ) -> Run:
     """Return the run of a program that wants types; no other providers are installed."""
     source = AvailableProviders(providers, uses_installed=False)
-    source._loaded = dict(installed or {})
+    source.known += installed
     program = TreelessProgram("Test", lambda: False)
     run = Run(program, resources=resources, settings=[FAST, *settings], providers=source)
     return run.want(*want)
@@ -112,7 +113,7 @@ def test_a_given_required_option_selects_its_provider_and_excludes_what_needs_th
     ) as run:
         assert list(run.resources)[:1] == [7]
         assert run.find(WorldMap) is None
-        assert "because real provides the Robot" in next(iter(run.providers.choice.problems.values()))
+        assert run.providers.choice.rejected == {simulator: "real provides the Robot"}
 
 
 def test_a_provider_that_takes_the_settings_of_another_replaces_it() -> None:
@@ -156,7 +157,7 @@ def test_a_provider_that_takes_more_given_settings_replaces_a_provider_whose_nee
         assert [provider.name for provider in run.providers.choice.order] == ["arm", "recorded"]
 
 
-def test_providers_that_need_each_other_are_shown_as_a_chain() -> None:
+def test_a_provider_that_needs_itself_is_shown_as_a_chain() -> None:
     @provider
     def arm(hand: Hand) -> Arm:
         return Arm()
@@ -165,9 +166,7 @@ def test_providers_that_need_each_other_are_shown_as_a_chain() -> None:
     def hand(arm: Arm) -> Hand:
         return Hand()
 
-    with pytest.raises(
-        ProviderError, match=r"arm \(.*\) needs a Hand, .*needs itself: arm .* → hand .* → arm"
-    ):
+    with pytest.raises(ProviderError, match=r"arm \(.*\) needs itself: arm .* → hand .* → arm"):
         run_with(arm, hand, want=[Arm]).__enter__()
 
 
@@ -196,7 +195,7 @@ def test_objects_of_the_program_win_over_providers() -> None:
         assert run.find(WorldMap) is not None
 
 
-def test_a_provider_that_is_used_anyway_is_preferred() -> None:
+def test_the_provider_of_more_of_the_needed_types_is_preferred() -> None:
     class Both(NamedTuple):
         kind: str
 
@@ -457,8 +456,8 @@ def test_random_providers_open_after_their_needs_and_close_in_reverse(
 ) -> None:
     log: list[tuple[str, int]] = []
     made = [make_provider(number, plan, log) for number, plan in enumerate(chosen)]
-    installed = {str(number): made[number] for number, plan in enumerate(chosen) if plan.is_installed}
-    users = [provider for provider in made if provider not in installed.values()]
+    installed = [made[number] for number, plan in enumerate(chosen) if plan.is_installed]
+    users = [provider for provider in made if provider not in installed]
     with (
         suppress(BtcoreError, KeyError),
         run_with(*users, installed=installed).want(*(TYPES[index] for index in wanted), optional=True) as run,
@@ -467,7 +466,7 @@ def test_random_providers_open_after_their_needs_and_close_in_reverse(
             found = run.find(TYPES[index])
             assert found is None or isinstance(found, TYPES[index])
             if found is None:  # only if there is a reason
-                assert run.providers.choice.problems
+                assert run.providers.choice.sources[full_name(TYPES[index])].problem
         if raises:
             raise KeyError("body")
     opened = [number for action, number in log if action == "open"]
@@ -482,7 +481,7 @@ def test_an_installed_provider_comes_before_the_default_of_the_core() -> None:
     def dice() -> object:
         return "dice"
 
-    with run_with(want=["random.Random"], installed={"dice": dice}) as run:
+    with run_with(want=["random.Random"], installed=[dice]) as run:
         assert run.resources == ["dice"]
 
 
@@ -497,37 +496,63 @@ def test_a_provider_of_the_user_comes_before_an_installed_one() -> None:
     def installed_arm() -> Arm:
         return Arm()
 
-    with run_with(own_arm, want=[Arm], installed={"installed_arm": installed_arm}) as run:
+    with run_with(own_arm, want=[Arm], installed=[installed_arm]) as run:
         assert run.resources == [own]
 
 
-def test_a_provider_that_needs_what_is_opened_after_the_tree_is_opened_after_it() -> None:
-    log: list[str] = []
-
+def test_a_provider_with_the_tree_is_used_for_its_settings_alone() -> None:
     class Watcher(NamedTuple):
         tree: str
 
     @provider
-    def alarm(settings: OutputSettings, watcher: Watcher) -> Iterator[None]:
-        log.append(f"open {watcher.tree}")
-        yield
-        log.append(f"close {watcher.tree}")
+    def watcher(settings: OutputSettings, tree: Tree) -> Iterator[Watcher]:
+        log.append(f"open {tree.id}")
+        yield Watcher(tree.id)
+
+    log: list[str] = []
+    with run_with(watcher, settings=[OutputSettings("a.txt")]).want(Watcher, optional=True) as run:
+        assert run.find(Watcher) is None
+    assert log == ["open TestAlone"]
+
+
+def test_a_rejected_provider_rejects_no_other() -> None:
+    @provider(provides=(Robot,))
+    def own() -> tuple[Simulated, WorldMap]:
+        raise AssertionError("not used")
 
     @provider
-    def watcher(tree: Tree) -> Iterator[Watcher]:
-        yield Watcher(tree.id)
-        log.append("close watcher")
+    def drawn_map() -> WorldMap:
+        return WorldMap()
 
-    with run_with(alarm, watcher, settings=[OutputSettings("a.txt")]) as run:
-        run.replace_tree(TreelessProgram("Other").create_tree(run.clock))
-    assert log == [
-        "open TestAlone",
-        "close TestAlone",
-        "close watcher",
-        "open OtherAlone",
-        "close OtherAlone",
-        "close watcher",
-    ]
+    settings = [RealSettings("10.0.0.7")]
+    with run_with(own, want=[WorldMap, Robot], settings=settings, installed=[drawn_map, real]) as run:
+        assert [provider.name for provider in run.providers.choice.order] == ["drawn_map", "real"]
+
+
+def test_a_preferred_provider_without_what_it_needs_is_an_error() -> None:
+    @provider(provides=(Robot,))
+    def own(arm: Arm) -> Simulated:
+        return Simulated()
+
+    with pytest.raises(ProviderError) as caught:
+        run_with(own, want=[Robot], installed=[simulator]).__enter__()
+    assert str(caught.value) == (
+        f"nothing provides a Robot: {own} needs an Arm, but nothing provides an Arm; "
+        f"{simulator} is not used, because own provides the Robot"
+    )
+
+
+def test_what_the_clock_needs_cannot_need_the_clock() -> None:
+    @provider
+    def arm(clock: Clock) -> Arm:
+        return Arm()
+
+    @provider(provides=(Clock,))
+    def hand(arm: Arm) -> Hand:
+        return Hand()
+
+    with pytest.raises(ProviderError, match=r"the clock .* is needed to open its own provider, hand"):
+        run_with(arm, hand, want=[Hand]).__enter__()
 
 
 def test_what_is_none_cannot_be_needed() -> None:

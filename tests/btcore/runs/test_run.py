@@ -512,22 +512,15 @@ def test_a_run_that_continues_repeats_nodes_within_a_tick_again(tmp_path: Path) 
     assert results == [btcore.RUNNING, btcore.SUCCESS]
 
 
-def test_a_leaf_cannot_get_what_follows_the_tree(tmp_path: Path) -> None:
+def test_a_leaf_cannot_get_what_follows_the_tree() -> None:
     @provider
     def torch(tree: btcore.Tree) -> Torch:
         return Torch()
 
-    @btcore.action
-    def look(torch: Torch) -> bool:
-        return True
-
-    nodes = Registry.standard()
-    nodes.add(look)
-    with pytest.raises(btcore.TreeError) as caught:
-        Run(write_tree(tmp_path, "<Look/>"), nodes=nodes, providers=[torch]).__enter__()
-    assert caught.value.__notes__ == [
-        f"{torch} is opened after the tree, so that leaves cannot get what it provides"
-    ]
+    with pytest.raises(
+        ProviderError, match="has the parameter Tree, so that leaves cannot get its object, and no settings"
+    ):
+        Run(program(), providers=[torch]).__enter__()
 
 
 def test_a_file_with_providers_alone_is_a_plugin(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
