@@ -43,7 +43,7 @@ from btcore_proof.tree_files import declarations_of, prover_of, record_counterex
 _INTERVAL_S: Final = 0.2
 
 
-@click.command(short_help="Prove what holds in every run of a tree.")
+@click.command()
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
 @pass_options(TreeOptions, "options")
 @click.option(

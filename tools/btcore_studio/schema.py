@@ -274,7 +274,7 @@ def _models(schema: _SchemaElement) -> None:
         _add_attribute(port, name, "xs:string")
 
 
-@click.command(short_help="Print an XML schema (XSD) for XML editors.")
+@click.command()
 @pass_options(AllNodesOptions, "options")
 def schema(options: AllNodesOptions) -> None:
     """Print an XML schema (XSD) of trees and all available nodes.

@@ -22,7 +22,7 @@ _ORDER: Final = (NodeType.CONTROL, NodeType.DECORATOR, NodeType.CONDITION, NodeT
 _ARROW: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "↔"}
 
 
-@click.command(short_help="List the available nodes and their ports.")
+@click.command()
 @click.argument("ids", nargs=-1, metavar="[ID]…", shell_complete=complete_node_id)
 @pass_options(AllNodesOptions, "options")
 @click.option("--xml", "as_xml", is_flag=True, help="Print a TreeNodesModel, which Groot can import.")

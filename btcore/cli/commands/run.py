@@ -92,7 +92,7 @@ class RunCommandOptions(TreeOptions):
     ] = False
 
 
-@click.command(cls=ProviderCommand, short_help="Run a tree until it ends.")
+@click.command(cls=ProviderCommand)
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
 @pass_options(RunCommandOptions, "options")
 @add_options(RunSettings)

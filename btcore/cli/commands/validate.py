@@ -37,7 +37,7 @@ class _FixedFile(NamedTuple):
     fix_count: int
 
 
-@click.command(short_help="Check trees, and report all errors and warnings.")
+@click.command()
 @click.argument("sources", nargs=-1, required=True, metavar="TREE|FOLDER…", shell_complete=complete_tree)
 @pass_options(TreeOptions, "options")
 @given_keys

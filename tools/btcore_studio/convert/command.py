@@ -22,7 +22,7 @@ from btcore_studio.convert.convert import convert as converted
 _BYTE_ORDER_MARK = "\ufeff".encode()
 
 
-@click.command(short_help="Convert a tree from XML format 3 to format 4.")
+@click.command()
 @click.argument("source", metavar="FILE")
 @click.option(
     "-o",
