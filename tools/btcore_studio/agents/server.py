@@ -21,7 +21,7 @@ from mcp.server.stdio import stdio_server
 from pydantic import ValidationError
 
 import btcore
-from btcore.documentation_site import documentation_url
+from btcore.documentation_site import FIRST_PAGE
 from btcore.escaping import escape_controls
 from btcore.input_files import data_folder
 from btcore.suggestions import did_you_mean
@@ -226,7 +226,7 @@ def _refuse(message: str) -> NoReturn:
 def _page(name: str) -> str:
     pages = documentation_pages()
     if name not in pages:
-        hint = did_you_mean(name[:200], pages) or f"; all pages are at {documentation_url('')}"
+        hint = did_you_mean(name[:200], pages) or f"; all pages are at {FIRST_PAGE}"
         _refuse(f"there is no page '{shorten_text(name, 200)}'{hint}")
     return pages[name].read_text(encoding="utf-8")
 

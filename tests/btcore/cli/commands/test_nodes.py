@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import pytest
 
 from btcore import Registry
-from btcore.documentation_site import documentation_url
+from btcore.documentation_site import FIRST_PAGE
 from tests.btcore.cli.conftest import Cli
 
 
@@ -55,8 +55,8 @@ def test_json_describes_a_port(cli: Cli) -> None:
 
 def test_json_has_the_address_of_a_nodes_page(cli: Cli, library: Path) -> None:
     palette = json.loads(cli("nodes", "--json", "--plugin", library).stdout)
-    assert palette["Delay"]["url"] == documentation_url("reference/nodes/Delay.html")
-    assert palette["RosTopicRead"]["url"] == documentation_url("reference/nodes/RosTopicRead.html")
+    assert palette["Delay"]["url"] == f"{FIRST_PAGE}reference/nodes/Delay.html"
+    assert palette["RosTopicRead"]["url"] == f"{FIRST_PAGE}reference/nodes/RosTopicRead.html"
     assert palette["Greet"]["url"] is None
 
 
