@@ -50,8 +50,6 @@ SHORT_HELP: Final = {
 }
 """The lines of `btcore --help`, also for btcore's other packages: to import all commands takes a second."""
 
-_LOADED_COMMAND = "btcore.cli.main.loaded_command"
-
 
 class CommandLine(click.Group):
     """A group that imports its commands on demand and prints each error as a message, without a traceback."""
@@ -71,7 +69,6 @@ class CommandLine(click.Group):
             return own
         loaded, unavailable = entry_points.load(entry_points.COMMANDS_GROUP, cmd_name)
         if loaded:
-            ctx.meta[_LOADED_COMMAND] = loaded[0]
             command: click.Command = loaded[0].value
             return command
         return _create_placeholder(unavailable[0]) if unavailable else None
@@ -105,8 +102,10 @@ class CommandLine(click.Group):
             if (error.name or "").startswith("btcore."):
                 raise  # an error of btcore itself
             name = ctx.invoked_subcommand or ""
-            loaded = ctx.meta.get(_LOADED_COMMAND)
-            distribution = entry_points.OWN_DISTRIBUTION if loaded is None else loaded.distribution
+            added = {
+                point.name: point.distribution for point in entry_points.find(entry_points.COMMANDS_GROUP)
+            }
+            distribution = added.get(name, entry_points.OWN_DISTRIBUTION)
             remedy = entry_points.UnavailableEntryPoint(name, distribution, error).remedy
             raise click.ClickException(f"'{name}' requires an optional dependency: {remedy}") from error
 
