@@ -1,11 +1,11 @@
 """The nodes of a command: built-in, installed, loaded by `--plugin`, and declared by `--model`."""
 
-import copy
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cache
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 import click
 
@@ -70,10 +70,10 @@ class NodeLibraries:
 
     def _load(self, with_btcore: bool) -> None:
         self._has_btcore_libraries = with_btcore
-        self.nodes = Registry.standard()
-        self.unavailable: Sequence[UnavailableEntryPoint] = self.nodes.add_installed_libraries(
-            own=with_btcore, strict=False
-        )
+        # Plugins add types, which the copies of a registry share.
+        load = load_installed if self._plugins else installed_once
+        nodes, self.unavailable = load(with_btcore)
+        self.nodes = nodes.copy()
         for unavailable in self.unavailable:
             if unavailable.missing_module is None:
                 self._warn(str(unavailable.error))
@@ -87,12 +87,6 @@ class NodeLibraries:
                 f"the type {added_type.name} of {library_of(added_type.python_type)} overrides the type "
                 f"{added_type.name} of {library_of(installed_type.python_type)}"
             )
-
-    def copy(self) -> "NodeLibraries":
-        """Return the same libraries with a copy of `nodes`."""
-        copied = copy.copy(self)
-        copied.nodes = self.nodes.copy()
-        return copied
 
     def _warn(self, message: str) -> None:
         """Print a warning, unless it was printed when the libraries were loaded before."""
@@ -195,6 +189,16 @@ def load_libraries(
     libraries = NodeLibraries(loaded, btcore_on_demand and not models and not has_imported)
     libraries.add_models(models, confined)
     return libraries
+
+
+def load_installed(own: bool) -> tuple[Registry, Sequence[UnavailableEntryPoint]]:
+    """Return the built-in and the installed nodes, and the libraries that cannot be loaded."""
+    nodes = Registry.standard()
+    return nodes, nodes.add_installed_libraries(own=own, strict=False)
+
+
+installed_once: Final = cache(load_installed)
+"""The same as `load_installed`, for the many runs of a sweep in a process."""
 
 
 def _has_providers(plugin: Plugin) -> bool:

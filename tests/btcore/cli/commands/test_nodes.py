@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 import pytest
 
 from btcore import Registry
+from btcore.cli import node_libraries
 from btcore.documentation_site import FIRST_PAGE
 from tests.btcore.cli.conftest import Cli
 
@@ -75,6 +76,7 @@ def test_nodes_of_a_model_are_exported_with_their_metadata(cli: Cli, tmp_path: P
 
 def test_environment_variable_limits_installed_libraries(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "RosTopicPublish" in json.loads(cli("nodes", "--json").stdout)
+    monkeypatch.setattr(node_libraries, "installed_once", node_libraries.load_installed)
     monkeypatch.setenv("BTCORE_ENTRY_POINTS", "robot_nodes sim")
     limited = json.loads(cli("nodes", "--json").stdout)
     assert "IsObstacle" in limited
