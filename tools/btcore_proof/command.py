@@ -11,7 +11,7 @@ from rich.live import Live
 from rich.text import Text
 
 from btcore.cli import files, terminal
-from btcore.cli.node_libraries import load_libraries
+from btcore.cli.node_libraries import NodeLibraries
 from btcore.cli.tree_source import (
     STDIN,
     TreeOptions,
@@ -126,7 +126,7 @@ def prove(
     path = find_source(source)
     if save is not None and path == STDIN:
         raise click.UsageError("--save needs a tree in a file, because tests name the file.")
-    libraries = load_libraries(options.plugins, options.models, options.confined)
+    libraries = NodeLibraries(options.plugins, options.models, options.confined)
     declared = (
         Declarations() if path == STDIN and declarations is None else declarations_of(path, declarations)
     )

@@ -13,7 +13,7 @@ from lxml import etree
 
 from btcore.blackboard.ports import Port
 from btcore.cli import terminal
-from btcore.cli.node_libraries import AllNodesOptions, load_libraries
+from btcore.cli.node_libraries import AllNodesOptions, NodeLibraries
 from btcore.field_options import pass_options
 from btcore.names import POSTCONDITION_ATTRIBUTES, PRECONDITION_ATTRIBUTES
 from btcore.registry.manifest import Manifest
@@ -282,4 +282,4 @@ def schema(options: AllNodesOptions) -> None:
     The schema covers nodes that are built-in, installed, or loaded by --plugin or --model. XML editors use it
     to complete tags and attributes, and to show their documentation.
     """
-    terminal.print_xml(write_schema(load_libraries(options.plugins, options.models).nodes, options.format))
+    terminal.print_xml(write_schema(NodeLibraries(options.plugins, options.models).nodes, options.format))

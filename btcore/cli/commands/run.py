@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from btcore.cli import terminal
-from btcore.cli.node_libraries import load_libraries
+from btcore.cli.node_libraries import NodeLibraries
 from btcore.cli.progress import Progress, log_to_console
 from btcore.cli.provider_command import ProviderCommand, command_providers, create_run, given_settings
 from btcore.cli.run_summary import print_leaf_error, print_summary, results_as_data
@@ -203,7 +203,7 @@ def create_session(
 
         # The watcher looks at the files before they are read: a save in between is not missed.
         file_watcher = FileWatcher(path, options.confined)
-    libraries = load_libraries(
+    libraries = NodeLibraries(
         options.plugins,
         options.models,
         options.confined,

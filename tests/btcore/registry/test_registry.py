@@ -448,7 +448,7 @@ def test_every_part_of_btcore_registers_the_same_installed_libraries(
     program = Registry.standard()
     ignored = program.add_installed_libraries()
     monkeypatch.setattr(node_libraries, "installed_once", node_libraries.load_installed)
-    others = [node_libraries.load_libraries(()).nodes, worker.Libraries([], (), (), trusted=False).nodes]
+    others = [node_libraries.NodeLibraries(()).nodes, worker.Libraries([], (), (), trusted=False).nodes]
     for other in others:
         assert other.libraries == program.libraries
         assert {id: manifest.library for id, manifest in other.manifests.items()} == {
