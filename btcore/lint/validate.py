@@ -91,7 +91,6 @@ def validate_plans(
     """Return the errors and warnings of a document, whose plans are those of every tree.
 
     Args:
-        plans: The plans.
         is_selected: Whether the main tree was selected by its ID, so that the document need not name it.
         given: Keys that the main tree's blackboard holds before the first tick.
     """
