@@ -69,7 +69,6 @@ class BagWriter:
     """A writer of a bag; an existing file is overwritten.
 
     Args:
-        path: The file.
         xml: The XML of the tree, in UTF-8.
         names: The name of each node, by UID.
         start: The first time stamp (µs since 1970).

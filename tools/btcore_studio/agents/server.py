@@ -62,7 +62,6 @@ def create_server(folder: ServedFolder, runner: CommandRunner, log: TextIO) -> S
     """Return the server of a folder.
 
     Args:
-        folder: The served folder.
         runner: Runs the commands.
         log: The file for the log of all requests.
     """
@@ -140,7 +139,6 @@ async def serve_stdio(folder: ServedFolder, runner: CommandRunner, log: TextIO) 
     """Serve a client over stdin and stdout until it closes stdin, or until SIGTERM or Ctrl-C.
 
     Args:
-        folder: The served folder.
         runner: Runs the commands.
         log: The file for the log of all requests.
 
