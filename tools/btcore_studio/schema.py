@@ -20,8 +20,13 @@ from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.status import NodeType, Status
 from btcore.values import BOOL, DOUBLE, INT, INT64, NODE_STATUS, UINT, UINT64, EnumType, ValueType
-from btcore.xml.models.tree_nodes_model import TAG_OF
-from btcore.xml.read.tags import CONTROLS_WITH_CHILDREN_IN_3, EXPLICIT_TAGS, PORT_TAGS, SUBTREE_TAGS
+from btcore.xml.read.tags import (
+    CONTROLS_WITH_CHILDREN_IN_3,
+    EXPLICIT_TAGS,
+    MODEL_TAGS,
+    PORT_TAGS,
+    SUBTREE_TAGS,
+)
 
 __all__ = ["write_schema"]
 
@@ -256,7 +261,7 @@ def _models(schema: _SchemaElement) -> None:
     """Add the type of TreeNodesModel, the palette of an editor."""
     models = schema.add("complexType", name="TreeNodesModelType")
     choice = models.add("choice", minOccurs="0", maxOccurs="unbounded")
-    for tag in dict.fromkeys(TAG_OF.values()):
+    for tag in MODEL_TAGS:
         choice.add("element", name=tag, type="modelType")
     model = schema.add("complexType", name="modelType")
     inside = model.add("choice", minOccurs="0", maxOccurs="unbounded")

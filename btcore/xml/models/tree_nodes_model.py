@@ -7,18 +7,12 @@ from btcore.blackboard.ports import Direction, Port
 from btcore.escaping import escape_text
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
+from btcore.xml.read.tags import MODEL_TAGS
 
 __all__ = ["write_models"]
 
-TAG_OF: Final = {
-    NodeType.ACTION: "Action",
-    NodeType.CONDITION: "Condition",
-    NodeType.CONTROL: "Control",
-    NodeType.DECORATOR: "Decorator",
-    NodeType.SUBTREE: "SubTree",
-    NodeType.UNDEFINED: "Action",  # Groot has no tag for other kinds of nodes
-}
-
+# Groot has no tag for other kinds of nodes.
+TAG_OF: Final = {node_type: tag for tag, node_type in MODEL_TAGS.items()} | {NodeType.UNDEFINED: "Action"}
 
 _ATTRIBUTE_ESCAPES: Final = str.maketrans(
     {'"': "&quot;", "'": "&apos;", "\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
