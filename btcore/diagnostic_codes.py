@@ -6,6 +6,8 @@ docs/reference/errors.md describes the codes; a test compares the page with this
 import re
 from typing import Final, Literal
 
+from btcore.documentation_site import FIRST_PAGE
+
 Severity = Literal["error", "warning", "change"]
 """An error or a warning about a document, or a change in its conversion to format 4."""
 DiagnosticKind = Literal[
@@ -58,16 +60,11 @@ class DiagnosticCode(str):
         return _SEVERITIES.get(self.kind, "error")
 
     @property
-    def url(self) -> str | None:
-        """The address of the heading in the documentation that describes the code.
-
-        None if the documentation's address is unknown, because btcore is imported without being installed.
-        """
-        from btcore.documentation_site import documentation_url  # only for messages
-
+    def url(self) -> str:
+        """The address of the heading in the documentation that describes the code."""
         heading = f"{self} · {self.summary}".lower()
         anchor = re.sub(r"[^\w -]", "", heading).replace(" ", "-")
-        return documentation_url(f"reference/errors.html#{anchor}")
+        return f"{FIRST_PAGE}reference/errors.html#{anchor}"
 
 
 # The document itself

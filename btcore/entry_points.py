@@ -9,8 +9,6 @@ import os
 import re
 from collections.abc import Iterable
 from functools import cache
-from importlib import import_module
-from operator import attrgetter
 from typing import Any, Final, NamedTuple
 
 OWN_DISTRIBUTION = "btcore"
@@ -43,9 +41,9 @@ class EntryPoint(NamedTuple):
 
     def load(self) -> Any:
         """Import and return the module or the object."""
-        module, _, attribute = self.value.partition("[")[0].replace(" ", "").partition(":")
-        loaded = import_module(module)
-        return attrgetter(attribute)(loaded) if attribute else loaded
+        from importlib.metadata import EntryPoint as InstalledEntryPoint  # slow to import
+
+        return InstalledEntryPoint(self.name, self.value, group="").load()
 
 
 class UnavailableEntryPoint(NamedTuple):

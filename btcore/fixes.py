@@ -5,6 +5,7 @@ makes edits of the text from these descriptions.
 """
 
 
+# Not dataclasses: creating as many would take as long as the rest of `import btcore`.
 class Fix:
     """A change at the place of a diagnostic that removes its cause. Each kind of change is a subclass.
 
@@ -52,10 +53,6 @@ class RenameAttribute(_FixWithText):
 
 class ReplaceText(_FixWithText):
     """Replace the marked characters by a text, which is escaped already."""
-
-
-class InsertText(_FixWithText):
-    """Insert a text before the marked characters."""
 
 
 class Escape(Fix):

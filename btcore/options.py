@@ -97,7 +97,6 @@ def from_values(options_class: type[AnyOptions], values: Mapping[str, Any]) -> A
     """Return options with the values of a command's parameters; None if a required option is not given.
 
     Args:
-        options_class: The class of the options.
         values: The values of parameters by name; those that are missing have their defaults.
     """
     chosen: dict[str, Any] = {}

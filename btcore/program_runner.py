@@ -19,7 +19,7 @@ import click
 from rich.text import Text
 
 from btcore.cli import terminal
-from btcore.cli.node_libraries import load_libraries
+from btcore.cli.node_libraries import NodeLibraries
 from btcore.cli.provider_command import ProviderCommand, command_providers, create_run
 from btcore.cli.run_summary import END_REASON_TEXT, print_reports
 from btcore.cli.terminal import print_json
@@ -49,7 +49,7 @@ def load_nodes(ctx: click.Context, plugins: Sequence[str]) -> Registry:
         RegistrationError: A plugin cannot be loaded.
         click.UsageError: A plugin is given twice.
     """
-    return load_libraries(plugins, imported=command_providers(ctx).plugins).nodes
+    return NodeLibraries(plugins, imported=command_providers(ctx).plugins).nodes
 
 
 def print_result(name: str, run: Run, own_report: Mapping[str, object]) -> None:

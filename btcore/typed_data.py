@@ -80,8 +80,8 @@ def convert(value: Any, data_type: type[Value]) -> Value:
 
     Numbers have to be finite, and None is always invalid.
     """
-    _check(value, data_type, ())
-    return msgspec.convert(value, data_type, dec_hook=_path)
+    converted: Value = _check(value, data_type, ())
+    return converted
 
 
 def json_schema(data_type: type) -> dict[str, Any]:
@@ -96,7 +96,8 @@ def _path(data_type: type, value: Any) -> Any:
     raise TypeError
 
 
-def _check(value: Any, annotation: Any, keys: Keys) -> None:
+def _check(value: Any, annotation: Any, keys: Keys) -> Any:
+    """Return *value*, to which *keys* lead, as the type *annotation*."""
     data_type, _ = _bare(annotation)
     if get_origin(data_type) in (Union, UnionType) and isinstance(value, dict):
         data_type = _tagged(value, get_args(data_type), keys)
@@ -115,7 +116,7 @@ def _check(value: Any, annotation: Any, keys: Keys) -> None:
     if value is None or (isinstance(value, float) and not math.isfinite(value)):
         raise _misfit(value, annotation, keys)
     try:
-        msgspec.convert(value, annotation, dec_hook=_path)
+        return msgspec.convert(value, annotation, dec_hook=_path)
     except msgspec.ValidationError as error:
         if isinstance(error.__cause__, FieldError):
             raise DataError((*keys, error.__cause__.key), error.__cause__.problem) from None

@@ -9,9 +9,8 @@ import errno
 import os
 import sys
 from collections.abc import Sequence
-from contextlib import suppress
 from importlib import import_module
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any, Final, NoReturn
 
 import click
 
@@ -20,13 +19,36 @@ from btcore import builds, entry_points
 from btcore.exit_codes import ExitCode
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from click.shell_completion import CompletionItem
 
-OWN_COMMANDS = ("run", "validate", "nodes")
-
-_LOADED_COMMAND = "btcore.cli.main.loaded_command"
+OWN_COMMANDS: Final = ("run", "validate", "nodes")
+SHORT_HELP: Final = {
+    "run": "Run a tree until it ends.",
+    "validate": "Check trees, and report all errors and warnings.",
+    "nodes": "List the available nodes and their ports.",
+    "book": "Run an example from the book 'A Concise Introduction to Robot Programming with ROS2'.",
+    "convert": "Convert a tree from XML format 3 to format 4.",
+    "diff": "Find the first difference between two logs.",
+    "drive": "Drive the robot with keys, and make a map.",
+    "hook": "Set breakpoints, step, and inject statuses in a tree, by Groot 2's protocol.",
+    "keys": "Create a key pair for encrypted connections.",
+    "lsp": "Start the language server for editors.",
+    "map": "Write the map of a world as YAML and PGM files for map_server.",
+    "mcp": "Serve AI agents that write trees (MCP).",
+    "monitor": "Watch running behavior trees of btcore, BehaviorTree.CPP or Nav2.",
+    "prove": "Prove what holds in every run of a tree.",
+    "record": "Record a running robot into log files.",
+    "replay": "Show a log again, as text or in the viewer, or run a recording again.",
+    "ros2": "Use ROS 2: serve trees, simulate a robot, replace parts of Nav2.",
+    "schema": "Print an XML schema (XSD) for XML editors.",
+    "show": "Draw a tree, or list its data flow.",
+    "stats": "Print statistics of the nodes in a log.",
+    "studio": "Edit trees in a browser, and watch them run.",
+    "sweep": "Run a tree many times in parallel, and compare.",
+    "why": "Explain why a node of a recorded run did what it did.",
+    "world": "Make a random office or home.",
+}
+"""The lines of `btcore --help`, also for btcore's other packages: to import all commands takes a second."""
 
 
 class CommandLine(click.Group):
@@ -47,33 +69,30 @@ class CommandLine(click.Group):
             return own
         loaded, unavailable = entry_points.load(entry_points.COMMANDS_GROUP, cmd_name)
         if loaded:
-            ctx.meta[_LOADED_COMMAND] = loaded[0]
             command: click.Command = loaded[0].value
             return command
         return _create_placeholder(unavailable[0]) if unavailable else None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the commands with the first sentences of their help, without importing them."""
-        outlines = self._create_outlines(ctx)
-        limit = formatter.width - 6 - max(len(name) for name in outlines)
+        """Write the commands with their short help, without importing those of btcore."""
         with formatter.section("Commands"):
-            formatter.write_dl([(name, item.get_short_help_str(limit)) for name, item in outlines.items()])
+            formatter.write_dl([*self._read_short_help(ctx).items()])
 
     def shell_complete(self, ctx: click.Context, incomplete: str) -> "list[CompletionItem]":
-        """Return the commands and options that begin with *incomplete*, without importing commands."""
+        """Return the commands and options that begin with *incomplete*, without importing those of btcore."""
         from click.shell_completion import CompletionItem
 
-        outlines = self._create_outlines(ctx).items()
-        matching = {name: outline for name, outline in outlines if name.startswith(incomplete)}
-        commands = [CompletionItem(name, help=item.get_short_help_str()) for name, item in matching.items()]
+        matching = [item for item in self._read_short_help(ctx).items() if item[0].startswith(incomplete)]
+        commands = [CompletionItem(name, help=text) for name, text in matching]
         return [*commands, *click.Command.shell_complete(self, ctx, incomplete)]
 
-    def _create_outlines(self, ctx: click.Context) -> dict[str, click.Command]:
-        """Return commands that have the help of the real commands, by name."""
-        targets = {name: f"btcore.cli.commands.{name}:{name}" for name in OWN_COMMANDS}
-        for point in entry_points.find(entry_points.COMMANDS_GROUP):
-            targets.setdefault(point.name, point.value)
-        return {name: _create_outline(name, target) for name, target in targets.items()}
+    def _read_short_help(self, ctx: click.Context) -> dict[str, str]:
+        """Return the short help of each command by name. Commands of other distributions are imported."""
+        short_help = {}
+        for name in self.list_commands(ctx):
+            command = None if name in SHORT_HELP else self.get_command(ctx, name)
+            short_help[name] = SHORT_HELP[name] if command is None else command.get_short_help_str(100)
+        return short_help
 
     def invoke(self, ctx: click.Context) -> Any:
         """Invoke the command; if it fails to import an optional module, explain what to install."""
@@ -83,8 +102,10 @@ class CommandLine(click.Group):
             if (error.name or "").startswith("btcore."):
                 raise  # an error of btcore itself
             name = ctx.invoked_subcommand or ""
-            loaded = ctx.meta.get(_LOADED_COMMAND)
-            distribution = entry_points.OWN_DISTRIBUTION if loaded is None else loaded.distribution
+            added = {
+                point.name: point.distribution for point in entry_points.find(entry_points.COMMANDS_GROUP)
+            }
+            distribution = added.get(name, entry_points.OWN_DISTRIBUTION)
             remedy = entry_points.UnavailableEntryPoint(name, distribution, error).remedy
             raise click.ClickException(f"'{name}' requires an optional dependency: {remedy}") from error
 
@@ -168,41 +189,6 @@ def _exit_for_error(error: Exception) -> NoReturn:
         "Set BTCORE_DEBUG=1 to print the traceback.", style="dim", highlight=False
     )
     sys.exit(ExitCode.INTERNAL_ERROR)
-
-
-def _create_outline(name: str, target: str) -> click.Command:
-    """Return a command with the help of *target*, `module:function`, which is read from the source.
-
-    Importing all commands would take most of the time of `btcore --help`. Without a source, it is empty.
-    """
-    import ast
-
-    module, _, function = target.partition(":")
-    with suppress(OSError, SyntaxError, ValueError):
-        file = _find_source(module)
-        source = "" if file is None else file.read_text(encoding="utf-8")
-        for node in ast.parse(source).body:
-            if isinstance(node, ast.FunctionDef) and node.name == function:
-                keywords = [word for item in node.decorator_list for word in getattr(item, "keywords", ())]
-                texts = [word.value for word in keywords if word.arg == "short_help"]
-                short_help = ast.literal_eval(texts[0]) if texts else None
-                return click.Command(name, short_help=short_help, help=ast.get_docstring(node))
-    return click.Command(name)
-
-
-def _find_source(module: str) -> "Path | None":
-    """Return the file of *module*, whose packages need not be imported; None if it has no source."""
-    from importlib.util import find_spec
-    from pathlib import Path
-
-    top, *rest = module.split(".")
-    spec = find_spec(top)
-    for folder in (spec.submodule_search_locations or ()) if spec is not None else ():
-        path = Path(folder, *rest)
-        for file in (path.with_suffix(".py"), path / "__init__.py"):
-            if file.is_file():
-                return file
-    return None
 
 
 def _create_placeholder(unavailable: entry_points.UnavailableEntryPoint) -> click.Command:

@@ -1,11 +1,11 @@
 """The nodes of a command: built-in, installed, loaded by `--plugin`, and declared by `--model`."""
 
-import copy
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import cache
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Final, Literal
 
 import click
 
@@ -50,30 +50,56 @@ class AllNodesOptions(LibraryOptions):
 
 
 class NodeLibraries:
-    """The built-in nodes, the installed libraries and the plugins; see `load_libraries`.
+    """The built-in nodes, all installed libraries, *plugins* and *models*.
+
+    An installed library that cannot be imported is not an error, since the tree may not use it. Unless a
+    missing module is the cause, a warning is printed.
 
     Args:
-        plugins: The libraries of the user, which override installed libraries.
-        btcore_on_demand: Whether `ensure_loaded_for` loads the libraries of btcore's own packages.
+        plugins: Modules and Python files with nodes, which override installed libraries.
+        models: TreeNodesModel files.
+        confined: Whether a model that includes a file from outside of its folder is invalid.
+        btcore_on_demand: Whether to load the libraries of btcore's own packages only when a document needs
+            them. They are loaded at once nevertheless if a plugin has imported one of these packages, because
+            the plugin may use their types, and with *models*, which declare only what is unknown.
+        imported: Plugins that are imported already, by their names in *plugins*.
 
     Attributes:
         nodes: The registry of the available nodes.
         unavailable: The libraries that are installed but cannot be imported.
-        has_models: Whether nodes were declared by models, and need no code.
     """
 
-    def __init__(self, plugins: Sequence[Plugin], btcore_on_demand: bool) -> None:
-        self.has_models = False
-        self._plugins = plugins
+    def __init__(
+        self,
+        plugins: Sequence[str],
+        models: Sequence[Path] = (),
+        confined: bool = False,
+        btcore_on_demand: bool = False,
+        imported: Mapping[str, Plugin] | None = None,
+    ) -> None:
+        loaded: dict[str | Path, Plugin] = {}
+        for plugin in plugins:
+            module_or_file = Path(plugin).resolve() if plugin.endswith(".py") else plugin
+            if module_or_file in loaded:
+                raise click.UsageError(f"--plugin {plugin} is given more than once.")
+            loaded[module_or_file] = (imported or {}).get(plugin) or import_plugin(plugin)
+        self._plugins = list(loaded.values())
         self._warnings: set[str] = set()
-        self._load(with_btcore=not btcore_on_demand)
+        # Providers import these packages, too, but not their nodes.
+        has_imported = bool(loaded) and not entry_points.own_packages(NODES_GROUP).isdisjoint(sys.modules)
+        self._load(with_btcore=not btcore_on_demand or bool(models) or has_imported)
+        self._has_models = bool(models)
+        for model in models:
+            from btcore.xml.models.model_file import add_models  # most commands have no models
+
+            add_models(self.nodes, model, confined)
 
     def _load(self, with_btcore: bool) -> None:
         self._has_btcore_libraries = with_btcore
-        self.nodes = Registry.standard()
-        self.unavailable: Sequence[UnavailableEntryPoint] = self.nodes.add_installed_libraries(
-            own=with_btcore, strict=False
-        )
+        # Plugins add types, which the copies of a registry share.
+        load = load_installed if self._plugins else installed_once
+        nodes, self.unavailable = load(with_btcore)
+        self.nodes = nodes.copy()
         for unavailable in self.unavailable:
             if unavailable.missing_module is None:
                 self._warn(str(unavailable.error))
@@ -88,32 +114,13 @@ class NodeLibraries:
                 f"{added_type.name} of {library_of(installed_type.python_type)}"
             )
 
-    def copy(self) -> "NodeLibraries":
-        """Return the same libraries with a copy of `nodes`."""
-        copied = copy.copy(self)
-        copied.nodes = self.nodes.copy()
-        return copied
-
     def _warn(self, message: str) -> None:
         """Print a warning, unless it was printed when the libraries were loaded before."""
         if message not in self._warnings:
             self._warnings.add(message)
             terminal.print_warning(message)
 
-    def add_models(self, models: Sequence[Path], confined: bool = False) -> None:
-        """Add the nodes of TreeNodesModel files.
-
-        Args:
-            confined: Whether includes from outside of a file's folder are errors.
-        """
-        if models:
-            from btcore.xml.models.model_file import add_models  # most commands have no models
-
-            for model in models:
-                add_models(self.nodes, model, confined)
-            self.has_models = True
-
-    def ensure_loaded_for(self, documents: Iterable[Document]) -> bool:
+    def _ensure_loaded_for(self, documents: Iterable[Document]) -> bool:
         """Load the libraries of btcore's own packages if a node is unknown without them.
 
         This replaces `nodes`: nodes and rules for a single tree are added to a copy.
@@ -137,9 +144,9 @@ class NodeLibraries:
             tags, such as `<Action ID="Move"/>`, declare. Without models unknown nodes remain errors.
         """
         sources = read(document, self.nodes.documents)
-        if self.ensure_loaded_for(sources.documents):
+        if self._ensure_loaded_for(sources.documents):
             sources = read(document, self.nodes.documents)
-        if not self.has_models:
+        if not self._has_models:
             return sources, self.nodes
         from btcore.xml.models.model_file import add_explicit_nodes
 
@@ -162,39 +169,14 @@ class NodeLibraries:
         ]
 
 
-def load_libraries(
-    plugins: Sequence[str],
-    models: Sequence[Path] = (),
-    confined: bool = False,
-    btcore_on_demand: bool = False,
-    imported: Mapping[str, Plugin] | None = None,
-) -> NodeLibraries:
-    """Load all installed node libraries, *plugins* and *models*.
+def load_installed(own: bool) -> tuple[Registry, Sequence[UnavailableEntryPoint]]:
+    """Return the built-in and the installed nodes, and the libraries that cannot be loaded."""
+    nodes = Registry.standard()
+    return nodes, nodes.add_installed_libraries(own=own, strict=False)
 
-    An installed library that cannot be imported is not an error, since the tree may not use it. It is added
-    to `NodeLibraries.unavailable`; unless a missing module is the cause, a warning is printed as well.
 
-    Args:
-        plugins: Modules and Python files with nodes.
-        confined: Whether a model that includes a file from outside of its folder is invalid.
-        btcore_on_demand: Whether to load the libraries of btcore's own packages only when a document needs
-            them. They are loaded at once nevertheless if a plugin has imported one of these packages, because
-            the plugin may use their types, and with *models*, which declare only what is unknown.
-        imported: Plugins that are imported already, by their names in *plugins*.
-    """
-    loaded: list[Plugin] = []
-    seen: set[str | Path] = set()
-    for plugin in plugins:
-        module_or_file = Path(plugin).resolve() if plugin.endswith(".py") else plugin
-        if module_or_file in seen:
-            raise click.UsageError(f"--plugin {plugin} is given more than once.")
-        seen.add(module_or_file)
-        loaded.append((imported or {}).get(plugin) or import_plugin(plugin))
-    # Providers import these packages, too, but not their nodes.
-    has_imported = bool(loaded) and not entry_points.own_packages(NODES_GROUP).isdisjoint(sys.modules)
-    libraries = NodeLibraries(loaded, btcore_on_demand and not models and not has_imported)
-    libraries.add_models(models, confined)
-    return libraries
+installed_once: Final = cache(load_installed)
+"""The same as `load_installed`, for the many runs of a sweep in a process."""
 
 
 def _has_providers(plugin: Plugin) -> bool:
@@ -212,5 +194,5 @@ def _find_node_ids(documents: Iterable[Document]) -> Iterator[str]:
 
 def complete_node_id(ctx: click.Context, parameter: click.Parameter, incomplete: str) -> list[str]:
     """Return the IDs of the built-in and installed nodes."""
-    ids = load_libraries(()).nodes.manifests_of(4)
+    ids = NodeLibraries(()).nodes.manifests_of(4)
     return [node_id for node_id in ids if node_id.startswith(incomplete)]

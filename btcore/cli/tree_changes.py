@@ -158,8 +158,7 @@ def _warn_unused_keys(keys: Iterable[str], plans: Plans) -> None:
     from btcore.lint.dry_run import DryRun  # most runs do not need it
 
     assert plans.main_tree is not None
-    dry_run = DryRun(plans)
-    dry_run.run(plans.main_tree)
+    dry_run = DryRun(plans, plans.main_tree)
     board = dry_run.blackboard
     for key in keys:
         hint = did_you_mean(key, board.visible_keys())

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Final, Literal
 import click
 
 from btcore import bundled_trees
-from btcore.cli.node_libraries import LibraryOptions, NodeLibraries, load_libraries
+from btcore.cli.node_libraries import LibraryOptions, NodeLibraries
 from btcore.errors import BtcoreError, TreeError
 from btcore.input_files import read_error, read_stream
 from btcore.options import option
@@ -125,7 +125,7 @@ class TreeReader:
     ) -> None:
         self.path = path
         self.options = options
-        self.libraries = libraries or load_libraries(
+        self.libraries = libraries or NodeLibraries(
             options.plugins, options.models, options.confined, btcore_on_demand=True
         )
         self.adapt_registry = adapt_registry

@@ -4,14 +4,14 @@ The dry run creates nodes as loading does: it creates the same blackboards and c
 ports. It therefore finds the same errors, except for errors that user code raises.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.ports import SCRIPT_ROLES, Binding, Port
 from btcore.clock import SystemClock
 from btcore.diagnostic_codes import DiagnosticCode
-from btcore.diagnostics import Diagnostic
 from btcore.engine.node import TreeNode
 from btcore.engine.node_config import NodeConfig
 from btcore.errors import BlackboardError
@@ -56,22 +56,19 @@ class EntryUse:
         """The script or the port, with its node, for messages."""
         return f"the {'script in' if self.port is None else 'port'} '{self.attribute}' of {self.node.label}"
 
-    def diagnostic(
-        self, code: DiagnosticCode, message: str, hint: str, fixes: Sequence[Fix] = ()
-    ) -> Diagnostic:
-        """Return a diagnostic about this place."""
-        mark: Mark = {"attribute": self.attribute, "column": self.column, "width": len(self.key)}
-        return self.document.diagnostic(code, message, self.node.element, hint, fixes, **mark)
-
 
 class DryRun(NodeCreator):
-    """A dry run of one tree. Call `run` to fill the attributes.
+    """A dry run of one tree.
 
     Args:
+        plans: The plans of the document.
+        tree: The main tree, or any other tree, whose entries its callers may set.
         collector: Gets the errors that loading the tree would report; by default a new collector.
+        given: Keys that the tree's blackboard holds before the first tick.
 
     Attributes:
         uses: Every entry with the places that use it.
+        homes: For each entry, the blackboard of the outermost tree that holds it, and its key there.
         has_untracked_access: Whether the tree may use entries that are known only when it runs: because a
             leaf takes the whole blackboard, or because a script or a key is read from an entry.
         has_untracked_writes: The same for entries that the tree may write. A leaf that takes the whole
@@ -79,9 +76,16 @@ class DryRun(NodeCreator):
         has_mocks: Whether mock nodes replace nodes without code. Then the registry may lack enums that the
             C++ code registers.
         entrances: For each inner blackboard, the place of the SubTree element that creates it.
+        written_in: Returns the keys of a blackboard that are written or given.
     """
 
-    def __init__(self, plans: Plans, collector: DiagnosticCollector | None = None) -> None:
+    def __init__(
+        self,
+        plans: Plans,
+        tree: TreePlan,
+        collector: DiagnosticCollector | None = None,
+        given: Collection[str] = (),
+    ) -> None:
         super().__init__(plans, (), SystemClock())
         if collector is not None:
             self.collector = collector
@@ -90,10 +94,11 @@ class DryRun(NodeCreator):
         self.has_untracked_writes = False
         self.has_mocks = False
         self.entrances: dict[Blackboard, EntryUse] = {}
+        self.homes: dict[Entry, tuple[Blackboard, str]] = {}
+        self.written_in = cache(self._find_written)
+        self._given = given
+        self._is_main = tree is plans.main_tree
         self._recorded: list[EntryUse] = []
-
-    def run(self, tree: TreePlan) -> None:
-        """Create *tree*, and fill the attributes."""
         self.create_nodes(tree)
         for use in self._recorded:
             try:
@@ -107,20 +112,40 @@ class DryRun(NodeCreator):
             for uses in self.uses.values()
         ):
             self.has_untracked_access = self.has_untracked_writes = True
+        # Trees that share a blackboard count once.
+        for board in dict.fromkeys(draft.subtree.blackboard for draft in self.drafts):
+            for key, entry in board.local_entries().items():
+                self.homes.setdefault(entry, (board, key))
+
+    def may_be_given(self, board: Blackboard, key: str) -> bool:
+        """Return whether the program or a caller may set an entry of *board* before the first tick."""
+        return board is self.blackboard and (not self._is_main or key in self._given)
+
+    def report(
+        self,
+        use: EntryUse,
+        code: DiagnosticCode,
+        message: str,
+        hint: str,
+        fixes: Sequence[Fix] = (),
+        outer_key: str = "",
+    ) -> None:
+        """Add a diagnostic about the place of *use*; see `Diagnostic`."""
+        mark: Mark = {"attribute": use.attribute, "column": use.column, "width": len(use.key)}
+        diagnostic = use.document.diagnostic(code, message, use.node.element, hint, fixes, **mark)
+        self.collector.add(diagnostic._replace(outer_key=outer_key))
+
+    def _find_written(self, board: Blackboard) -> Collection[str]:
+        written = [
+            key for key, entry in board.local_entries().items() if has_writer(self.uses.get(entry, ()))
+        ]
+        given = sorted(self._given) if board is self.blackboard else []
+        return dict.fromkeys([*written, *given])
 
     def plan_of(self, board: Blackboard) -> TreePlan:
         """Return the plan of the innermost tree whose nodes use *board*."""
         # In format 3, trees may share a blackboard.
         return next(draft.plan for draft in reversed(self.drafts) if draft.subtree.blackboard is board)
-
-    def entry_homes(self) -> dict[Entry, tuple[Blackboard, str]]:
-        """Return for each entry the blackboard of the outermost tree that holds it, and its key there."""
-        homes: dict[Entry, tuple[Blackboard, str]] = {}
-        # Trees that share a blackboard count once.
-        for board in dict.fromkeys(draft.subtree.blackboard for draft in self.drafts):
-            for key, entry in board.local_entries().items():
-                homes.setdefault(entry, (board, key))
-        return homes
 
     # --- steps of the creation, each recording the entries that it uses
 

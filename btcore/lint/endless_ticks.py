@@ -5,14 +5,12 @@ from typing import Final
 
 from btcore.blackboard.ports import PortRole
 from btcore.diagnostic_codes import ENDLESS_TICK
-from btcore.lint.node_reporter import NodeReporter
-from btcore.lint.possible_results import ResultAnalysis, all_children_known, behaviour_of
+from btcore.lint.check_context import CheckContext
+from btcore.lint.possible_results import all_children_known, behaviour_of
 from btcore.nodes.repeat import RepeatedNode
 from btcore.registry.nodes_without_code import is_mock
 from btcore.status import FAILURE, SUCCESS, NodeType
-from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
-from btcore.xml.read.document import DiagnosticCollector
 
 _FOREVER: Final = -1
 _CHECKED_WHILE_RUNNING: Final = "_while"  # the only pre-condition that may halt a node that is RUNNING
@@ -22,12 +20,10 @@ _SKIPPING: Final = frozenset({"_skipIf", "_while"})
 class EndlessTickCheck:
     """Reports the loops of trees that never end a tick, each once."""
 
-    def __init__(self, plans: Plans, results: ResultAnalysis, collector: DiagnosticCollector) -> None:
-        self._plans = plans
-        self._results = results
-        self._collector = collector
+    def __init__(self, context: CheckContext) -> None:
+        self._context = context
         # In format 3 a loop repeats within its own tick, so that no other node can halt it.
-        self._repeats_at_once = plans.format == 3
+        self._repeats_at_once = context.plans.format == 3
         # The results of _may_pause and _has_action, because many loops may contain the same nodes.
         self._pauses: dict[NodePlan, bool] = {}
         self._acts: dict[NodePlan, bool] = {}
@@ -65,7 +61,7 @@ class EndlessTickCheck:
         if self._may_pause(child):
             return
         label, repeated = node.label, child.label
-        ends = self._results.results_of(child).results - {cls.repeat_on}
+        ends = self._context.results.results_of(child).results - {cls.repeat_on}
         # A loop that checks a condition may be endless by design: its actions may change what is checked.
         is_while_loop = FAILURE in ends or not _SKIPPING.isdisjoint(child.conditions)
         if is_while_loop and self._has_action(child):
@@ -77,7 +73,8 @@ class EndlessTickCheck:
             message = f"{label} never ends a tick: it repeats {repeated} forever"
         message += ", and no node below it can be RUNNING"
         hint = "add a pause, such as a <Delay>, or limit the number of repetitions"
-        NodeReporter(tree.definition.document, self._collector).report(node, ENDLESS_TICK, message, hint=hint)
+        context = self._context._replace(document=tree.definition.document)
+        context.report(node, ENDLESS_TICK, message, hint=hint)
 
     def _may_pause(self, node: NodePlan) -> bool:
         """Return whether *node* may be RUNNING without requesting the next tick at once."""
@@ -95,7 +92,7 @@ class EndlessTickCheck:
         if behaviour_of(node.manifest.cls).spec.never_pauses:
             # A comprehension, because `any` would recurse on the stack of C, which is small for deep trees.
             return True in [self._may_pause(child) for child in node.children]
-        return self._results.results_of(node).may_run
+        return self._context.results.results_of(node).may_run
 
     def _has_action(self, node: NodePlan) -> bool:
         """Return whether *node* or a node below it is an action, which may change what conditions check."""
@@ -112,4 +109,4 @@ class EndlessTickCheck:
         return is_action or True in [self._has_action(child) for child in node.children]
 
     def _called(self, node: NodePlan) -> TreePlan | None:
-        return None if node.subtree_call is None else self._plans.trees.get(node.subtree_call.tree_id)
+        return None if node.subtree_call is None else self._context.plans.trees.get(node.subtree_call.tree_id)

@@ -4,7 +4,7 @@ The codes are E202 (constant that a port rejects), W206 (value that doesn't conv
 without a type) and W214 (object of a base class).
 """
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 
 from btcore.blackboard.blackboard import Blackboard, Entry
 from btcore.blackboard.ports import Binding, Port, PortRole
@@ -29,24 +29,19 @@ from btcore.status import SUCCESS
 from btcore.values import INT64, STRING
 from btcore.xml.plan.key_uses import WRITING, AccessKind
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
-from btcore.xml.read.document import DiagnosticCollector
 
 ChildPlace = tuple[NodePlan, int]
 """The parent of a node, and the node's index among the children."""
 
 
-def check_value_types(dry_run: DryRun, is_main: bool, given: Collection[str]) -> None:
+def check_value_types(dry_run: DryRun) -> None:
     """Warn about writes that always raise, and report constants that the reading ports reject.
 
     Also warn about texts that a SetBlackboard writes to entries without a type, which BehaviorTree.CPP
     handles differently, and about ports that read objects of a base class of their type.
-
-    Args:
-        dry_run: A completed dry run of the tree.
-        given: Keys that the tree's blackboard holds before the first tick.
     """
     if dry_run.format == 4 and not dry_run.has_untracked_access:
-        untyped = _untyped_entries(dry_run, is_main, given)
+        untyped = _untyped_entries(dry_run)
         _check_untyped_entries(dry_run, untyped)
         _check_copied_integers(dry_run, untyped)
     for entry, uses in dry_run.uses.items():
@@ -64,7 +59,7 @@ def _warn_refused_write(dry_run: DryRun, entry: Entry, use: EntryUse, write: str
     message = f"{write}, but the entry '{use.key}' has the type {entry.declared.name}: every write raises"
     declaration = dry_run.declared_by(entry)
     hint = f"declared by {declaration}; the type of an entry never changes" if declaration else ""
-    dry_run.collector.add(use.diagnostic(REFUSED_ENTRY_VALUE, message, hint))
+    dry_run.report(use, REFUSED_ENTRY_VALUE, message, hint)
 
 
 def _check_port(dry_run: DryRun, entry: Entry, use: EntryUse, port: Port) -> None:
@@ -84,7 +79,7 @@ def _check_base_class(dry_run: DryRun, entry: Entry, use: EntryUse, port: Port) 
         f"reading any other {entry_type.name} raises"
     )
     origin = dry_run.declared_by(entry)
-    dry_run.collector.add(use.diagnostic(BASE_CLASS_READ, message, f"declared by {origin}" if origin else ""))
+    dry_run.report(use, BASE_CLASS_READ, message, f"declared by {origin}" if origin else "")
 
 
 def _written_value(use: EntryUse) -> Binding | None:
@@ -123,20 +118,14 @@ def _assigns_integer(use: EntryUse) -> bool:
     )
 
 
-def _untyped_entries(dry_run: DryRun, is_main: bool, given: Collection[str]) -> list[Entry]:
-    """Return the entries that certainly have no type before the first tick.
-
-    The program may set the entries of the outermost blackboard: the entries in *given*, and any entry if the
-    tree is not the main tree. Their types are unknown.
-    """
-    homes = dry_run.entry_homes()
-    untyped: list[Entry] = []
-    for entry in dry_run.uses:
-        if not entry.declared.strong and entry in homes:
-            board, key = homes[entry]
-            if board is not dry_run.blackboard or (is_main and key not in given):
-                untyped.append(entry)
-    return untyped
+def _untyped_entries(dry_run: DryRun) -> list[Entry]:
+    """Return the entries that certainly have no type before the first tick."""
+    homes = dry_run.homes
+    return [
+        entry
+        for entry in dry_run.uses
+        if not entry.declared.strong and entry in homes and not dry_run.may_be_given(*homes[entry])
+    ]
 
 
 def _check_copied_integers(dry_run: DryRun, untyped: list[Entry]) -> None:
@@ -183,7 +172,7 @@ def _check_untyped_entries(dry_run: DryRun, untyped: list[Entry]) -> None:
             if not creator.is_in_script or (
                 use.scope is creator.scope and _runs_before(creator, use, places[plan])
             ):
-                _warn_untyped(use, creator, dry_run.collector)
+                _warn_untyped(use, creator, dry_run)
 
 
 def _writes_literal(use: EntryUse) -> bool:
@@ -226,7 +215,7 @@ def _runs_before(script: EntryUse, use: EntryUse, places: Mapping[NodePlan, Chil
     return is_sequence and index < indices[common]
 
 
-def _warn_untyped(use: EntryUse, creator: EntryUse, collector: DiagnosticCollector) -> None:
+def _warn_untyped(use: EntryUse, creator: EntryUse, dry_run: DryRun) -> None:
     text = _written_literal(use) or ""
     text = "…" if "'" in text else text
     line = creator.document.line(creator.node.element)
@@ -238,7 +227,7 @@ def _warn_untyped(use: EntryUse, creator: EntryUse, collector: DiagnosticCollect
         f"'{creator.attribute}' of {creator.node.label} in line {line} "
         f"creates the entry; a Script works in both: {use.key} := '{text}'"
     )
-    collector.add(use.diagnostic(TEXT_FOR_UNTYPED_ENTRY, message, hint))
+    dry_run.report(use, TEXT_FOR_UNTYPED_ENTRY, message, hint)
 
 
 def _check_script(dry_run: DryRun, entry: Entry, use: EntryUse, statement: Assignment) -> None:
@@ -257,7 +246,7 @@ def _check_script(dry_run: DryRun, entry: Entry, use: EntryUse, statement: Assig
         place = f"'{use.key}' has the type {entry.declared.name}, declared by {declaration}"
         hint = place if declaration else ""
         message = f"{use.title} always raises: {reason}"
-        dry_run.collector.add(use.diagnostic(REFUSED_ENTRY_VALUE, message, hint))
+        dry_run.report(use, REFUSED_ENTRY_VALUE, message, hint)
 
 
 def _check_constant(dry_run: DryRun, uses: list[EntryUse], entry: Entry) -> None:
@@ -285,7 +274,7 @@ def _check_constant(dry_run: DryRun, uses: list[EntryUse], entry: Entry) -> None
         passed, fixes = entry_hint("pass the entry", text) if text.isidentifier() else HintAndFixes()
         if passed:
             hint += f"; {passed}"
-        dry_run.collector.add(use.diagnostic(code, message, hint, fixes))
+        dry_run.report(use, code, message, hint, fixes)
         return
 
 

@@ -30,7 +30,7 @@ from btcore.diagnostics import HintAndFixes
 from btcore.engine.signature import PortAttribute
 from btcore.errors import ConversionError
 from btcore.fixes import SetAttributes, SetValue
-from btcore.lint.node_reporter import NodeReporter
+from btcore.lint.check_context import CheckContext
 from btcore.lint.possible_results import is_built_in
 from btcore.names import SCRIPT_ATTRIBUTES, is_port_name, port_name_error
 from btcore.registry.manifest import Manifest
@@ -48,7 +48,7 @@ _INTEGER: Final = re.compile(r"-?[0-9]+")
 _HALF_A_POINTER: Final = re.compile(r"\{(?P<open>[A-Za-z_@][\w.]*)|\$?\{?(?P<closed>[A-Za-z_@][\w.]*)\}")
 
 
-def check_ignored_attributes(node: NodePlan, reporter: NodeReporter) -> None:
+def check_ignored_attributes(node: NodePlan, context: CheckContext) -> None:
     """Warn about ignored attributes.
 
     Editors keep their own data in attributes that begin with an underscore. Such a name is reported only if
@@ -60,12 +60,12 @@ def check_ignored_attributes(node: NodePlan, reporter: NodeReporter) -> None:
             if near is not None:
                 message = f"the attribute '{key}' of {node.label} is ignored: unknown name"
                 advice = HintAndFixes.similar_name(near)
-                reporter.report(node, IGNORED_ATTRIBUTE, message, *advice, attribute=key, part="name")
+                context.report(node, IGNORED_ATTRIBUTE, message, *advice, attribute=key, part="name")
         elif key not in ("ID", "name"):
             reason = port_name_error(key)
             message = f"the attribute '{key}' of {node.label} is ignored: invalid port name ({reason})"
             hint = "rename the port, here and in the code that registers it"
-            reporter.report(node, IGNORED_ATTRIBUTE, message, attribute=key, hint=hint, part="name")
+            context.report(node, IGNORED_ATTRIBUTE, message, attribute=key, hint=hint, part="name")
 
 
 @lru_cache(maxsize=64)  # every node of a file that btcore or Groot wrote may have the same attributes
@@ -75,7 +75,7 @@ def _similar_attribute(key: str, is_subtree: bool) -> str | None:
     return nearest_name(key, sorted(names))
 
 
-def check_missing_ports(node: NodePlan, reporter: NodeReporter) -> None:
+def check_missing_ports(node: NodePlan, context: CheckContext) -> None:
     """Warn about missing ports without a default: *node* raises when it uses such a port."""
     manifest = node.manifest
     if node.subtree_call is not None or is_mock(manifest.cls):
@@ -96,7 +96,7 @@ def check_missing_ports(node: NodePlan, reporter: NodeReporter) -> None:
     examples = [f'{port.name}="…"' if port.reads else f'{port.name}="{{…}}"' for port in missing]
     values = {port.name: f"{{{port.name}}}" for port in missing}
     hint = "write " + " ".join(examples)
-    reporter.report(node, EMPTY_PORT, message, hint=hint, fixes=[SetAttributes(values)])
+    context.report(node, EMPTY_PORT, message, hint=hint, fixes=[SetAttributes(values)])
 
 
 def is_required(manifest: Manifest, port: Port) -> bool:
@@ -121,8 +121,9 @@ def is_listed(manifest: Manifest, port: Port) -> bool:
     return not (manifest.function is not None or is_attribute or is_built_in(manifest.cls))
 
 
-def check_port_literals(node: NodePlan, format: int, reporter: NodeReporter) -> None:
+def check_port_literals(node: NodePlan, context: CheckContext) -> None:
     """Warn about literals of *node* that are read only in part, or were probably meant as keys."""
+    format = context.plans.format
     for binding in node.bindings:
         port, text = binding.port, binding.text
         is_literal = remapped_key(text, port.name, format) is None
@@ -139,31 +140,31 @@ def check_port_literals(node: NodePlan, format: int, reporter: NodeReporter) -> 
                 key = intended or (text if is_port_name(text) else "")
                 hint, fixes = entry_hint("use the blackboard entry", key) if key else HintAndFixes()
                 fixes = [*value_fixes(port.type), *fixes]
-                reporter.report(node, INCONVERTIBLE_TEXT, message, hint, fixes, attribute=port.name)
+                context.report(node, INCONVERTIBLE_TEXT, message, hint, fixes, attribute=port.name)
         elif intended:
             message = f"the {label} is the text '{text}', not an entry"
             advice = entry_hint("use the entry", intended)
-            reporter.report(node, INCOMPLETE_POINTER, message, *advice, attribute=port.name)
+            context.report(node, INCOMPLETE_POINTER, message, *advice, attribute=port.name)
         elif port.direction is Direction.OUT and format == 4:
             message = f"the output {label} has no entry: '{text}' is only a text"
             key = f"{{{text}}}" if text.isidentifier() else f"{{{port.name}}}"
             shown = key if text.isidentifier() else "{…}"
             advice = HintAndFixes(f'write {port.name}="{shown}"', [SetValue(key)])
-            reporter.report(node, UNCONNECTED_OUTPUT, message, *advice, attribute=port.name)
+            context.report(node, UNCONNECTED_OUTPUT, message, *advice, attribute=port.name)
         else:
             for item, part, type_name in partly_read(text, _literal_type(node, port), format):
                 message = f"the {label} has the type {type_name}: only '{part}' of '{item}' is read"
                 advice = _number_hint(text, item, part, type_name)
-                reporter.report(node, PARTIAL_NUMBER, message, *advice, attribute=port.name)
+                context.report(node, PARTIAL_NUMBER, message, *advice, attribute=port.name)
     for key, text in node.subtree_call.constants.items() if node.subtree_call is not None else ():
         intended = intended_key(text)
         if intended:
             message = f"'{key}' of {node.label} is the text '{text}', not an entry"
             advice = entry_hint("use the entry", intended)
-            reporter.report(node, INCOMPLETE_POINTER, message, *advice, attribute=key)
+            context.report(node, INCOMPLETE_POINTER, message, *advice, attribute=key)
 
 
-def check_literals_of_class(node: NodePlan, reporter: NodeReporter) -> None:
+def check_literals_of_class(node: NodePlan, context: CheckContext) -> None:
     """Report the problems that the class of *node* finds in literals; see `TreeNode.check_literals`."""
     if node.subtree_call is not None:
         return
@@ -171,7 +172,7 @@ def check_literals_of_class(node: NodePlan, reporter: NodeReporter) -> None:
         code = UNCHECKED_LITERAL if problem.is_unchecked else INCONVERTIBLE_TEXT
         message = f"the port '{problem.port}' of {node.label}: {problem.message}"
         mark: Mark = {"attribute": problem.port, "column": problem.start, "width": problem.width}
-        reporter.report(node, code, message, hint=problem.hint, **mark)
+        context.report(node, code, message, hint=problem.hint, **mark)
 
 
 def valid_literals(node: NodePlan) -> dict[str, str]:

@@ -6,7 +6,7 @@ from btcore.blackboard.blackboard import Blackboard
 from btcore.diagnostic_codes import CONDITION_ASSIGNS, SCRIPT_RAISES
 from btcore.errors import ScriptError
 from btcore.fixes import ReplaceText
-from btcore.lint.node_reporter import NodeReporter
+from btcore.lint.check_context import CheckContext
 from btcore.script.expressions import Assignment, Expression, Name
 from btcore.script.program import condition_result
 from btcore.xml.plan.key_uses import iter_subexpressions, parse_statements
@@ -37,12 +37,13 @@ def find_certain_error(statements: Sequence[Expression], enums: Mapping[str, int
     return None
 
 
-def check_script_results(node: NodePlan, enums: Mapping[str, int], reporter: NodeReporter) -> None:
+def check_script_results(node: NodePlan, context: CheckContext) -> None:
     """Warn about scripts of *node* that always raise, and about conditions that assign, not compare."""
+    enums = context.plans.registry.types.enums
     for attribute, text, is_condition in node.iter_scripts():
         if not text and is_condition and attribute not in node.conditions:
             message = f"the script in '{attribute}' of {node.label} always raises: it is empty"
-            reporter.report(node, SCRIPT_RAISES, message, attribute=attribute)
+            context.report(node, SCRIPT_RAISES, message, attribute=attribute)
         try:
             statements = parse_statements(text, enums)
         except ScriptError:
@@ -51,20 +52,20 @@ def check_script_results(node: NodePlan, enums: Mapping[str, int], reporter: Nod
         if error is not None:
             message = f"the script in '{attribute}' of {node.label} always raises: {error.message}"
             mark: Mark = {"attribute": attribute, "column": error.column, "width": error.width}
-            reporter.report(node, SCRIPT_RAISES, message, **mark)
+            context.report(node, SCRIPT_RAISES, message, **mark)
         elif is_condition:
-            _check_condition(node, attribute, statements[-1], enums, reporter)
+            _check_condition(node, attribute, statements[-1], enums, context)
 
 
 def _check_condition(
-    node: NodePlan, attribute: str, last: Expression, enums: Mapping[str, int], reporter: NodeReporter
+    node: NodePlan, attribute: str, last: Expression, enums: Mapping[str, int], context: CheckContext
 ) -> None:
     """Check *last*, the last statement of a condition. Its value is the result of the condition."""
     if isinstance(last, Assignment) and last.operator == "=" and isinstance(last.target, Name):
         message = f"'{attribute}' of {node.label} assigns to '{last.target.name}' instead of comparing"
         hint, fixes = f"to compare, write {last.target.name} == …", [ReplaceText("==")]
         mark: Mark = {"attribute": attribute, "column": last.column, "width": last.width}
-        reporter.report(node, CONDITION_ASSIGNS, message, hint=hint, fixes=fixes, **mark)
+        context.report(node, CONDITION_ASSIGNS, message, hint=hint, fixes=fixes, **mark)
         return
     value = last.value if isinstance(last, Assignment) else last
     if not is_constant(value, enums):
@@ -84,4 +85,4 @@ def _check_condition(
             message = f"{failure}: its result is {result}, neither true nor false"
             hint = "valid results are 0, 1 and reals from 0 up; or write a comparison"
         mark = {"attribute": attribute, "column": value.column, "width": value.width}
-        reporter.report(node, SCRIPT_RAISES, message, hint=hint, fixes=fixes, **mark)
+        context.report(node, SCRIPT_RAISES, message, hint=hint, fixes=fixes, **mark)

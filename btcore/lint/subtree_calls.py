@@ -6,9 +6,9 @@ from btcore.blackboard.ports import remapped_key
 from btcore.diagnostic_codes import BRACES_IN_FORMAT_3, INCOMPLETE_POINTER, UNUSED_TREE, USELESS_REMAPPING
 from btcore.diagnostics import HintAndFixes
 from btcore.fixes import Fix, RenameElement, SetValue
-from btcore.lint.node_reporter import NodeReporter
+from btcore.lint.check_context import CheckContext
 from btcore.suggestions import join_names, nearest_name
-from btcore.xml.plan.key_uses import NON_KEY_ATTRIBUTES, TreeKeys
+from btcore.xml.plan.key_uses import NON_KEY_ATTRIBUTES
 from btcore.xml.plan.plan import Plans, reachable_trees
 from btcore.xml.plan.tree_plan import NodePlan, TreePlan
 from btcore.xml.read.document import DiagnosticCollector
@@ -30,24 +30,13 @@ def check_unused_trees(plans: Plans, main: TreePlan, collector: DiagnosticCollec
             collector.report(document, UNUSED_TREE, message, element, attribute="ID", hint=hint)
 
 
-def check_remappings(
-    node: NodePlan,
-    tree_keys: TreeKeys,
-    models: Mapping[str, Mapping[str, str | None]],
-    reporter: NodeReporter,
-) -> None:
-    """Warn about attributes of a SubTree element that the called tree doesn't use.
-
-    Args:
-        node: The node to check; nodes other than SubTree are ignored.
-        tree_keys: The keys that each tree uses.
-        models: The ports that subtree models declare, by ID of the tree.
-    """
+def check_remappings(node: NodePlan, context: CheckContext) -> None:
+    """Warn about attributes of a SubTree element that the called tree doesn't use."""
     call = node.subtree_call
     if call is None:
         return
-    used = tree_keys.keys_of(call.tree_id)
-    declared = models.get(call.tree_id, {})
+    used = context.tree_keys.keys_of(call.tree_id)
+    declared = context.plans.definitions.subtree_models.get(call.tree_id, {})
     for key, text in call.port_texts.items():
         if key in NON_KEY_ATTRIBUTES:
             continue
@@ -55,20 +44,20 @@ def check_remappings(
             message = f"in format 3 {node.label} takes keys without braces: '{key}' has no effect"
             hint = f'write {key}="{text[1:-1]}", or <SubTreePlus ID="{call.tree_id}" {key}="{text}"/>'
             fixes: Sequence[Fix] = [SetValue(text[1:-1]), RenameElement("SubTreePlus")]
-            reporter.report(node, BRACES_IN_FORMAT_3, message, attribute=key, hint=hint, fixes=fixes)
+            context.report(node, BRACES_IN_FORMAT_3, message, attribute=key, hint=hint, fixes=fixes)
         if call.remaps.get(key) == "=" and node.element.get(key) is None:
             message = (
                 f"the model of '{call.tree_id}' has the default '{text}' for '{key}', which means the entry "
                 "'=' of the calling tree"
             )
             hint = f'write default="{{{key}}}" in the model'
-            reporter.report(node, INCOMPLETE_POINTER, message, hint=hint)
+            context.report(node, INCOMPLETE_POINTER, message, hint=hint)
         if used is None or key in used or key in declared or node.element.get(key) is None:
             continue
         message = f"no port or script in the tree of {node.label} uses '{key}'"
-        may_search = reporter.collector.take_comparisons(used)
+        may_search = context.collector.take_comparisons(used)
         advice = _unused_key_hint(key, used, call.port_texts) if may_search else HintAndFixes()
-        reporter.report(node, USELESS_REMAPPING, message, *advice, attribute=key, part="name")
+        context.report(node, USELESS_REMAPPING, message, *advice, attribute=key, part="name")
 
 
 def _unused_key_hint(key: str, used: set[str], written: Mapping[str, str]) -> HintAndFixes:

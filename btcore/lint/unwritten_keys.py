@@ -1,7 +1,6 @@
 """Find keys that are read but never written (W201), or assigned to but never created (W209)."""
 
 from collections.abc import Collection, Sequence
-from functools import cache
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.blackboard.ports import SCRIPT_ROLES
@@ -11,59 +10,28 @@ from btcore.fixes import Connect, CreateEntry, SetValue
 from btcore.lint.dry_run import DryRun, EntryUse, has_writer
 from btcore.suggestions import nearest_name
 from btcore.xml.plan.key_uses import READING, AccessKind
-from btcore.xml.read.document import DiagnosticCollector
 
 
-class WrittenKeys:
-    """The keys that are written in a dry run, to suggest them in place of unwritten keys."""
-
-    def __init__(self, dry_run: DryRun, given: Collection[str]) -> None:
-        self.dry_run = dry_run
-        self._given = given
-        self.written_in = cache(self._find_written)
-
-    def guess(self, key: str, names: Collection[str]) -> str | None:
-        """Return the name in *names* that is most similar to *key*; None if none is, or not searched."""
-        return nearest_name(key, names) if self.dry_run.collector.take_comparisons(names) else None
-
-    def _find_written(self, board: Blackboard) -> Collection[str]:
-        """Return the keys of *board* that are written."""
-        uses, entries = self.dry_run.uses, board.local_entries()
-        written = [key for key, entry in entries.items() if has_writer(uses.get(entry, ()))]
-        given = sorted(self._given) if board is self.dry_run.blackboard else []
-        return dict.fromkeys([*written, *given])
-
-
-def check_keys(dry_run: DryRun, is_main: bool, given: Collection[str]) -> None:
-    """Warn about keys that are never written.
-
-    The initial content of the blackboard is known for the main tree only, so keys of the outermost
-    blackboard are not checked for other trees.
-
-    Args:
-        dry_run: A completed dry run of the tree.
-        given: Keys that the tree's blackboard holds before the first tick.
-    """
-    keys, collector = WrittenKeys(dry_run, given), dry_run.collector
-    homes = dry_run.entry_homes()
+def check_keys(dry_run: DryRun) -> None:
+    """Warn about keys that are never written."""
     for entry, uses in dry_run.uses.items():
-        if entry not in homes or entry.value is not None:
+        if entry not in dry_run.homes or entry.value is not None:
             continue
-        board, key = homes[entry]
+        board, key = dry_run.homes[entry]
         of_root = board is dry_run.blackboard
         # Braces in a key come from a <SubTree> of format 3, for which W205 is reported.
-        if (of_root and (not is_main or key in given)) or (dry_run.format == 3 and key.startswith("{")):
+        if dry_run.may_be_given(board, key) or (dry_run.format == 3 and key.startswith("{")):
             continue
-        if _warn_empty_script_entry(uses, collector, of_root) or dry_run.has_untracked_writes:
+        if _warn_empty_script_entry(uses, dry_run, of_root) or dry_run.has_untracked_writes:
             continue
         if has_writer(uses):
-            _warn_never_created(uses, collector, key if of_root else "")
+            _warn_never_created(uses, dry_run, key if of_root else "")
         # A name in capitals may be an enum member that only the C++ code registers.
         elif not (dry_run.has_mocks and all(use.is_in_script and use.key.isupper() for use in uses)):
-            _warn_never_written(keys, uses, board, key)
+            _warn_never_written(dry_run, uses, board, key)
 
 
-def _warn_empty_script_entry(uses: Sequence[EntryUse], collector: DiagnosticCollector, of_root: bool) -> bool:
+def _warn_empty_script_entry(uses: Sequence[EntryUse], dry_run: DryRun, of_root: bool) -> bool:
     """Warn about a script that is read from an empty entry. Returns whether there is such a script.
 
     The script is compiled when the tree is built, so the entry must have a value by then.
@@ -76,12 +44,12 @@ def _warn_empty_script_entry(uses: Sequence[EntryUse], collector: DiagnosticColl
         hint = "load the tree with a blackboard that holds the script: load(…, blackboard=…)"
         if not of_root:
             hint = f'pass the script in the SubTree element: {use.key}="…"'
-        collector.add(use.diagnostic(UNWRITTEN_KEY, message, hint))
+        dry_run.report(use, UNWRITTEN_KEY, message, hint)
         return True
     return False
 
 
-def _warn_never_created(uses: Sequence[EntryUse], collector: DiagnosticCollector, root_key: str) -> None:
+def _warn_never_created(uses: Sequence[EntryUse], dry_run: DryRun, root_key: str) -> None:
     """Warn about the first `x = …` if neither a `:=` nor a port creates the entry.
 
     *root_key* is the key of the entry on the main tree's blackboard, or "" if it is not there.
@@ -95,8 +63,7 @@ def _warn_never_created(uses: Sequence[EntryUse], collector: DiagnosticCollector
     if root_key:
         hint += f"; or fill the blackboard before the first tick: {fill_example(root_key)}"
     fixes = [CreateEntry()] if use.access is AccessKind.ASSIGNS else []
-    diagnostic = use.diagnostic(ASSIGNMENT_TO_MISSING_ENTRY, message, hint, fixes)
-    collector.add(diagnostic._replace(outer_key=root_key))
+    dry_run.report(use, ASSIGNMENT_TO_MISSING_ENTRY, message, hint, fixes, root_key)
 
 
 def is_declaration(use: EntryUse) -> bool:
@@ -109,7 +76,7 @@ def fill_example(key: str) -> str:
     return f'tree.blackboard["{key}"] = …, or btcore run --set {key}=VALUE'
 
 
-def _warn_never_written(keys: WrittenKeys, uses: Sequence[EntryUse], board: Blackboard, key: str) -> None:
+def _warn_never_written(dry_run: DryRun, uses: Sequence[EntryUse], board: Blackboard, key: str) -> None:
     readers = [use for use in uses if use.access in READING]
     if not readers:
         return
@@ -120,14 +87,14 @@ def _warn_never_written(keys: WrittenKeys, uses: Sequence[EntryUse], board: Blac
     more = f" ({others} more {'place reads' if others == 1 else 'places read'} it)" if others else ""
     key_text = f"{{{use.key}}}" if use.port is not None and is_pointer(use) else f"'{use.key}'"
     message = f"{use.title} reads {key_text}, which is never written{more}"
-    correction = _correction(keys, use, board, key)
+    correction = _correction(dry_run, use, board, key)
     if correction is not None:
-        keys.dry_run.collector.add(use.diagnostic(UNWRITTEN_KEY, message, *correction))
+        dry_run.report(use, UNWRITTEN_KEY, message, *correction)
         return
     hint = f"write it first, or fill the blackboard before the first tick: {fill_example(key)}"
     if use.is_in_script and use.key.isupper():
         hint = f"if it is the name of an enum member, register the enum with nodes.add_enum(…); else {hint}"
-    keys.dry_run.collector.add(use.diagnostic(UNWRITTEN_KEY, message, hint)._replace(outer_key=key))
+    dry_run.report(use, UNWRITTEN_KEY, message, hint, outer_key=key)
 
 
 def is_pointer(use: EntryUse) -> bool:
@@ -136,7 +103,7 @@ def is_pointer(use: EntryUse) -> bool:
     return text is None or text != use.key
 
 
-def _correction(keys: WrittenKeys, use: EntryUse, board: Blackboard, key: str) -> HintAndFixes | None:
+def _correction(dry_run: DryRun, use: EntryUse, board: Blackboard, key: str) -> HintAndFixes | None:
     """Return how to correct the document, or None if only a caller or the program can write the entry."""
     if use.access is AccessKind.READS_AS_KEY:
         return HintAndFixes(
@@ -144,25 +111,30 @@ def _correction(keys: WrittenKeys, use: EntryUse, board: Blackboard, key: str) -
             f'to write the entry {use.key} itself, use {use.attribute}="{use.key}"',
             [SetValue(use.key)],
         )
-    known = keys.written_in(board)
+    known = dry_run.written_in(board)
     if key.strip() in known:
         correct = f"{{{key.strip()}}}"
         hint = f"spaces inside the braces are part of the key: write {correct}"
         return HintAndFixes(hint, [SetValue(correct)])
-    near = keys.guess(key, known)
+    near = _guess(dry_run, key, known)
     if near is not None:
         return HintAndFixes.similar_name(near)
-    entrance = keys.dry_run.entrances.get(board)
+    entrance = dry_run.entrances.get(board)
     if entrance is None:
         return None
     line = entrance.document.line(entrance.node.element)
     called = f"{entrance.node.id} of '{entrance.key}' in line {line}"
-    outer = keys.written_in(entrance.scope)
-    passed = key if key in outer else keys.guess(key, outer) or "…"
+    outer = dry_run.written_in(entrance.scope)
+    passed = key if key in outer else _guess(dry_run, key, outer) or "…"
     # The <SubTree> of format 3 takes keys without braces.
-    value = passed if keys.dry_run.format == 3 and entrance.node.id == "SubTree" else f"{{{passed}}}"
+    value = passed if dry_run.format == 3 and entrance.node.id == "SubTree" else f"{{{passed}}}"
     hint = f'a subtree has a blackboard of its own: in the {called} write {key}="{value}"'
     if entrance.document is not use.document:
         return HintAndFixes(hint)
     index = entrance.document.source_map.index(entrance.node.element)
     return HintAndFixes(hint, [Connect(index, entrance.key, key, value.replace("…", key))])
+
+
+def _guess(dry_run: DryRun, key: str, names: Collection[str]) -> str | None:
+    """Return the name in *names* that is most similar to *key*; None if none is, or not searched."""
+    return nearest_name(key, names) if dry_run.collector.take_comparisons(names) else None

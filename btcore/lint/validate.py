@@ -6,11 +6,11 @@ from typing import Final
 from btcore.diagnostic_codes import FIRST_TICK_REFUSED, INCONVERTIBLE_TEXT, LOOSE_TEXT, UNDETERMINED_MAIN_TREE
 from btcore.diagnostics import Diagnostic
 from btcore.engine.node_config import MAX_NODES
+from btcore.lint.check_context import CheckContext
 from btcore.lint.children import check_child_count, check_reachable_children
 from btcore.lint.dry_run import DryRun
 from btcore.lint.endless_ticks import EndlessTickCheck
 from btcore.lint.entry_types import check_value_types
-from btcore.lint.node_reporter import NodeReporter
 from btcore.lint.ports import (
     check_ignored_attributes,
     check_literals_of_class,
@@ -31,6 +31,17 @@ from btcore.xml.read.positions import LineIndex
 from btcore.xml.read.read import Sources, read
 from btcore.xml.read.scan import ScannedElement
 
+# In the order in which the problems of a node are reported.
+_NODE_CHECKS: Final = (
+    check_child_count,
+    check_ignored_attributes,
+    check_port_literals,
+    check_literals_of_class,
+    check_missing_ports,
+    check_script_results,
+    check_reachable_children,
+    check_remappings,
+)
 # After these errors each tree can still be dry-run: no main tree is selected, or only a tick raises.
 _HARMLESS: Final = frozenset({UNDETERMINED_MAIN_TREE, FIRST_TICK_REFUSED})
 # In format 3 the tree is built; only the node that reads the text raises.
@@ -79,7 +90,6 @@ def validate_plans(
     """Return the errors and warnings of a document, whose plans are those of every tree.
 
     Args:
-        plans: The plans.
         is_selected: Whether the main tree was selected by its ID, so that the document need not name it.
         given: Keys that the main tree's blackboard holds before the first tick.
     """
@@ -94,10 +104,15 @@ def validate_plans(
     roots = [root for root in root_trees(plans.trees, main) if root.id in plans.sizes]
     for root in roots:
         plans.sizes[root.id].ensure_recursion_limit()
-    models = definitions.subtree_models
-    results = ResultAnalysis(plans)
-    _check_nodes(plans, results, collector)
-    EndlessTickCheck(plans, results, collector).check(roots)
+    context = CheckContext(
+        definitions.sources.main_document, plans, ResultAnalysis(plans), TreeKeys(plans), collector
+    )
+    for tree in plans.trees.values():
+        own_context = context._replace(document=tree.definition.document)
+        for node in tree.node_plans():
+            for check in _NODE_CHECKS:
+                check(node, own_context)
+    EndlessTickCheck(context).check(roots)
     for document in definitions.sources.documents:
         _check_loose_text(document, collector)
     if main is not None and names_main and not is_selected:
@@ -110,29 +125,12 @@ def validate_plans(
                 nodes_left -= plans.sizes[root.id].nodes
                 if nodes_left < 0:
                     break
-            dry_run = DryRun(plans, collector)
-            dry_run.run(root)
             # A subtree model declares ports that callers of the tree provide.
-            known = {*given, *models.get(root.id, ())}
-            check_keys(dry_run, root is main, known)
-            check_value_types(dry_run, root is main, known)
+            known = {*given, *definitions.subtree_models.get(root.id, ())}
+            dry_run = DryRun(plans, root, collector, known)
+            check_keys(dry_run)
+            check_value_types(dry_run)
     return collector.diagnostics
-
-
-def _check_nodes(plans: Plans, results: ResultAnalysis, collector: DiagnosticCollector) -> None:
-    models, enums = plans.definitions.subtree_models, plans.registry.types.enums
-    tree_keys = TreeKeys(plans)
-    for tree in plans.trees.values():
-        reporter = NodeReporter(tree.definition.document, collector)
-        for node in tree.node_plans():
-            check_child_count(node, plans.format, reporter)
-            check_ignored_attributes(node, reporter)
-            check_port_literals(node, plans.format, reporter)
-            check_literals_of_class(node, reporter)
-            check_missing_ports(node, reporter)
-            check_script_results(node, enums, reporter)
-            check_reachable_children(node, results, reporter)
-            check_remappings(node, tree_keys, models, reporter)
 
 
 def _check_loose_text(document: Document, collector: DiagnosticCollector) -> None:

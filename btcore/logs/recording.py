@@ -10,16 +10,13 @@ from btcore.errors import XmlSyntaxError
 from btcore.logs.files import LogError
 from btcore.names import unique_paths
 from btcore.status import IDLE, NodeType, Status
-from btcore.xml.models.tree_nodes_model import TAG_OF
 from btcore.xml.read.element import Element, encoded
 from btcore.xml.read.read import parse_bytes
+from btcore.xml.read.tags import MODEL_TAGS
 
 STATUSES: Final = {int(status): status for status in Status}
 
 _NOT_PORTS: Final = frozenset({"name", "ID", "_uid", "_fullpath"})
-_TYPES: Final[dict[str, NodeType]] = {
-    tag: node_type for node_type, tag in TAG_OF.items() if node_type is not NodeType.UNDEFINED
-}
 
 
 class LoggedTransition(NamedTuple):
@@ -156,9 +153,9 @@ def parse_nodes(xml: str | bytes, source: str) -> dict[int, RecordedNode]:
     # Reversed, so that the first of several trees with the same path is kept.
     trees = {tree.get("_fullpath") or "": tree for tree in reversed(list(root.iterchildren("BehaviorTree")))}
     types = {
-        model.get("ID"): _TYPES[model.tag]
+        model.get("ID"): MODEL_TAGS[model.tag]
         for models in root.iterchildren("TreeNodesModel")
-        for model in models.iterchildren(*_TYPES)
+        for model in models.iterchildren(*MODEL_TAGS)
     }
     if "" not in trees:
         raise LogError(f"{source}: the tree in this log has no main tree")

@@ -44,12 +44,7 @@ class Resources(list[object]):
             self.missing_note = resources.missing_note
 
     def assign(self, resource_type: Any, resource: object) -> None:
-        """Assign the object that leaves get for a type.
-
-        Args:
-            resource_type: The type.
-            resource: The object.
-        """
+        """Assign the object that leaves get for a type."""
         self._by_type[resource_type] = resource
 
     def find_or_create(self, parameter: Parameter, id: str) -> object:
@@ -58,7 +53,6 @@ class Resources(list[object]):
         A missing `TreeResource` is created, and added to the resources.
 
         Args:
-            parameter: The parameter.
             id: The ID of its leaf, for messages.
 
         Raises:
@@ -82,7 +76,6 @@ class Resources(list[object]):
         """Return the first resource that fits a type, or UNSET.
 
         Args:
-            resource_type: The type.
             use: What needs the resource, for messages: "the parameter 'lamp' of <Blink>".
 
         Raises:
@@ -184,7 +177,6 @@ def class_resources(cls: type, names: Mapping[str, Any], given: Collection[str])
     classes, and those of `typing` and `collections`, are types of values.
 
     Args:
-        cls: The class.
         names: Local names, for resolving annotations that are strings.
         given: The names of the parameters of `__init__`, which are passed to it instead.
     """

@@ -109,7 +109,6 @@ class RunProviders:
 
     Args:
         leaf_types: The types that the leaves need.
-        program_resources: The objects of the program.
         clock: The clock that the program has given, or None.
 
     Attributes:

@@ -31,7 +31,6 @@ class Report(dict[str, object]):
     """The results of a run for the summary and for `--json`, by heading. A provider may have it as parameter.
 
     Args:
-        run_end: The end of the run.
         printer: Prints the warnings.
     """
 

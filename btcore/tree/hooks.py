@@ -78,7 +78,6 @@ class Hooks:
     a tick is stopped; there, a breakpoint that is set during a tick takes effect from the next tick on.
 
     Args:
-        nodes: The nodes of the tree.
         context: The objects that the tree's nodes share.
 
     Examples:
@@ -136,7 +135,6 @@ class Hooks:
 
         Args:
             uid: The uid of the node.
-            position: The position of the hook.
             desired_status: The new *desired_status* of the hook, which takes effect when the tick continues.
             remove_when_done: Whether to remove the hook after it has fired.
 
@@ -159,7 +157,6 @@ class Hooks:
 
         Args:
             uid: The uid of the node.
-            position: The position of the hook.
 
         Returns:
             Whether there was such a hook.

@@ -100,7 +100,7 @@ def missing_headings(site: Path) -> list[str]:
     """Return a problem for each diagnostic code whose link leads to no heading of the built *site*."""
     missing = []
     for code in ALL_CODES:
-        page, _, anchor = str(code.url).removeprefix(PROJECT["urls"]["Documentation"]).partition("#")
+        page, _, anchor = code.url.removeprefix(PROJECT["urls"]["Documentation"]).partition("#")
         if f'id="{anchor}"' not in (site / page).read_text(encoding="utf-8"):
             missing.append(f"messages link to {code.url}, which does not exist")
     return missing

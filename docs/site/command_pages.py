@@ -17,17 +17,13 @@ from click.testing import CliRunner
 from mentions import PAGES, links_to_mentions
 
 from btcore import exit_codes
-from btcore.cli.main import OWN_COMMANDS, main
-from btcore.entry_points import COMMANDS_GROUP
+from btcore.cli.main import SHORT_HELP, main
 from btcore.field_options import FieldOption
 
 ROOT: Final = Path(__file__).parents[2]
 EXAMPLES: Final[dict[str, Any]] = tomllib.loads(
     Path(__file__).with_name("command_examples.toml").read_text(encoding="utf-8")
 )
-PROJECT: Final = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-# Without the commands of other packages that are installed here.
-OWN: Final = (*OWN_COMMANDS, *PROJECT["entry-points"][COMMANDS_GROUP])
 ENVIRONMENT: Final = {"NO_COLOR": "1", "COLUMNS": "96", "PYTHONUTF8": "1"}
 
 
@@ -40,7 +36,7 @@ def write_command_pages(folder: Path) -> None:
     navigation = ["- [Command line](index.md)"]
     for page in commands(root):
         (folder / page.file).write_text(page.text(), encoding="utf-8")
-        index.append(f"| [`{page.name}`]({page.file}) | {_escaped(_summary(page.command))} |")
+        index.append(f"| [`{page.name}`]({page.file}) | {_escaped(page.summary())} |")
         indent = "    " * (page.name.count(" ") - 1)
         group = isinstance(page.command, click.Group)
         entry = page.name.removeprefix("btcore ") if group or not indent else page.name.split()[-1]
@@ -58,7 +54,8 @@ def commands(context: click.Context) -> "Iterator[CommandPage]":
     """Yield the pages of the commands of a group, and of their subcommands."""
     group = context.command
     assert isinstance(group, click.Group)
-    for name in OWN if group is main else group.list_commands(context):
+    # Without the commands of other distributions that are installed here.
+    for name in SHORT_HELP if group is main else group.list_commands(context):
         command = group.get_command(context, name)
         assert command is not None
         inner = click.Context(command, info_name=name, parent=context)
@@ -81,6 +78,12 @@ class CommandPage:
         self.name = " ".join(_names(context))
         self.file = f"{'-'.join(self.name.split()[1:])}.md"
 
+    def summary(self) -> str:
+        """Return the command's line in the help of its group, or the first paragraph of the description."""
+        paragraph = " ".join((self.command.help or "").split("\n\n")[0].split())
+        line = SHORT_HELP.get(self.name.removeprefix("btcore ")) or self.command.short_help
+        return (line or paragraph).removesuffix(".")
+
     def text(self) -> str:
         """Return the page in Markdown."""
         usage = " ".join([self.name, *self.command.collect_usage_pieces(self.context)])
@@ -90,7 +93,7 @@ class CommandPage:
         if isinstance(self.command, click.Group):
             lines += ["## Commands", "", "| command | |", "|---|---|"]
             for page in commands(self.context):
-                lines.append(f"| [`{page.name}`]({page.file}) | {_escaped(_summary(page.command))} |")
+                lines.append(f"| [`{page.name}`]({page.file}) | {_escaped(page.summary())} |")
             lines.append("")
         lines += [*self._examples(), *_options(self.command, self.context), *codes]
         return "\n".join([*lines, *self._links()])
@@ -134,12 +137,6 @@ def _record(line: str, code: int) -> str:
     if result.exit_code != code:
         raise RuntimeError(f"btcore {line} exits with {result.exit_code}:\n{result.output}")
     return re.sub(r"[ \t]+$", "", result.output, flags=re.MULTILINE).strip("\n")
-
-
-def _summary(command: click.Command) -> str:
-    """Return the first sentence of the description, which click would shorten."""
-    paragraph = " ".join((command.help or "").split("\n\n")[0].split())
-    return (command.short_help or paragraph).removesuffix(".")
 
 
 def _description(command: click.Command) -> tuple[list[str], list[str]]:

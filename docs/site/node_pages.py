@@ -276,7 +276,7 @@ def _cell(text: str) -> str:
 
 def _code_link(code: DiagnosticCode) -> str:
     """Return a link to the heading of *code*."""
-    _, mark, anchor = (code.url or "").partition("#")
+    _, mark, anchor = code.url.partition("#")
     return f"[{code}]({UP}/reference/errors.md{mark}{anchor})"
 
 

@@ -16,7 +16,7 @@ from btcore_drawing.diagram import DiagramNode, diagram_of_document
 from btcore_drawing.svg import MAX_SIDE, diagram_to_svg, svg_to_png
 
 
-@click.command(short_help="Draw a tree, or list its data flow.")
+@click.command()
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
 @pass_options(TreeOptions, "options")
 @click.option("--ports/--no-ports", default=True, help="Show or hide ports and scripts.")

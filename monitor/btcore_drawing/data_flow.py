@@ -52,13 +52,11 @@ def trace_dataflow(plans: Plans) -> list[DataflowRow]:
         plans: The plans of a document without errors.
     """
     assert plans.main_tree is not None, "a document without a main tree has errors"
-    dry_run = DryRun(plans)
-    dry_run.run(plans.main_tree)
+    dry_run = DryRun(plans, plans.main_tree)
     paths = {draft.subtree.blackboard: draft.subtree.path for draft in reversed(dry_run.drafts)}
-    homes = dry_run.entry_homes()
     rows: list[DataflowRow] = []
     for entry, uses in dry_run.uses.items():
-        board, key = homes[entry]
+        board, key = dry_run.homes[entry]
         row = DataflowRow(paths[board], key, entry.declared.name if entry.declared.strong else "")
         for use in uses:
             access = _access(use, paths[use.scope])

@@ -9,7 +9,6 @@ def print_line(text: str = "", err: bool = False) -> None:
     """Print *text* as a single line, with control characters escaped.
 
     Args:
-        text: The line.
         err: Whether to print on stderr instead of stdout.
     """
     click.echo(escape_controls(text, one_line=True), err=err)

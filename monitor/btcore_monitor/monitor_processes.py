@@ -136,7 +136,6 @@ def finish_monitors(monitors: Sequence[MonitorProcess], stay_open: bool) -> list
     """Wait for the ends of processes, and print the failures of those that write no file.
 
     Args:
-        monitors: The processes.
         stay_open: Whether viewers for browsers stay open until a signal. Otherwise they are not waited for.
 
     Returns:

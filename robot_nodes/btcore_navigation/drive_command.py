@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from btcore_navigation.mapping.mapper import Mapper
 
 
-@click.command("drive", cls=ProviderCommand, short_help="Drive the robot with keys, and make a map.")
+@click.command("drive", cls=ProviderCommand)
 @click.option(
     "--keys",
     metavar="KEY:S,…",

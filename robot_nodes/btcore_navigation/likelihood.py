@@ -93,7 +93,6 @@ class LikelihoodField:
     A particle's weight is `1 + Σ pz³` over the beams: a sum of cubes as in nav2_amcl, not a product.
 
     Args:
-        field_map: The map.
         parameters: The parameters `z_hit`, `z_rand`, `sigma_hit` and `laser_likelihood_max_dist`.
         range_max: The maximum length (m) of a beam.
     """

@@ -145,7 +145,6 @@ class NavigationServers(Protocol):
         """Send a goal.
 
         Args:
-            goal: The goal.
             action: The name of the action, such as `follow_path`.
             server_name: The name of the server; "" = *action*.
         """

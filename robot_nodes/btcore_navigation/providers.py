@@ -124,11 +124,9 @@ def navigation(
     """Return the navigation of the robot on the map, and its servers.
 
     Args:
-        robot: The robot.
         map: The map; None is an error.
         waypoints: The places that messages name.
         places: The start pose of the robot, unless the parameters contain another pose.
-        settings: The settings of the navigation.
         run_settings: The settings of the run.
         report: Gets warnings about the parameters.
 
@@ -187,12 +185,8 @@ def exploration(
     `MapQuality` documents the values.
 
     Args:
-        robot: The robot.
         map: A map whose keep-out areas are used: table tops, which the laser cannot detect.
         places: The start pose of the robot, unless the parameters contain another pose.
-        settings: The settings of the navigation.
-        own: The settings of the exploration.
-        run_settings: The settings of the run.
         report: Gets the quality of the saved map.
 
     Raises:
@@ -238,7 +232,6 @@ def object_locator(
     """Provide the object locator, inactive; stop it at the end.
 
     Args:
-        robot: The robot.
         servers: The servers of the navigation, which knows the robot's pose on the map.
     """
     from btcore_robot.perception.object_locator import ObjectLocator

@@ -56,7 +56,6 @@ class SensorWatch:
     for the log: it has a warning at the beginning of each outage, and one at its end.
 
     Args:
-        robot: The robot.
         tree: The transform tree with the robot's frames.
         scan_limit: The greatest age of a scan (s).
         odometry_limit: The greatest age of the odometry (s).

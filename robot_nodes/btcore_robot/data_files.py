@@ -18,7 +18,6 @@ def read_text(path: Path, expected: str, error_type: type[Exception]) -> str:
     """Return the text of a file in UTF-8.
 
     Args:
-        path: The file.
         expected: The expected content, for messages: `a YAML file of a map`.
         error_type: The class of the exception for a file that cannot be read.
     """
@@ -37,7 +36,6 @@ def json_data(path: Path, content: str, error_type: type[Exception]) -> Iterator
     """Read a JSON file with an object, and add the file and the line to each `DataError` in the `with` block.
 
     Args:
-        path: The file.
         content: The content of the file, for messages: `a world`.
         error_type: The class of all exceptions.
     """
@@ -61,7 +59,6 @@ def yaml_data(path: Path, content: str, error_type: type[Exception]) -> Iterator
     """Read a YAML file of keys and values, and add the file and the line to each `DataError` in the block.
 
     Args:
-        path: The file.
         content: The content of the file, for messages: `a map`.
         error_type: The class of all exceptions.
     """

@@ -28,7 +28,6 @@ class TransformFilter(Generic[Reading]):
     it would be replaced by newer readings that have no transform yet either.
 
     Args:
-        tree: The transform tree.
         target: The frame to which the readings are transformed.
     """
 

@@ -83,7 +83,6 @@ def send_goal(
     """Send a goal with *client*, and return the future of the answer.
 
     Args:
-        client: The action client.
         message: The goal message.
         goal_id: The ID of the goal, a message.
         on_feedback: Called with each message of feedback.
@@ -102,7 +101,6 @@ def forget_goal(client: ActionClient, goal_id: Any, requests: Iterable[Future[An
     """Remove from *client* what it keeps of a goal: its feedback callback, and unanswered requests.
 
     Args:
-        client: The action client.
         goal_id: The ID of the goal, a message.
         requests: The requests for the goal, which may be answered.
     """

@@ -32,12 +32,7 @@ class HiddenGroup(MutuallyExclusiveCallbackGroup):  # type: ignore[misc]
 
 
 class GroupExecutor(SingleThreadedExecutor):  # type: ignore[misc]
-    """An executor of a callback group. The ROS node stays with its own executor.
-
-    Args:
-        node: The ROS node.
-        group: The callback group.
-    """
+    """An executor of a callback group. The ROS node stays with its own executor."""
 
     def __init__(self, node: "Node", group: HiddenGroup) -> None:
         super().__init__(context=node.context)

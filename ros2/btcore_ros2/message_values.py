@@ -561,7 +561,6 @@ def field_value(field: FieldType, value: Any, deep: bool = False) -> object:
     """Return the value of a field as an entry of the blackboard holds it.
 
     Args:
-        field: The type of the field.
         value: The value in the message.
         deep: Whether messages become dictionaries.
     """
@@ -598,7 +597,6 @@ def read_field(message: Any, path: str) -> object:
     """Return the value of a field: a message, a list, a numpy array, a number or a text.
 
     Args:
-        message: The message.
         path: The path of the field as in `field_type`; "" = the message itself.
 
     Raises:

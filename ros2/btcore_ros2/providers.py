@@ -167,13 +167,7 @@ def ros_clock(session: "btcore_ros2.session.RosSession") -> Clock:
 def ros_robot(
     session: "btcore_ros2.session.RosSession", settings: RosRobotSettings, run_settings: RunSettings
 ) -> "Iterator[btcore_ros2.robot.ros_robot.RosRobot]":
-    """Provide a robot over its topics, and stop it at the end.
-
-    Args:
-        session: The session.
-        settings: The settings of the robot.
-        run_settings: The settings of the run.
-    """
+    """Provide a robot over its topics, and stop it at the end."""
     from btcore_ros2.robot.description import load_robot
     from btcore_ros2.robot.ros_robot import RosRobot
 
@@ -200,7 +194,6 @@ def bag_robot(
         robot: The description of the robot; by default that of the Tiago.
         ros: Settings that exclude a bag, as *nav2* does.
         nav2: See *ros*.
-        run_settings: The settings of the run.
         report: Gets the comparison.
         resources: If a session is among them, that of a command that serves on ROS 2, it is an error.
 
@@ -244,7 +237,6 @@ def nav2_client(
     """Return the client of a running Nav2, after waiting for the robot's pose.
 
     Args:
-        session: The session.
         settings: Without them the provider is not used.
         report: Gets a warning if the pose remains unknown.
     """
@@ -264,7 +256,6 @@ def telemetry(settings: TelemetrySettings, ros: RosSettings, tree: Tree) -> Iter
     Args:
         settings: What is published.
         ros: The arguments of the telemetry's ROS node.
-        tree: The tree.
     """
     from btcore_ros2.session import node_arguments
     from btcore_ros2.telemetry import RosTelemetry

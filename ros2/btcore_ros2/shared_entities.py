@@ -63,7 +63,6 @@ class SharedEntities:
         """Return the entity for *key*, which *user* uses from now on.
 
         Args:
-            user: The user.
             key: What two users with the same entity have in common.
             create: Creates the entity.
 

@@ -172,7 +172,6 @@ class TreeServer:
         """Prepare a new tree before its first tick, for example its blackboard; C++: `onTreeCreated`.
 
         Args:
-            tree: The tree.
             payload: The payload of the goal.
         """
 
@@ -186,9 +185,6 @@ class TreeServer:
 
     def on_tick(self, status: Status) -> Status | None:
         """Handle the result of a tick; C++: `onLoopAfterTick`.
-
-        Args:
-            status: The status of the tree.
 
         Returns:
             None to continue, or a status: the tree is halted, and its goal is aborted with this status.
@@ -416,7 +412,6 @@ class LoadedTrees:
         """Return a new instance of a tree.
 
         Args:
-            tree_id: The ID of the tree.
             resources: Objects that leaves get by the types of their parameters.
             blackboard: The blackboard of the tree.
             clock: The clock of the tree.

@@ -65,7 +65,7 @@ def map_command(world: str, output: Path, resolution: float) -> None:
         click.echo(f"{waypoints_path(path)}: {len(description.waypoints)} {places}")
 
 
-@click.command("world", short_help="Make a random office or home.")
+@click.command("world")
 @click.argument("kind", type=click.Choice(KINDS))
 @click.option(
     "--rooms",

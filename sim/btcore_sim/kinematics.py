@@ -98,11 +98,7 @@ class Kinematics:
 
 
 def complete_urdf(description: RobotDescription) -> str:
-    """Return the robot's URDF, completed by `base_footprint` and by the frames of the sensors.
-
-    Args:
-        description: The description of the robot.
-    """
+    """Return the robot's URDF, completed by `base_footprint` and by the frames of the sensors."""
     tree = ElementTree.parse(description.urdf).getroot()
     urdf = _read(description)
     links = set(urdf.links)

@@ -46,7 +46,6 @@ def rasterise(
     the objects that were added to the world are drawn.
 
     Args:
-        description: The world.
         resolution: The side length of a cell (m).
         movable: Whether to draw movable objects too, at their initial poses.
     """
@@ -83,7 +82,6 @@ def overhangs(description: WorldDescription, resolution: float = RESOLUTION) -> 
     """Return the outlines of the static objects that the robot can hit but its laser does not detect.
 
     Args:
-        description: The world.
         resolution: The length (m) up to which the outlines of prisms and of glass are exact.
 
     Returns:

@@ -46,7 +46,6 @@ def with_people(description: WorldDescription, count: int, random: np.random.Gen
     """Return *description* with additional people on the free floor.
 
     Args:
-        description: The world.
         count: The number of people.
         random: The source of the random places.
 

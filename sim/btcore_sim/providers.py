@@ -156,8 +156,6 @@ def simulator(
     has not happened.
 
     Args:
-        settings: The settings of the simulator.
-        run_settings: The settings of the run.
         report: Gets the results; see `Simulation.report`.
         resources: If a `NavigationReporter` is among them, its pose errors and failed goals are reported.
         spare_boxes: The boxes for events that the program triggers by `Simulation.events`.

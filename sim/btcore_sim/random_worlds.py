@@ -465,7 +465,6 @@ def _furnish_room(
         objects: The objects of the world.
         floor: The clearance map without the furniture.
         doors: All doors of the world.
-        room: The room.
         name: The beginning of the objects' names.
         random: The source of the random pieces and places.
     """

@@ -133,10 +133,6 @@ def robot_meshes(world: World, physics_body: PhysicsBody) -> list[Mesh]:
 def frames(world: World, physics_body: PhysicsBody) -> list[Frame]:
     """Return the present poses of the robot's links, the movable objects and the laser.
 
-    Args:
-        world: The world with the movable objects.
-        physics_body: The robot's body.
-
     Returns:
         The poses of links and objects in the frame `map`. The pose of the laser is in the frame of the link
         on which it is mounted.

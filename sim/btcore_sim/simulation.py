@@ -19,7 +19,6 @@ class Simulation:
     """The simulated robot of a run in its world, with what happens there, and what is measured.
 
     Args:
-        robot: The robot.
         description: The world without the people, obstacles and boxes that the run adds.
         events: The runner of events, if the world of the run has people, events or spare boxes.
         resources: The objects of the run; see `RunMetrics`.

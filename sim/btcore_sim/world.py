@@ -48,7 +48,6 @@ class World:
     """A world in its own physics engine. It is also a clock, with `now` and `wait_until`.
 
     Args:
-        description: The description of the world.
         seed: The seed of all random generators.
         fast: False to run in real time.
         gui: Whether to open the physics engine's window.
@@ -130,12 +129,7 @@ class World:
         return random_generator(self._seed, purpose)
 
     def add_step_callbacks(self, before: Callable[[int], None], after: Callable[[int], None]) -> None:
-        """Register two callbacks that are called around every physics step with the simulated time (ns).
-
-        Args:
-            before: The callback that is called before the step.
-            after: The callback that is called after the step.
-        """
+        """Register two callbacks that are called around every physics step with the simulated time (ns)."""
         self._before_callbacks.append(before)
         self._after_callbacks.append(after)
 
@@ -204,9 +198,6 @@ class World:
 
     def door_opening(self, name: str) -> float:
         """Return how far a door is open at present, from 0 (closed) to 1 (open).
-
-        Args:
-            name: The name of the door.
 
         Raises:
             SimError: The world has no door of this name.
@@ -396,9 +387,6 @@ def world_extent(description: WorldDescription) -> Rectangle:
 
 def prism_mesh(item: WorldObject) -> tuple[list[tuple[float, float, float]], list[int]]:
     """Return the surface of a prism around the middle of its extent.
-
-    Args:
-        item: The prism.
 
     Returns:
         The corners (x, y, z in m), and three indices of corners for each triangle, counter-clockwise seen

@@ -36,7 +36,7 @@ def test_page_lists_exactly_the_codes_and_summaries_of_the_table() -> None:
 def test_a_code_links_to_its_heading() -> None:
     headings = re.findall(r"^#+ (.+)$", PAGE, re.MULTILINE)
     anchors = {re.sub(r"[^\w -]", "", heading.lower()).replace(" ", "-") for heading in headings}
-    links = [str(code.url).split("#") for code in ALL_CODES]
+    links = [code.url.split("#") for code in ALL_CODES]
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     # The plugin "offline" of the documentation site gives pages the suffix .html; docs/site/build_site.py
     # compares the links with the built pages.

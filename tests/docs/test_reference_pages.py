@@ -23,7 +23,7 @@ for module in ("numpy", "cv2", "yaml", "zmq", "msgpack", "pybullet"):
 
 import node_examples  # noqa: E402
 import node_pages  # noqa: E402
-from command_pages import OWN, main, write_command_pages  # noqa: E402
+from command_pages import SHORT_HELP, main, write_command_pages  # noqa: E402
 
 NODES = node_examples.all_nodes()
 CASES = [(id, format) for format in (4, 3) for id in sorted(node_examples.EXAMPLES) if NODES.get(id, format)]
@@ -63,7 +63,7 @@ def test_the_class_of_a_node_says_what_the_node_is_or_does() -> None:
 def test_every_command_has_a_page_and_is_in_the_index_and_the_navigation_once(pages: Path) -> None:
     def files(group: click.Group, prefix: str) -> Iterator[str]:
         context = click.Context(group)
-        for name in OWN if group is main else group.list_commands(context):
+        for name in SHORT_HELP if group is main else group.list_commands(context):
             yield f"{prefix}{name}.md"
             command = group.get_command(context, name)
             if isinstance(command, click.Group):

@@ -26,7 +26,7 @@ from btcore.logs.log import Log
 from btcore.logs.recording import Gap, LoggedTransition, RecordedNode, Recording, parse_nodes
 from btcore.status import NodeType, Status, Transition
 from btcore.tree.tree import Tree
-from btcore.xml.models.tree_nodes_model import TAG_OF
+from btcore.xml.read.tags import MODEL_TAGS
 from btcore_bags.reader import BagReader
 
 EXTENSION: Final = ".mcap"
@@ -62,14 +62,12 @@ _MAGIC: Final = b"\x89MCAP0\r\n"
 _HEADER, _FOOTER, _SCHEMA, _CHANNEL, _MESSAGE, _DATA_END = 0x01, 0x02, 0x03, 0x04, 0x05, 0x0F
 _CDR: Final = b"\x00\x01\x00\x00"
 """The beginning of a message: CDR, little-endian."""
-_TAGS: Final = {tag: node_type for node_type, tag in TAG_OF.items() if node_type is not NodeType.UNDEFINED}
 
 
 class BagWriter:
     """A writer of a bag; an existing file is overwritten.
 
     Args:
-        path: The file.
         xml: The XML of the tree, in UTF-8.
         names: The name of each node, by UID.
         start: The first time stamp (µs since 1970).
@@ -301,7 +299,7 @@ def _numbered_nodes(xml: str, file: Path) -> dict[int, RecordedNode]:
         children.setdefault(parent, []).append(uid)
         children[uid] = []
         tag = str(element.tag)
-        node_type = _TAGS.get(tag, NodeType.UNDEFINED)
+        node_type = MODEL_TAGS.get(tag, NodeType.UNDEFINED)
         registered = str(element.get("ID", tag)) if node_type is not NodeType.UNDEFINED else tag
         name = str(element.get("name", registered))
         path = f"{prefix}{name}::{uid}" if name == registered else prefix + name

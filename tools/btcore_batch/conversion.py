@@ -155,7 +155,6 @@ def store(slot: Slot, agents: AgentSet, value: BatchValue, fail: FailureCallback
     Args:
         slot: The key, in the scope of the node that writes.
         agents: The agents whose values are written.
-        value: The values.
         fail: Called with the agents whose value does not fit the entry's type, and the error.
         infer: Whether the values determine the type of an untyped entry that is stored in the scope itself.
 

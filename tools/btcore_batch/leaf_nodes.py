@@ -27,7 +27,6 @@ class LeafNode(BatchNode):
     Args:
         node: The ordinary leaf that represents the node.
         context: The shared state of the batch.
-        leaf: The declaration of the leaf.
     """
 
     def __init__(self, node: TreeNode, context: BatchContext, leaf: LeafDeclaration) -> None:

@@ -17,7 +17,6 @@ class BatchInput:
     """An input port of one node, bound to a literal or to a key.
 
     Args:
-        node: The node.
         name: The name of the port.
         port: The declaration of the port; None for the declaration of the ordinary node.
 

@@ -80,7 +80,6 @@ class ScriptRun:
         """Call `function(value, …)` for each of *agents*.
 
         Args:
-            agents: The agents.
             function: Computes the result of a single agent, or raises ConversionError.
             values: The arguments.
             script_error: Returns an error with the position in the script, given the message of a
@@ -557,7 +556,6 @@ class BatchProgram:
     """A script that was compiled for the blackboard of a node.
 
     Args:
-        text: The script.
         node: The node to which errors are attributed.
     """
 

@@ -11,7 +11,7 @@ from rich.live import Live
 from rich.text import Text
 
 from btcore.cli import files, terminal
-from btcore.cli.node_libraries import load_libraries
+from btcore.cli.node_libraries import NodeLibraries
 from btcore.cli.tree_source import (
     STDIN,
     TreeOptions,
@@ -43,7 +43,7 @@ from btcore_proof.tree_files import declarations_of, prover_of, record_counterex
 _INTERVAL_S: Final = 0.2
 
 
-@click.command(short_help="Prove what holds in every run of a tree.")
+@click.command()
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
 @pass_options(TreeOptions, "options")
 @click.option(
@@ -126,7 +126,7 @@ def prove(
     path = find_source(source)
     if save is not None and path == STDIN:
         raise click.UsageError("--save needs a tree in a file, because tests name the file.")
-    libraries = load_libraries(options.plugins, options.models, options.confined)
+    libraries = NodeLibraries(options.plugins, options.models, options.confined)
     declared = (
         Declarations() if path == STDIN and declarations is None else declarations_of(path, declarations)
     )

@@ -178,7 +178,6 @@ class Explorer:
             state: The state before the tick.
             advance: The advance of the timers.
             moment: The moment of the vertex.
-            vertex: The vertex.
             choice: The choice at the vertex; None if the tick begins there.
         """
         self._moment, self._advance = moment, advance

@@ -62,7 +62,6 @@ def find_fair_cycle(
     """Return a cycle that meets all conditions, or None if there is none.
 
     Args:
-        graph: The state graph.
         parts: The parts of the graph that may contain the cycle.
         conditions: The conditions of fairness.
         allowed: Returns whether an edge may be part of the cycle.

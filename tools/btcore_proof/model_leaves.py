@@ -204,7 +204,6 @@ class Choices:
         """Return the number of the chosen outcome of a leaf.
 
         Args:
-            leaf: The leaf.
             options: Its possible outcomes.
             writers: The outputs that an outcome writes.
         """
@@ -578,7 +577,6 @@ def with_model_leaves(nodes: Registry, declared: Mapping[str, Mapping[str, objec
     Models also replace decorators that need resources or are declared. Leaves that are built in remain.
 
     Args:
-        nodes: The registry.
         declared: The declarations beside the tree, by the ID of the leaf.
 
     Raises:

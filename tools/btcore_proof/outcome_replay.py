@@ -66,7 +66,6 @@ class ReplayChoices(Choices):
     cycle that repeats forever is fair.
 
     Args:
-        ticks: The ticks.
         cycle: The index of the tick from which the ticks are repeated; None = they are not repeated.
         domains: The declared values of entries, as texts, by key.
 
@@ -185,7 +184,6 @@ def replay_outcomes(
     Args:
         make: Loads the tree.
         choices: The choices with the same outcomes.
-        ticks: The ticks.
         question: The question that the run may violate.
         cycle: The index of the tick at which a cycle begins, and the duration of the cycle (s).
 

@@ -91,7 +91,6 @@ def parse_proposition(text: str, tree: Tree) -> ParsedProposition:
     after the tick. `!`, `&`, `|` and parentheses connect propositions. A name with spaces is put in quotes.
 
     Args:
-        text: The text.
         tree: The tree whose nodes the proposition names, by path or unique name.
 
     Raises:

@@ -42,7 +42,6 @@ def file_name(number: int, question: str) -> str:
 
     Args:
         number: The number of the question, from 1.
-        question: The question.
     """
     words = re.sub(r"[^a-z0-9]+", "-", question.lower())[:_MAX_NAME_CHARS].strip("-")
     return f"{number:02}-{words}" if words else f"{number:02}"
@@ -54,7 +53,6 @@ def source_of_test(name: str, answer: Answer, source: TreeReference, folder: Pat
     Args:
         name: The name of the files for the question.
         answer: The answer, which has a counterexample.
-        source: The tree.
         folder: The folder of the test. Paths in the test are relative to it.
     """
     run = answer.counterexample

@@ -121,7 +121,6 @@ class SearchProcesses:
     """Processes that run ticks for one search.
 
     Args:
-        explorer: The search.
         jobs: The number of processes.
     """
 

@@ -181,7 +181,6 @@ class StateGraph:
         """Return the outcomes of all ticks, or rests of ticks, that begin at a vertex.
 
         Args:
-            vertex: The vertex.
             known: The outcomes of other vertices, to which those of this vertex are added.
         """
         outcomes = known.get(vertex)
@@ -262,7 +261,6 @@ class StateTable:
         """Return the number of a vertex, and whether it is new.
 
         Args:
-            state: The state of the tree.
             moment: What else decides the rest of the tick; None = a state between two ticks.
         """
         parts = (*state.fields, state.statuses, *state[2:], moment)

@@ -36,7 +36,6 @@ class TickProgress:
     """Follows the ticks of one tree.
 
     Args:
-        tree: The tree.
         keeper: Captures the states of its nodes.
     """
 

@@ -50,7 +50,6 @@ class TickRunner:
     """Runs single ticks of a tree with model leaves.
 
     Args:
-        tree: The tree.
         choices: The choices that its leaves share.
         watched: The nodes whose results and halts are recorded.
 

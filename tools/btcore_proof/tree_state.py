@@ -196,7 +196,6 @@ class StateKeeper:
         """Put the tree into *state*, after *advance*.
 
         Args:
-            state: The state.
             advance: The advance of the timers.
             shift: Whether to change what is not a part of the state: the time, and the numbers of writes.
                 Only code that looks at them by other means than the state provides notices the change.

@@ -111,7 +111,6 @@ class UserCode:
     """The nodes of a tree that have code of users.
 
     Args:
-        tree: The tree.
         keeper: Keeps the states of the tree.
         interrupt: Notes an interrupt of the search.
 

@@ -434,7 +434,6 @@ class ChangedReplay:
     """A recorded run that is run again with changes, step by step.
 
     Args:
-        run: The run.
         changes: Changed inputs.
         document: The file name and the text of another tree, in place of the main document.
         matches: For nodes that have another path in this tree: the new path by the recorded path.

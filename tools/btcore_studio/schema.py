@@ -13,15 +13,20 @@ from lxml import etree
 
 from btcore.blackboard.ports import Port
 from btcore.cli import terminal
-from btcore.cli.node_libraries import AllNodesOptions, load_libraries
+from btcore.cli.node_libraries import AllNodesOptions, NodeLibraries
 from btcore.field_options import pass_options
 from btcore.names import POSTCONDITION_ATTRIBUTES, PRECONDITION_ATTRIBUTES
 from btcore.registry.manifest import Manifest
 from btcore.registry.registry import Registry
 from btcore.status import NodeType, Status
 from btcore.values import BOOL, DOUBLE, INT, INT64, NODE_STATUS, UINT, UINT64, EnumType, ValueType
-from btcore.xml.models.tree_nodes_model import TAG_OF
-from btcore.xml.read.tags import CONTROLS_WITH_CHILDREN_IN_3, EXPLICIT_TAGS, PORT_TAGS, SUBTREE_TAGS
+from btcore.xml.read.tags import (
+    CONTROLS_WITH_CHILDREN_IN_3,
+    EXPLICIT_TAGS,
+    MODEL_TAGS,
+    PORT_TAGS,
+    SUBTREE_TAGS,
+)
 
 __all__ = ["write_schema"]
 
@@ -256,7 +261,7 @@ def _models(schema: _SchemaElement) -> None:
     """Add the type of TreeNodesModel, the palette of an editor."""
     models = schema.add("complexType", name="TreeNodesModelType")
     choice = models.add("choice", minOccurs="0", maxOccurs="unbounded")
-    for tag in dict.fromkeys(TAG_OF.values()):
+    for tag in MODEL_TAGS:
         choice.add("element", name=tag, type="modelType")
     model = schema.add("complexType", name="modelType")
     inside = model.add("choice", minOccurs="0", maxOccurs="unbounded")
@@ -274,7 +279,7 @@ def _models(schema: _SchemaElement) -> None:
         _add_attribute(port, name, "xs:string")
 
 
-@click.command(short_help="Print an XML schema (XSD) for XML editors.")
+@click.command()
 @pass_options(AllNodesOptions, "options")
 def schema(options: AllNodesOptions) -> None:
     """Print an XML schema (XSD) of trees and all available nodes.
@@ -282,4 +287,4 @@ def schema(options: AllNodesOptions) -> None:
     The schema covers nodes that are built-in, installed, or loaded by --plugin or --model. XML editors use it
     to complete tags and attributes, and to show their documentation.
     """
-    terminal.print_xml(write_schema(load_libraries(options.plugins, options.models).nodes, options.format))
+    terminal.print_xml(write_schema(NodeLibraries(options.plugins, options.models).nodes, options.format))

@@ -33,9 +33,6 @@ class RefusedError(BtcoreError):
 class ServedFolder:
     """A folder whose files a client may name.
 
-    Args:
-        root: The folder.
-
     Raises:
         RefusedError: There is no such folder.
     """

@@ -45,7 +45,6 @@ class Workers:
     """The workers of a Dask client.
 
     Args:
-        client: The client.
         attempts: The maximum number of runs of an episode whose worker dies.
     """
 

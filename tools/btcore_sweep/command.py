@@ -27,7 +27,7 @@ def _parse_script(ctx: click.Context, parameter: click.Parameter, text: str | No
         raise click.UsageError(f"--success-if: {error}") from error
 
 
-@click.command(cls=SweepCommand, short_help="Run a tree many times in parallel, and compare.")
+@click.command(cls=SweepCommand)
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
 @click.option(
     "--seeds",

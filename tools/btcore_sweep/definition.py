@@ -143,7 +143,6 @@ def create_definition(
         ctx: The context of `btcore sweep`.
         source: The tree: a file or the name of a bundled tree.
         params: The parameters in the form KEY=VALUES.
-        seeds: The seeds.
         duration: The maximum duration of an episode (s of the tree's clock).
 
     Raises:

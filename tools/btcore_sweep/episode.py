@@ -9,7 +9,6 @@ import threading
 import time
 from collections.abc import Sequence
 from contextlib import chdir, redirect_stderr, redirect_stdout, suppress
-from functools import cache
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,7 +16,6 @@ import click
 
 from btcore.cli import terminal
 from btcore.cli.commands.run import parse_run
-from btcore.cli.node_libraries import NodeLibraries, load_libraries
 from btcore.cli.run_summary import results_as_data
 from btcore.engine.observers import Observer
 from btcore.errors import BtcoreError
@@ -92,7 +90,7 @@ def run_episode(
 
 
 def _run(command: Sequence[str]) -> Result:
-    with parse_run(command, _installed) as session:
+    with parse_run(command) as session:
         finder = FailureCauseFinder()
         has_begun = False
 
@@ -115,12 +113,6 @@ def _run(command: Sequence[str]) -> Result:
             return _fault_result(ExitCode.USER_ERROR, fault, has_begun=True)
         failed_at = finished.error.path if finished.error is not None else finder.find(finished.tree)
         return {"code": finished.exit_code, "report": report, "failed_at": failed_at, "fault": None}
-
-
-@cache
-def _installed() -> NodeLibraries:
-    """Return the installed node libraries, which are loaded once in each process."""
-    return load_libraries(())
 
 
 def _internal_error(error: BaseException) -> Result:

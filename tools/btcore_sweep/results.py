@@ -31,7 +31,6 @@ def write_results(
     """Write the table and the report to the sweep's folder, and print a summary on stderr.
 
     Args:
-        folder: The folder of the sweep.
         script: The condition for a success, or None.
         suffix: The file format of the table: csv or parquet.
         execution: The summary that `run_sweep` returned.

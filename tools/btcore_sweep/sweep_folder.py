@@ -43,7 +43,6 @@ class SweepFolder:
 
     Args:
         path: The path of the folder, which is created if it does not exist.
-        definition: The definition of the sweep.
     """
 
     def __init__(self, path: Path, definition: SweepDefinition) -> None:

@@ -92,7 +92,6 @@ def compute_statistics(rows: Sequence[Row], definition: SweepDefinition) -> Swee
 
     Args:
         rows: The rows of the finished episodes, with the column `success`.
-        definition: The sweep.
     """
     combinations = definition.combinations
     several = 1 < len(combinations) <= MAX_COMBINATIONS and len(definition.varied) > 1

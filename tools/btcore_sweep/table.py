@@ -35,7 +35,6 @@ def create_row(episode: Episode, record: Record, script: Program | None) -> Row:
     """Return the row of an episode.
 
     Args:
-        episode: The episode.
         record: The saved result of the episode.
         script: The condition for a success, or None, see `is_success`.
 
@@ -111,7 +110,6 @@ def list_columns(rows: Sequence[Row], definition: SweepDefinition) -> list[str]:
     occur. Only `failures` comes after them.
 
     Args:
-        rows: The rows.
         definition: The sweep, for the columns of its parameters.
     """
     varied = [f"param.{key}" for key in definition.varied]
@@ -138,7 +136,6 @@ def write_table(path: Path, rows: Sequence[Row], names: Sequence[str]) -> None:
 
     Args:
         path: The file; its suffix .csv or .parquet determines the format.
-        rows: The rows.
         names: The columns.
 
     Raises:

@@ -9,7 +9,7 @@ from rich.text import Text
 
 from btcore.blackboard.ports import Direction, Port
 from btcore.cli import terminal
-from btcore.cli.node_libraries import AllNodesOptions, complete_node_id, load_libraries
+from btcore.cli.node_libraries import AllNodesOptions, NodeLibraries, complete_node_id
 from btcore.documentation_site import node_url
 from btcore.field_options import pass_options
 from btcore.registry.manifest import Manifest
@@ -22,7 +22,7 @@ _ORDER: Final = (NodeType.CONTROL, NodeType.DECORATOR, NodeType.CONDITION, NodeT
 _ARROW: Final = {Direction.IN: "→", Direction.OUT: "←", Direction.INOUT: "↔"}
 
 
-@click.command(short_help="List the available nodes and their ports.")
+@click.command()
 @click.argument("ids", nargs=-1, metavar="[ID]…", shell_complete=complete_node_id)
 @pass_options(AllNodesOptions, "options")
 @click.option("--xml", "as_xml", is_flag=True, help="Print a TreeNodesModel, which Groot can import.")
@@ -32,7 +32,7 @@ def nodes(ids: Sequence[str], options: AllNodesOptions, as_xml: bool, as_json: b
 
     With IDs, list only these nodes.
     """
-    palette = load_libraries(options.plugins, options.models).nodes.manifests_of(options.format)
+    palette = NodeLibraries(options.plugins, options.models).nodes.manifests_of(options.format)
     if unknown := [node_id for node_id in ids if node_id not in palette]:
         hint = did_you_mean(unknown[0], palette) or "; without an ID, all nodes are listed"
         raise click.UsageError(f"unknown node {join_names(unknown)}{hint}")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import click
 
 from btcore.cli import terminal
-from btcore.cli.node_libraries import NodeLibraries, load_libraries
+from btcore.cli.node_libraries import NodeLibraries
 from btcore.cli.progress import Progress, log_to_console
 from btcore.cli.provider_command import ProviderCommand, command_providers, create_run, given_settings
 from btcore.cli.run_summary import print_leaf_error, print_summary, results_as_data
@@ -92,7 +92,7 @@ class RunCommandOptions(TreeOptions):
     ] = False
 
 
-@click.command(cls=ProviderCommand, short_help="Run a tree until it ends.")
+@click.command(cls=ProviderCommand)
 @click.argument("source", metavar="TREE", shell_complete=complete_tree)
 @pass_options(RunCommandOptions, "options")
 @add_options(RunSettings)
@@ -184,7 +184,6 @@ def create_session(
     source: str,
     options: RunCommandOptions,
     settings: GivenSettings,
-    installed: Callable[[], NodeLibraries] | None = None,
 ) -> RunSession:
     """Read a tree, and return the session of its run.
 
@@ -193,8 +192,6 @@ def create_session(
         source: The tree, as the user named it.
         options: The options of the command itself.
         settings: The settings of the run and of providers.
-        installed: Returns the installed nodes, for a process that loads them once for many runs. They are
-            not changed. With plugins, further nodes are loaded only if the tree uses them.
     """
     changes = TreeChanges(options.outcomes, options.substitute, options.set)
     path = find_source(source)
@@ -206,7 +203,13 @@ def create_session(
 
         # The watcher looks at the files before they are read: a save in between is not missed.
         file_watcher = FileWatcher(path, options.confined)
-    libraries = _load_libraries(ctx, options, installed)
+    libraries = NodeLibraries(
+        options.plugins,
+        options.models,
+        options.confined,
+        btcore_on_demand=not options.substitute,  # a rule may name a node of any library
+        imported=command_providers(ctx).plugins,
+    )
     tree_reader = TreeReader(path, options, libraries, changes.with_rules)
     plans = tree_reader.read_plans()
     changes.check(plans)
@@ -223,32 +226,10 @@ def create_session(
     return RunSession(plans, created, options, tree_reader, file_watcher)
 
 
-def _load_libraries(
-    ctx: click.Context, options: RunCommandOptions, installed: Callable[[], NodeLibraries] | None
-) -> NodeLibraries:
-    if installed is None or options.plugins:
-        return load_libraries(
-            options.plugins,
-            options.models,
-            options.confined,
-            btcore_on_demand=not options.substitute,  # a rule may name a node of any library
-            imported=command_providers(ctx).plugins,
-        )
-    libraries = installed().copy()
-    libraries.add_models(options.models, options.confined)
-    return libraries
-
-
 @contextmanager
-def parse_run(
-    arguments: Sequence[str], installed: Callable[[], NodeLibraries] | None = None
-) -> Iterator[RunSession]:
-    """Return a context with the session of `btcore run` with *arguments*, before its providers are opened.
-
-    Args:
-        installed: As in `create_session`.
-    """
+def parse_run(arguments: Sequence[str]) -> Iterator[RunSession]:
+    """Return a context with the session of `btcore run` with *arguments*, before its providers are opened."""
     with run.make_context("run", list(arguments)) as ctx:
         options = from_values(RunCommandOptions, ctx.params)
         assert options is not None, "no option is required"
-        yield create_session(ctx, ctx.params["source"], options, given_settings(ctx), installed)
+        yield create_session(ctx, ctx.params["source"], options, given_settings(ctx))

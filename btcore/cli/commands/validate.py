@@ -11,7 +11,7 @@ from rich.text import Text
 
 from btcore.blackboard.ports import braced_key
 from btcore.cli import files, terminal
-from btcore.cli.node_libraries import load_libraries
+from btcore.cli.node_libraries import NodeLibraries
 from btcore.cli.tree_source import STDIN, TreeOptions, complete_tree, find_source, given_keys, parse_source
 from btcore.diagnostics import Diagnostic, shown_diagnostics
 from btcore.errors import TreeError
@@ -37,7 +37,7 @@ class _FixedFile(NamedTuple):
     fix_count: int
 
 
-@click.command(short_help="Check trees, and report all errors and warnings.")
+@click.command()
 @click.argument("sources", nargs=-1, required=True, metavar="TREE|FOLDER…", shell_complete=complete_tree)
 @pass_options(TreeOptions, "options")
 @given_keys
@@ -73,7 +73,7 @@ def validate(
     paths = [path for source in sources for path in _find_files(source)]
     if (fix or diff) and STDIN in paths:
         raise click.UsageError(f"{'--fix' if fix else '--diff'} needs a file, not stdin.")
-    libraries = load_libraries(options.plugins, options.models, options.confined, btcore_on_demand=True)
+    libraries = NodeLibraries(options.plugins, options.models, options.confined, btcore_on_demand=True)
     given = [braced_key(key) or key for key in given]  # a key may also be given as {key}
 
     def check(file: Path, text: str | None = None) -> list[Diagnostic]:

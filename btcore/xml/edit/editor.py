@@ -123,7 +123,6 @@ class DocumentEditor:
         """Insert elements among the children of an element.
 
         Args:
-            parent: The element.
             index: The number of children before the new elements.
             xml: The new elements, which are indented like their neighbours.
 
@@ -191,7 +190,6 @@ class DocumentEditor:
         """Put consecutive siblings into a new element, which is indented like its neighbours.
 
         Args:
-            children: The siblings.
             tag: The tag of the new element.
             attributes: Its attributes, with a space before each.
         """

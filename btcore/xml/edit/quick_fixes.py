@@ -126,9 +126,7 @@ def _titled_edits(fix: fixes.Fix, problem: _Problem) -> _TitledEdits:
         case fixes.Rename():
             yield from _renamed(fix.text, problem)
         case fixes.ReplaceText():
-            yield f"Write {_shown(fix.text)}", [Edit(problem.start, problem.end, fix.text)]
-        case fixes.InsertText():
-            yield f"Insert '{_shown(fix.text)}'", [Edit(problem.start, problem.start, fix.text)]
+            yield f"Write {_shown(fix.text.strip())}", [Edit(problem.start, problem.end, fix.text)]
         case fixes.CreateEntry():
             assignment = _ASSIGNMENT.match(editor.text, problem.end)
             if assignment is not None:

@@ -7,18 +7,12 @@ from btcore.blackboard.ports import Direction, Port
 from btcore.escaping import escape_text
 from btcore.registry.manifest import Manifest
 from btcore.status import NodeType
+from btcore.xml.read.tags import MODEL_TAGS
 
 __all__ = ["write_models"]
 
-TAG_OF: Final = {
-    NodeType.ACTION: "Action",
-    NodeType.CONDITION: "Condition",
-    NodeType.CONTROL: "Control",
-    NodeType.DECORATOR: "Decorator",
-    NodeType.SUBTREE: "SubTree",
-    NodeType.UNDEFINED: "Action",  # Groot has no tag for other kinds of nodes
-}
-
+# Groot has no tag for other kinds of nodes.
+TAG_OF: Final = {node_type: tag for tag, node_type in MODEL_TAGS.items()} | {NodeType.UNDEFINED: "Action"}
 
 _ATTRIBUTE_ESCAPES: Final = str.maketrans(
     {'"': "&quot;", "'": "&apos;", "\n": "&#10;", "\r": "&#13;", "\t": "&#9;"}
@@ -34,7 +28,6 @@ def write_models(manifests: Iterable[Manifest], format: int = 4) -> str:
     """Return a document with a TreeNodesModel, sorted by ID, that Groot can import.
 
     Args:
-        manifests: The nodes.
         format: 4, or 3 for Groot 1, where ports are sorted by direction and name.
 
     Examples:

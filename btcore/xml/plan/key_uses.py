@@ -128,7 +128,6 @@ def port_uses(
     The entries that a script uses are those of `find_name_uses`, unless the script itself is in an entry.
 
     Args:
-        port: The port.
         text: The text of the port.
         is_explicit: Whether the document sets the port; otherwise the text is its default.
         format: The XML format, 3 or 4.

@@ -1,7 +1,8 @@
 """The elements of a document, and their parser for plain texts: expat, which comes with Python.
 
 Texts that expat rejects, and texts that tinyxml2 may parse differently, are parsed by the rules of tinyxml2
-(tinyxml2_parser.py), which decides what BehaviorTree.CPP accepts.
+(tinyxml2_parser.py), which decides what BehaviorTree.CPP accepts. That parser could read all texts, but takes
+five times as long as expat: loading a tree would take 1.4 times as long.
 """
 
 from collections.abc import Iterator

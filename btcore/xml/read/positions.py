@@ -99,7 +99,6 @@ class SourceMap:
     element is the n-th start tag, however the tag is written.
 
     Args:
-        text: The text.
         root: The outermost element.
         scanned: The scan of the text, if *root* was made from it.
     """

@@ -12,7 +12,9 @@ EXPLICIT_TAGS: Final = {
     "Control": NodeType.CONTROL,
     "Decorator": NodeType.DECORATOR,
 }
-# The elements of a TreeNodesModel that declare ports.
+# The elements of a TreeNodesModel.
+MODEL_TAGS: Final = {**EXPLICIT_TAGS, "SubTree": NodeType.SUBTREE}
+# The elements of a model that declare ports.
 PORT_TAGS: Final = {f"{direction.value}_port": direction for direction in Direction}
 # Nodes renamed or dropped since format 3, as Groot 1 writes them, and their replacements in format 4.
 NODE_REPLACEMENTS: Final = {

@@ -10,7 +10,7 @@ from typing import Final, NoReturn
 from btcore.diagnostic_codes import BARE_MARKUP, LENIENT_XML, NOT_XML, DiagnosticCode
 from btcore.diagnostics import Diagnostic
 from btcore.errors import XmlSyntaxError
-from btcore.fixes import CloseTag, Escape, Fix, InsertText, ReplaceText, SetAttributes, WriteEndTag
+from btcore.fixes import CloseTag, Escape, Fix, ReplaceText, SetAttributes, WriteEndTag
 from btcore.xml.read.element import EXAMPLE, MAX_LEVELS, Element
 from btcore.xml.read.positions import LineIndex
 from btcore.xml.read.tinyxml2_compat import (
@@ -239,7 +239,7 @@ class _Parser:
                 raise self._error(at, len(name), message, "remove one of them")
             if at == after_name:
                 message = f"missing white space before the attribute {name}"
-                fix = InsertText(" ", is_safe=True)
+                fix = ReplaceText(f" {name}", is_safe=True)
                 self._warn(at, len(name), message, f"write a space before {name}", fix)
             self._check_name(match, 1)
             attributes[name] = self._value(match)

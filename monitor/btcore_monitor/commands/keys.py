@@ -8,7 +8,7 @@ from btcore_monitor.console import print_line
 from btcore_monitor.environment_checks import check_installed
 
 
-@click.command(short_help="Create a key pair for encrypted connections.")
+@click.command()
 @click.argument("file", type=click.Path(dir_okay=False, path_type=Path))
 def keys(file: Path) -> None:
     """Create a secret key in FILE and its public key in FILE.pub, and print the public key.

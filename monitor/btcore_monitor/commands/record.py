@@ -35,7 +35,7 @@ _CHECK_INTERVAL_S: Final = 0.2
 _STATUSES_ONLY: Final = "logs hold statuses; blackboards, exceptions, ticks and the scene need -o FILE.rrd"
 
 
-@click.command(short_help="Record a running robot into log files.")
+@click.command()
 @click.argument("address", default=DEFAULT_ADDRESS)
 @click.option(
     "-o",

@@ -34,7 +34,6 @@ def fold(tree: ObservedTree, running: Collection[int] = (), most: int = MAX_FOLD
     The children of running nodes are always in the result, and without running nodes the whole main tree.
 
     Args:
-        tree: The tree.
         running: The uids of the running nodes.
         most: The greatest number of nodes in the result.
     """

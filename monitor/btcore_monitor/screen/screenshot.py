@@ -118,9 +118,6 @@ class _HeadlessViewer:
 
     rerun ends a request after 15 s with TimeoutError. On a busy machine, a frame may take longer. Therefore
     requests are repeated until the viewer answers or is killed; only requests that can be repeated are used.
-
-    Args:
-        process: The process of the viewer.
     """
 
     def __init__(self, process: RerunProcess) -> None:

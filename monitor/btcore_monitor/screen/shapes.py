@@ -52,7 +52,6 @@ def surface(meshes: Sequence[Mesh], around: bool) -> Any:
     """Return a rerun archetype with all *meshes*, which have the same frame.
 
     Args:
-        meshes: The meshes.
         around: Whether the meshes belong to the robot's world; the upper parts of walls are then flattened at
             `CUT_AT`, which cuts vertical walls.
     """
@@ -87,7 +86,6 @@ def extent(
     """Return the lower and upper corner (x, y in m) of the bounding box of *parts*.
 
     Args:
-        parts: The parts.
         grids: Without parts, the box is that of these grids. Without both, it is ±3 m.
     """
     corners = [] if parts or grids else [(-3.0, -3.0), (3.0, 3.0)]

@@ -126,7 +126,6 @@ class SubtreeDrawing:
 
         Args:
             part: The part of the drawing.
-            strips: The strips.
             order: The drawing order; higher values cover lower values.
             style: Further fields of the archetype.
         """
@@ -155,7 +154,6 @@ def split_by_subtree(tree: ObservedTree, most: int = MAX_BRANCHES) -> dict[str, 
     """Split a tree into subtrees with their own entities.
 
     Args:
-        tree: The tree.
         most: The greatest number of subtrees; the outermost subtrees come first.
 
     Returns:

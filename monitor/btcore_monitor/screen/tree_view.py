@@ -50,7 +50,6 @@ class TreeView:
     """The drawing of a tree with the statuses of its nodes.
 
     Args:
-        rows: The buffer of rows.
         tree: The tree to draw, which may be a folded version of *full_tree*.
         palette: The colours.
         view_size: Width and height of the view (pixels).
@@ -246,7 +245,6 @@ def arrange(tree: ObservedTree, written: Mapping[int, Caption], view_size: tuple
     """Return the layout of a tree.
 
     Args:
-        tree: The tree.
         written: The nodes' captions by uid, which determine the widths of the pills.
         view_size: Width and height of the view (pixels).
     """

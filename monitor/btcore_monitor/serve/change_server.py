@@ -65,8 +65,6 @@ class ChangeServer:
 
         Args:
             requests: The socket from which the request came.
-            frames: The request.
-            published: The tree.
             may_control: Whether the client may control the tree.
         """
         try:

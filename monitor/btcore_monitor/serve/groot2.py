@@ -81,7 +81,6 @@ class Groot2Server:
         """Return the frames of the reply to a request. An invalid request gets an error reply.
 
         Args:
-            frames: The request.
             client: The client's connection, or None if the client may not set hooks.
         """
         hook_controller = self.hook_controller

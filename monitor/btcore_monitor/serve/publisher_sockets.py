@@ -37,7 +37,6 @@ class Authenticator:
 
     Args:
         context: The ZeroMQ context of the sockets with keys.
-        keys: The keys of the robot.
     """
 
     def __init__(self, context: "zmq.Context[Socket]", keys: RobotKeys) -> None:

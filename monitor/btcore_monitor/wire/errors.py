@@ -14,7 +14,6 @@ class RobotRefusedError(ProtocolError):
     """The robot answered a request with an error.
 
     Args:
-        message: The message.
         sentence: The text that the robot sent, if *message* has more.
     """
 

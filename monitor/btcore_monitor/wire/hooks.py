@@ -146,7 +146,6 @@ def describe_hook(hook: WireHook, path: str) -> str:
     """Return *hook* as a phrase for users, such as `breakpoint before Main/Move (disabled)`.
 
     Args:
-        hook: The hook.
         path: The path of the hook's node.
     """
     words = [

@@ -117,7 +117,6 @@ def are_far_apart(first: Pose2D, second: Pose2D, distance: float, turn: float) -
     """Return whether two poses differ by at least a distance or an angle.
 
     Args:
-        first: A pose.
         second: The other pose, in the same frame.
         distance: The minimum distance (m) between the positions.
         turn: The minimum angle (rad) between the headings.

@@ -86,7 +86,6 @@ def map_quality(field_map: OccupancyMap, scans: Sequence[KeyScan], graph: PoseGr
     """Return the quality of a map.
 
     Args:
-        field_map: The map.
         scans: The key scans of which the map was made.
         graph: The pose graph with the poses of the key scans.
     """

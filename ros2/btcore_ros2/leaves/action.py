@@ -99,9 +99,6 @@ class RosAction(ServerLeaf):
     def on_feedback(self, feedback: Any) -> Any:
         """Process a message of feedback. Called for each message, in order.
 
-        Args:
-            feedback: The feedback message.
-
         Returns:
             RUNNING or None to continue. SUCCESS (True) or FAILURE (False) cancel the goal, and are the result
             of the leaf.

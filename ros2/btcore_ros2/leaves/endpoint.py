@@ -34,7 +34,6 @@ class Endpoint(Generic[Entity]):
     entity share it; see `SharedEntities` for its end.
 
     Args:
-        node: The leaf.
         session: The session of the leaf.
         port: The name of the port with the name of the entity.
         key: What two leaves with the same entity have in common, in addition to the name.
@@ -135,7 +134,6 @@ def interface_of(node: TreeNode, attribute: str, kind: InterfaceKind) -> Any:
     Args:
         node: The leaf.
         attribute: The name of the attribute, which contains the class or its ROS name.
-        kind: The kind of interface.
 
     Raises:
         NodeError: The attribute is not set, is of another kind, or names a class that is not installed.

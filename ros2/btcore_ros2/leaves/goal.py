@@ -49,7 +49,6 @@ class ClientGoal:
     a failure of the network, the goal is cancelled, because the server may still work on it.
 
     Args:
-        session: The session.
         client: The `rclpy.action.ActionClient`, whose server is ready.
         server: The name of the action.
         message: The goal message.

@@ -38,7 +38,6 @@ class MessagePort:
     """The port of a leaf with the content of a message.
 
     Args:
-        node: The leaf.
         port: The name of the port.
         message_type: The class of the message.
         session: The session of the leaf.

@@ -57,8 +57,6 @@ def profile_of(qos: Qos, depth: int, reliability: Reliability, durability: Durab
     Args:
         qos: The profile of which the other ports replace parts.
         depth: The number of messages that are kept; 0 = that of *qos*.
-        reliability: The reliability.
-        durability: The durability.
 
     Raises:
         NodeError: The depth is out of range.

@@ -61,7 +61,6 @@ class _TransformLeaf(NoCodeLeaf):
         """Return the frame, the pose and the stamp (a message) of the pose in the port `pose`.
 
         Args:
-            port: The port.
             frame: The frame of a pose that has none.
 
         Raises:

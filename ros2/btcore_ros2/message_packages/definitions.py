@@ -216,7 +216,6 @@ def leave_out_incomplete(
     """Leave out the interfaces that contain messages that exist nowhere.
 
     Args:
-        packages: The packages.
         installed: The messages that are installed, as `(package, name)`.
 
     Returns:

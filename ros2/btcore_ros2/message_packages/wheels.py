@@ -170,7 +170,6 @@ def wheel_version(package: MessagePackage, needed: Mapping[str, str]) -> str:
     """Return the version of the wheel of *package*, with a hash of everything that it is built from.
 
     Args:
-        package: The package.
         needed: The versions of the packages that it needs and that are built with it.
     """
     sources = [
@@ -270,7 +269,6 @@ class Build:
     """The folder of a build.
 
     Args:
-        package: The package.
         folder: An empty folder.
         done: Called after each step.
     """

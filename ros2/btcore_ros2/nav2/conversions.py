@@ -116,7 +116,6 @@ def pose_from_stamped(message: PoseStamped, frame: str = MAP_FRAME, default: str
     """Return the pose of a `geometry_msgs/PoseStamped`.
 
     Args:
-        message: The message.
         frame: The name of the frame that the pose must have.
         default: The frame of a message that names no frame.
 
@@ -152,7 +151,6 @@ def path_to_message(path: NavPath, stamp: Time | None = None) -> Path:
     """Return *path* as a `nav_msgs/Path`.
 
     Args:
-        path: The path.
         stamp: The stamp; None = zero, which stands for the newest transform. The stamp of *path* itself may
             belong to another clock.
     """

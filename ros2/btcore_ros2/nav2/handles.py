@@ -92,10 +92,8 @@ class Nav2GoalHandle(_SessionHandle):
     """A goal on a server of Nav2. It is sent when the server appears, unless it is cancelled before.
 
     Args:
-        session: The session.
         named: The client of the action.
         goal: Our goal.
-        converter: The converter of the action.
     """
 
     def __init__(
@@ -178,7 +176,6 @@ class Nav2RequestHandle(_SessionHandle):
     """A request to a service of Nav2. It is sent when the service appears, unless it is cancelled before.
 
     Args:
-        session: The session.
         named: The client of the service.
         request: Our request, by which the response is read.
         message: The request message.

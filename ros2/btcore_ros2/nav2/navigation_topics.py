@@ -78,8 +78,6 @@ class NavigationTopics:
     laser's readings on `scan`. All names are relative, except `/tf` and `/tf_static`.
 
     Args:
-        session: The session.
-        navigation: The navigation.
         navigates: Whether goals are taken from `goal_pose`.
 
     Raises:
@@ -251,9 +249,7 @@ class CostmapTopics:
 
     Args:
         node: The ROS node.
-        navigation: The navigation.
         name: The name of the costmap, `global_costmap` or `local_costmap`.
-        parameters: The parameters of the costmap.
         stamp: Returns the ROS time.
 
     Raises:
@@ -357,7 +353,6 @@ def occupancy_grid(grid: Grid, cells: NDArray[np.int8], frame: str, stamp: Time)
         grid: The source of the resolution and the origin.
         cells: The occupancies, shape `(height, width)`, row 0 with the lowest y.
         frame: The frame of the grid.
-        stamp: The stamp.
     """
     message = OccupancyGrid()
     message.header.frame_id, message.header.stamp = frame, stamp

@@ -41,7 +41,6 @@ class NavigatorServer:
     tree is aborted while a goal is in progress.
 
     Args:
-        session: The session.
         to_pose: The file of the tree for goals without a file; None = btcore's tree of Nav2's default name.
         through_poses: The same for `navigate_through_poses`.
         plugins: Libraries with further nodes for the trees.

@@ -25,9 +25,6 @@ class ServedAction:
     previous goal is aborted, unless its client has cancelled it.
 
     Args:
-        session: The session.
-        converter: The converter of the action.
-        server: The server.
         other: A server that excludes this one: while it has a goal, goals are rejected. The goals of a server
             that is not active are rejected, too.
     """

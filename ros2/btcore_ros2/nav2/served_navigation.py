@@ -105,8 +105,6 @@ class ServedNavigation:
     navigates.
 
     Args:
-        session: The session.
-        navigation: The navigation.
         navigates: Whether the actions of the navigators are offered.
 
     Raises:

@@ -95,7 +95,6 @@ class BagRobot(TopicRobot):
     the commands: after a decision that differs from the recorded decision, the readings no longer fit.
 
     Args:
-        reader: The bag.
         description: The robot's topics and facts.
 
     Attributes:

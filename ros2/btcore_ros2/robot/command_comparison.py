@@ -42,7 +42,6 @@ class CommandComparison:
         Args:
             topic: The topic of the command.
             stamp: The time (ns).
-            values: The command.
         """
         self._sent.setdefault(topic, {})[stamp] = values
 
@@ -52,7 +51,6 @@ class CommandComparison:
         Args:
             topic: The topic of the command.
             stamp: The time (ns).
-            values: The command.
         """
         self._recorded.setdefault(topic, {})[stamp] = values
 

@@ -22,7 +22,6 @@ def has_other_type(node: Any, topic: str, message_class: type, *, published: boo
 
     Args:
         node: The ROS node.
-        topic: The topic.
         message_class: The expected message class.
         published: Whether to look at publishers; otherwise at subscriptions.
     """
@@ -41,7 +40,6 @@ def topic_problem(node: Any, topic: str, message_class: type, *, published: bool
 
     Args:
         node: The ROS node.
-        topic: The topic.
         message_class: The expected message class.
         published: Whether a publisher is missing; otherwise a subscription.
     """

@@ -20,7 +20,6 @@ class VelocityCommands:
     priorities may share a topic, so the priorities are enforced here as well as by the robot.
 
     Args:
-        topics: The topics.
         base: The limits of the base.
         publish: Publishes a command on a topic.
     """
@@ -116,7 +115,6 @@ class VelocityPublishers:
 
     Args:
         session: The ROS node.
-        topics: The topics.
         frame: The frame of stamped commands.
         stamp: Returns the present time of the robot as a message, for stamped commands.
 

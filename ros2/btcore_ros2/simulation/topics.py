@@ -56,7 +56,6 @@ class Topic:
 
     Args:
         node: The ROS node.
-        message_class: The class of the messages.
         name: The name of the topic, relative to the namespace of the ROS node.
         qos: The quality of service.
 
@@ -90,7 +89,6 @@ class RobotTopics:
 
     Args:
         session: The ROS node.
-        robot: The simulated robot.
         scan: The name of the laser's topic.
         ros_time: Returns the ROS time (ns) for stamps from a simulated time (ns). Without it, stamps are the
             simulated time, which is published on `/clock`.
@@ -330,7 +328,6 @@ class TrajectoryController:
     previous trajectory.
 
     Args:
-        robot: The simulated robot.
         joints: The names of the joints.
         move: A function that moves the joints to the positions that it is given, in the order of *joints*.
     """

@@ -29,7 +29,7 @@ from btcore import (
     TreeNode,
     action,
 )
-from btcore.cli.node_libraries import load_libraries
+from btcore.cli import node_libraries
 from btcore.entry_points import EntryPoint
 from btcore.values import DOUBLE
 
@@ -447,7 +447,8 @@ def test_every_part_of_btcore_registers_the_same_installed_libraries(
         monkeypatch.setenv("BTCORE_ENTRY_POINTS", limit)
     program = Registry.standard()
     ignored = program.add_installed_libraries()
-    others = [load_libraries(()).nodes, worker.Libraries([], (), (), trusted=False).nodes]
+    monkeypatch.setattr(node_libraries, "installed_once", node_libraries.load_installed)
+    others = [node_libraries.NodeLibraries(()).nodes, worker.Libraries([], (), (), trusted=False).nodes]
     for other in others:
         assert other.libraries == program.libraries
         assert {id: manifest.library for id, manifest in other.manifests.items()} == {

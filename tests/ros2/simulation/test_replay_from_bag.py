@@ -16,7 +16,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 import btcore
-from btcore.cli.node_libraries import load_libraries
+from btcore.cli.node_libraries import NodeLibraries
 from btcore.cli.tree_source import find_source
 from btcore.clock import NS_PER_S
 from btcore.errors import EndOfTimeError
@@ -73,7 +73,7 @@ def load_tree(robot: TopicRobot) -> btcore.Tree:
     """Return the tree *bumpgo* on *robot*."""
     resources = [robot, random.Random(0)]
     return btcore.load(
-        find_source("bumpgo"), nodes=load_libraries([]).nodes, resources=resources, clock=robot.clock
+        find_source("bumpgo"), nodes=NodeLibraries([]).nodes, resources=resources, clock=robot.clock
     )
 
 

@@ -14,7 +14,7 @@ from btcore.suggestions import counted, join_names
 from btcore_recorder.divergence import Divergence, Step, find_divergence, steps
 
 
-@click.command(short_help="Find the first difference between two logs.")
+@click.command()
 @click.argument("first", metavar="A")
 @click.argument("second", metavar="B")
 @click.option(

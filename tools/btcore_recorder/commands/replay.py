@@ -42,11 +42,7 @@ class LogViewer(Protocol):
         """
 
 
-@click.command(
-    cls=ExtensibleCommand,
-    group="btcore.replay",
-    short_help="Show a log again, as text or in the viewer, or run a recording again.",
-)
+@click.command(cls=ExtensibleCommand, group="btcore.replay")
 @click.argument("log", metavar="LOG")
 @click.option("--text", is_flag=True, help="Print a line for each transition instead: time, path, old → new.")
 @click.option(

@@ -32,7 +32,7 @@ _ORDERS: Final[dict[str, Callable[[RecordedStatistics], Any]]] = {
 }
 
 
-@click.command(short_help="Print statistics of the nodes in a log.")
+@click.command()
 @click.argument("log", metavar="LOG")
 @click.option(
     "--sort",

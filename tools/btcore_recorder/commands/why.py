@@ -12,7 +12,7 @@ from btcore.suggestions import join_names
 _MOMENT = re.compile(r"(\d{1,15})|(\d{1,12}(?:\.\d{1,9})?)s")
 
 
-@click.command(short_help="Explain why a node of a recorded run did what it did.")
+@click.command()
 @click.argument("file", metavar="FILE")
 @click.argument("node", metavar="[NODE]", default="")
 @click.option(

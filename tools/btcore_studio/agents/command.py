@@ -12,7 +12,7 @@ from btcore.exit_codes import code_of_signal
 from btcore.field_options import FiniteRange
 
 
-@click.command(short_help="Serve AI agents that write trees (MCP).")
+@click.command()
 @click.argument("folder", default=".", type=click.Path(exists=True, file_okay=False, path_type=Path))
 @click.option(
     "--plugin",

@@ -63,7 +63,6 @@ class CommandRunner:
     """Runs commands that can read the served folder.
 
     Args:
-        folder: The served folder.
         time_limit: The time (s) after which a command is killed with all processes that it started. Before,
             it is interrupted, so that it prints what it has.
         plugins: Node libraries that the user permits, as values of `--plugin`.

@@ -21,7 +21,7 @@ from mcp.server.stdio import stdio_server
 from pydantic import ValidationError
 
 import btcore
-from btcore.documentation_site import documentation_url
+from btcore.documentation_site import FIRST_PAGE
 from btcore.escaping import escape_controls
 from btcore.input_files import data_folder
 from btcore.suggestions import did_you_mean
@@ -62,7 +62,6 @@ def create_server(folder: ServedFolder, runner: CommandRunner, log: TextIO) -> S
     """Return the server of a folder.
 
     Args:
-        folder: The served folder.
         runner: Runs the commands.
         log: The file for the log of all requests.
     """
@@ -140,7 +139,6 @@ async def serve_stdio(folder: ServedFolder, runner: CommandRunner, log: TextIO) 
     """Serve a client over stdin and stdout until it closes stdin, or until SIGTERM or Ctrl-C.
 
     Args:
-        folder: The served folder.
         runner: Runs the commands.
         log: The file for the log of all requests.
 
@@ -226,7 +224,7 @@ def _refuse(message: str) -> NoReturn:
 def _page(name: str) -> str:
     pages = documentation_pages()
     if name not in pages:
-        hint = did_you_mean(name[:200], pages) or f"; all pages are at {documentation_url('')}"
+        hint = did_you_mean(name[:200], pages) or f"; all pages are at {FIRST_PAGE}"
         _refuse(f"there is no page '{shorten_text(name, 200)}'{hint}")
     return pages[name].read_text(encoding="utf-8")
 

@@ -57,7 +57,6 @@ class Toolbox:
     """The tools for the trees in a folder.
 
     Args:
-        folder: The served folder.
         runner: Runs the commands.
     """
 

@@ -8,7 +8,7 @@ from rich.text import Text
 
 from btcore import bundled_trees
 from btcore.cli import files, terminal
-from btcore.cli.node_libraries import LibraryOptions, load_libraries
+from btcore.cli.node_libraries import LibraryOptions, NodeLibraries
 from btcore.diagnostic_codes import DiagnosticKind
 from btcore.diagnostics import Diagnostic
 from btcore.exit_codes import ExitCode
@@ -22,7 +22,7 @@ from btcore_studio.convert.convert import convert as converted
 _BYTE_ORDER_MARK = "\ufeff".encode()
 
 
-@click.command(short_help="Convert a tree from XML format 3 to format 4.")
+@click.command()
 @click.argument("source", metavar="FILE")
 @click.option(
     "-o",
@@ -55,7 +55,7 @@ def convert(
         raise click.UsageError("--in-place and --output cannot be used together.")
     path = bundled_trees.find(source)
     document = parse_file(path)
-    libraries = load_libraries(options.plugins, options.models)
+    libraries = NodeLibraries(options.plugins, options.models)
     result = converted(document, libraries.nodes_for(document))
     data = result.text.encode()
     # The parser drops a byte order mark, which the conversion must preserve.

@@ -34,7 +34,6 @@ class CheckResults:
     """The reports of the checked documents, and the files that each document includes.
 
     Args:
-        project: The project.
         publish: Called with the reports of each file that change.
     """
 
@@ -111,7 +110,6 @@ class Checker:
     """Checks the documents of a project in a worker process: the changed document first, then the others.
 
     Args:
-        project: The project.
         publish: Called with a file and its reports, or with a URI for a document without a file.
         show: Called with a message for the user.
         refresh: Called when the available nodes changed.

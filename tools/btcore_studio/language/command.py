@@ -14,7 +14,7 @@ garbage before, while the client sends nothing.
 """
 
 
-@click.command(short_help="Start the language server for editors.")
+@click.command()
 # Several editors add this argument to the command of any server.
 @click.option("--stdio", is_flag=True, hidden=True, expose_value=False)
 def lsp() -> int:

@@ -121,7 +121,6 @@ def complete(
 
     Args:
         project: The project of the document.
-        document: The document.
         offset: The offset of the character after the cursor.
         trigger: The typed character that made the client request completion; "" = the user requested it.
         snippets: Whether the client supports snippets.
@@ -322,7 +321,6 @@ class _Completion:
         """Yield the attributes that *element* does not have yet.
 
         Args:
-            element: The element.
             edited: The attribute whose name the item replaces; None for a new attribute.
         """
         present = {attribute.name for attribute in element.attributes if attribute is not edited}
@@ -633,7 +631,6 @@ def _port_snippet(port: Port, number: int) -> str:
     """Return a placeholder for the value of a port.
 
     Args:
-        port: The port.
         number: The number of the placeholder in the snippet.
     """
     if port.role in KEY_ROLES:

@@ -137,7 +137,6 @@ def report_of(item: Diagnostic, fixes: Iterable[QuickFix] = ()) -> Report:
         before, marked = "", item.source
     start = _units(before)
     end = start + max(1, _units(marked)) if item.line else start
-    url = item.code.url or ""
     place = (item.file, max(0, item.line - 1), start, end)
     return Report(
         *place,
@@ -145,7 +144,7 @@ def report_of(item: Diagnostic, fixes: Iterable[QuickFix] = ()) -> Report:
         item.is_error,
         item.message,
         item.hint,
-        url,
+        item.code.url,
         item.outer_key,
         item.attributes,
         item.characters,

@@ -55,8 +55,6 @@ def draw_document(project: Project, source: SourceDocument, params: DrawingParam
     """Return the drawing of a tree of a document.
 
     Args:
-        project: The project.
-        source: The document.
         params: The tree, and what to fold.
     """
     reading = read_trees(project, source)

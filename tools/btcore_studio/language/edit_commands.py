@@ -70,8 +70,6 @@ def compute_edit(project: Project, command: AnyCommand, drawing: DrawingParams |
     """Return the edit of an operation on the documents of a project. The documents remain.
 
     Args:
-        project: The project.
-        command: The operation.
         drawing: What to draw after the edit, or None. With a drawing, the result lacks the new warnings:
             `last_warnings` returns them, because the search takes as long as the drawing.
 

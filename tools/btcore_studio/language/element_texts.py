@@ -108,8 +108,6 @@ def is_port(element: ScannedElement, port: PalettePort, text: str) -> bool:
     """Return whether an element of a TreeNodesModel declares this port.
 
     Args:
-        element: The element.
-        port: The port.
         text: The text that contains *element*.
     """
     about = element.get("description") or ""

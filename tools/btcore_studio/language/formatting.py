@@ -32,8 +32,6 @@ def format_document(
     """Return the edits that format a document; none if a tag is incomplete or missing.
 
     Args:
-        project: The project.
-        document: The document.
         params: The indentation.
     """
     unit = " " * params.options.tab_size if params.options.insert_spaces else "\t"

@@ -38,7 +38,6 @@ def hover(
 
     Args:
         project: The project of the document.
-        document: The document.
         offset: The offset of the character after the cursor.
         markdown: Whether the client shows the description as Markdown, and not as plain text.
     """

@@ -84,7 +84,6 @@ def leaf_of(project: Project, source: SourceDocument, id: str) -> Leaf:
     """Return the Python code of a node without code, and a test of it.
 
     Args:
-        project: The project.
         source: A document that contains or uses the model.
         id: The ID of the node.
 

@@ -81,7 +81,6 @@ def find_references(
     The places of a key are all places whose entry is the same, across subtrees, remappings and scripts.
 
     Args:
-        project: The project.
         document: The document with the cursor.
         offset: The offset of the cursor.
         include_declaration: Whether to include the definition.

@@ -80,7 +80,6 @@ def node_element(element: ScannedElement, format: int, registry: Registry) -> No
     """Return the node that *element* describes. The element must be in a `<BehaviorTree>`.
 
     Args:
-        element: The element.
         format: The XML format, 3 or 4.
         registry: The known nodes.
     """

@@ -200,7 +200,6 @@ def _check_room(parent: Target, added: int, removed: int = 0) -> None:
     """Refuse more children than a parent may have.
 
     Args:
-        parent: The parent.
         added: The number of new children.
         removed: The number of children that are removed at the same time.
     """
@@ -231,7 +230,6 @@ def _check_children(draft: Draft, new: NewElement, id: str, count: int, way_out:
 
     Args:
         draft: The document.
-        new: The node.
         id: The ID of the node, or of the called tree.
         count: The number of its children.
         way_out: What to do instead.

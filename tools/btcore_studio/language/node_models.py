@@ -98,7 +98,6 @@ def add_mock_nodes(nodes: Registry, models: Iterable[NodeModel], enums: Mapping[
 
     Args:
         nodes: The registry to extend.
-        models: The nodes.
         enums: The enum names to register.
     """
     for name, number in enums.items():

@@ -69,7 +69,6 @@ def find_workspace_symbols(project: Project, query: str) -> list[WorkspaceSymbol
     Names that begin with *query* come first, then names that contain *query*. Upper and lower case are equal.
 
     Args:
-        project: The project.
         query: What the user types; "" finds everything.
     """
     folded_query = query.casefold()

@@ -17,8 +17,6 @@ def code_actions(
     """Return the fixes for the reports in a range, and the conversion of a document of format 3.
 
     Args:
-        project: The project.
-        document: The document.
         params: The range, and the kinds of actions that the client wants.
     """
     actions: list[types.CodeAction] = []

@@ -106,7 +106,6 @@ def rename_node_type(project: Project, id: str, new_id: str, ports: Mapping[str,
     """Return the edits of all files that rename a node type without code, and its ports.
 
     Args:
-        project: The project.
         id: The ID of the node type.
         new_id: The new ID, or the same.
         ports: The new name of each port that gets another name.

@@ -40,7 +40,6 @@ def semantic_tokens(
 
     Args:
         project: The project of the document.
-        document: The document.
         range: The range to colour; None = the whole document.
     """
     first, last = 0, len(document.text)

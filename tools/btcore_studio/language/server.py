@@ -224,7 +224,6 @@ class TreeServer(LanguageServer):
         """Register a request that is not in the Language Server Protocol.
 
         Args:
-            method: The method.
             params_class: The parameters. Requests with invalid parameters get an error reply.
             handler: Returns the result. The message of a BtcoreError is the error reply.
         """

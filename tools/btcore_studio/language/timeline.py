@@ -88,9 +88,6 @@ def colours_of(roots: Sequence[Status]) -> tuple[int, str]:
 class RecordedRun:
     """A recording as JSON data for pages. Every method may be called from any thread.
 
-    Args:
-        timeline: The recording.
-
     Attributes:
         keys: The keys of the nodes, in their order.
         uids: The numbers of the nodes, by their keys.

@@ -204,7 +204,6 @@ def read_trees(project: Project, source: SourceDocument) -> TreeReading:
     """Return the reading of a document of *project*, or of its text after an edit.
 
     Args:
-        project: The project.
         source: A document; it need not be the present text.
     """
     known = _KNOWN.setdefault(project, [])

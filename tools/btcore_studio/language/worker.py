@@ -160,7 +160,6 @@ class Libraries:
         The nodes depend on each of these files, so that a repair is noticed.
 
         Args:
-            error: The error.
             folders: The folders of the workspace.
             library: The file whose first line is the place if no other line is known, or None.
         """

@@ -55,11 +55,7 @@ class StudioOptions(LibraryOptions):
     read_only: Annotated[bool, option("Change and write no file.")] = False
 
 
-@click.command(
-    cls=ExtensibleCommand,
-    group="btcore.live",
-    short_help="Edit trees in a browser, and watch them run.",
-)
+@click.command(cls=ExtensibleCommand, group="btcore.live")
 @click.argument("source", metavar="[SOURCE]", default=".", shell_complete=complete_tree)
 @pass_options(StudioOptions, "options")
 @click.option(

@@ -14,7 +14,7 @@ from lsprotocol import types
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
-from btcore.documentation_site import documentation_url
+from btcore.documentation_site import FIRST_PAGE
 from btcore.errors import BtcoreError
 from btcore.input_files import file_stamp
 from btcore.json_text import load_json
@@ -189,7 +189,7 @@ class StudioSession:
                 file = next(of_trees, next(iter(trees), None))
         return {
             "folder": str(self.files.folder),
-            "guide": documentation_url("guides/studio.html"),
+            "guide": f"{FIRST_PAGE}guides/studio.html",
             "uri": "" if file is None else file_uri(file),
             "tree": shown.tree,
             "readOnly": shown.is_read_only,

@@ -91,7 +91,6 @@ class SharedFiles:
     """The texts of the files in a folder. All methods are called by the event loop's thread.
 
     Args:
-        folder: The folder.
         is_read_only: Whether nothing is written.
         previous: A folder for the previous contents of the files that are written.
     """

@@ -7,7 +7,8 @@ from xml.etree import ElementTree
 import pytest
 
 from btcore import Registry
-from btcore.documentation_site import documentation_url
+from btcore.cli import node_libraries
+from btcore.documentation_site import FIRST_PAGE
 from tests.btcore.cli.conftest import Cli
 
 
@@ -55,8 +56,8 @@ def test_json_describes_a_port(cli: Cli) -> None:
 
 def test_json_has_the_address_of_a_nodes_page(cli: Cli, library: Path) -> None:
     palette = json.loads(cli("nodes", "--json", "--plugin", library).stdout)
-    assert palette["Delay"]["url"] == documentation_url("reference/nodes/Delay.html")
-    assert palette["RosTopicRead"]["url"] == documentation_url("reference/nodes/RosTopicRead.html")
+    assert palette["Delay"]["url"] == f"{FIRST_PAGE}reference/nodes/Delay.html"
+    assert palette["RosTopicRead"]["url"] == f"{FIRST_PAGE}reference/nodes/RosTopicRead.html"
     assert palette["Greet"]["url"] is None
 
 
@@ -75,6 +76,7 @@ def test_nodes_of_a_model_are_exported_with_their_metadata(cli: Cli, tmp_path: P
 
 def test_environment_variable_limits_installed_libraries(cli: Cli, monkeypatch: pytest.MonkeyPatch) -> None:
     assert "RosTopicPublish" in json.loads(cli("nodes", "--json").stdout)
+    monkeypatch.setattr(node_libraries, "installed_once", node_libraries.load_installed)
     monkeypatch.setenv("BTCORE_ENTRY_POINTS", "robot_nodes sim")
     limited = json.loads(cli("nodes", "--json").stdout)
     assert "IsObstacle" in limited

@@ -41,8 +41,7 @@ def test_the_outer_key_has_the_entry_of_the_inner_key(
     assert plans.main_tree is not None
     [connections] = plans.main_tree.calls
     for key in KEYS:
-        dry_run = DryRun(plans)
-        dry_run.run(plans.main_tree)
+        dry_run = DryRun(plans, plans.main_tree)
         outer, inner = (draft.subtree.blackboard for draft in dry_run.drafts)
         entry = inner.declare(key)
         outer_key = connections.outer_key(key)

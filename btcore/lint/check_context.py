@@ -1,18 +1,32 @@
-"""Reporting the problems of nodes, as the checks of a document do."""
+"""What all checks of the nodes of a document need, and how they report problems."""
 
 from collections.abc import Sequence
 from typing import NamedTuple, Unpack
 
 from btcore.diagnostic_codes import DiagnosticCode
 from btcore.fixes import Fix
+from btcore.lint.possible_results import ResultAnalysis
+from btcore.xml.plan.key_uses import TreeKeys
+from btcore.xml.plan.plan import Plans
 from btcore.xml.plan.tree_plan import NodePlan
 from btcore.xml.read.document import DiagnosticCollector, Document, Mark
 
 
-class NodeReporter(NamedTuple):
-    """Adds diagnostics about the nodes of *document* to *collector*."""
+class CheckContext(NamedTuple):
+    """The argument of a check besides the node.
+
+    Attributes:
+        document: The document of the node.
+        plans: The plans of all trees.
+        results: The possible results of nodes.
+        tree_keys: The keys that each tree uses.
+        collector: Collects the diagnostics.
+    """
 
     document: Document
+    plans: Plans
+    results: ResultAnalysis
+    tree_keys: TreeKeys
     collector: DiagnosticCollector
 
     def report(
