@@ -16,7 +16,7 @@ import zmq
 from btcore_monitor.watch.request_client import RequestClient
 from btcore_monitor.wire import groot2
 from btcore_monitor.wire.errors import ProtocolError, RobotRefusedError
-from btcore_monitor.wire.groot1_tree import find_tree
+from btcore_monitor.wire.groot1_tree import WireTree, find_tree
 from btcore_monitor.wire.groot2 import Reply, Request
 
 _LAST_REQUEST_MS: Final = 200
@@ -26,12 +26,13 @@ _LAST_REQUEST_MS: Final = 200
 class Groot1DetectedError(ProtocolError):
     """The robot replies in Groot 1's protocol.
 
-    *reply* is the robot's reply, which contains its tree.
+    *reply* is the robot's reply, and *tree* the tree in the reply.
     """
 
-    def __init__(self, message: str, reply: bytes) -> None:
+    def __init__(self, message: str, reply: bytes, tree: WireTree) -> None:
         super().__init__(message)
         self.reply = reply
+        self.tree = tree
 
 
 class Groot2Client(RequestClient):
@@ -90,12 +91,14 @@ class Groot2Client(RequestClient):
                 f"{self.address} refuses {request.name}: {error}", error.sentence
             ) from None
         except ProtocolError:
-            if find_tree(frames) is None:
+            tree = find_tree(frames)
+            if tree is None:
                 raise
             raise Groot1DetectedError(
                 f"{self.address} uses Groot 1's protocol (BehaviorTree.CPP 3), which supports only the tree "
                 "and its statuses",
                 frames[0],
+                tree,
             ) from None
         if reply.kind != request or reply.unique_id != self._unique_id:
             raise ProtocolError(

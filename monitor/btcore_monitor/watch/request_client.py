@@ -77,8 +77,7 @@ class RequestClient(Closeable):
 
     def send(self, frames: Sequence[bytes]) -> None:
         """Send a request. A pending request is abandoned."""
-        if self.is_reply_pending:
-            self._drop()
+        self.abandon_request()
         try:
             self.socket.send_multipart(frames, zmq.DONTWAIT)
         except zmq.Again:
@@ -113,6 +112,11 @@ class RequestClient(Closeable):
             round_trip = time.monotonic() - self._requested_at
             self.timeout = min(self.max_timeout, max(self._min_timeout, 4 * round_trip))
         return frames
+
+    def abandon_request(self) -> None:
+        """Stop waiting for a pending reply."""
+        if self.is_reply_pending:
+            self._drop()
 
     def wait(self, seconds: float) -> None:
         """Return when a reply arrives, or after *seconds*."""
