@@ -13,9 +13,9 @@ from btcore.options import option
 from btcore.runs.live_state import LiveState
 from btcore.runs.settings import Settings
 from btcore.suggestions import shortened
+from btcore_monitor.client_options import KeyOptions
 from btcore_monitor.environment_checks import check_installed
 from btcore_monitor.errors import MonitorError
-from btcore_monitor.key_options import KeyOptions
 from btcore_monitor.wire.groot2 import DEFAULT_ADDRESS
 
 if TYPE_CHECKING:
