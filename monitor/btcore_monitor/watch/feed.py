@@ -147,7 +147,9 @@ class Feed(Closeable):
         self._connection_state: ConnectionState | None = None
         self._next_number: int | None = None
         self._latest_times = (0, 0)
-        self._reported_error_count = 0
+        # Invalid messages of the run channel that have not been reported yet, and the error of the last.
+        self._invalid_count = 0
+        self._last_error = ""
         self._reported_at = -REPORT_INTERVAL_S
 
     def poll(self, timeout: float) -> list[Event]:
@@ -205,7 +207,7 @@ class Feed(Closeable):
         for message in self._run_channel_client.read():
             self._add_events(message)
         now = time.monotonic()
-        self._report_errors(now)
+        self._report_invalid(now)
         silence = now - self._run_channel_client.last_message_at
         if silence < SILENT_AFTER_S and self._run_channel_client.tree_id:
             self._state = _State.RUN_CHANNEL
@@ -233,25 +235,25 @@ class Feed(Closeable):
             self._connection_state = state
             self._events.append(ConnectionEvent(state, shortened(detail, _MAX_DETAIL_CHARS)))
 
-    def _report_errors(self, now: float) -> None:
-        """Report messages of the run channel that are invalid, at most once in REPORT_INTERVAL_S."""
-        if self._run_channel_client.error_count == self._reported_error_count:
-            return
-        if not self._run_channel_client.tree_id:
-            self._reported_error_count = self._run_channel_client.error_count
-            self._report_connection("lost", self._run_channel_client.last_error)
-        elif now - self._reported_at >= REPORT_INTERVAL_S:
-            count = self._run_channel_client.error_count - self._reported_error_count
-            self._reported_error_count, self._reported_at = self._run_channel_client.error_count, now
-            detail = shortened(self._run_channel_client.last_error, _MAX_DETAIL_CHARS)
-            reason = f"{count} invalid, the last because: {detail}"
+    def _report_invalid(self, now: float) -> None:
+        """Report invalid messages of the run channel, at most once in REPORT_INTERVAL_S."""
+        if self._invalid_count and now - self._reported_at >= REPORT_INTERVAL_S:
+            detail = shortened(self._last_error, _MAX_DETAIL_CHARS)
+            reason = f"{self._invalid_count} invalid, the last because: {detail}"
+            self._invalid_count, self._reported_at = 0, now
             stamp, wall = self._latest_times
             self._events.append(MissingDataEvent(stamp, wall, since=stamp, kind="messages", reason=reason))
 
-    def _add_events(self, message: run_channel.Message) -> None:
+    def _add_events(self, message: run_channel.Message | ProtocolError) -> None:
         if isinstance(message, run_channel.StreamMessage):
             self._latest_times = message.stamp, message.wall
-        if isinstance(message, run_channel.TreeMessage):
+        if isinstance(message, ProtocolError):
+            if self._run_channel_client.tree_id:
+                self._invalid_count += 1
+                self._last_error = str(message)
+            else:
+                self._report_connection("lost", str(message))
+        elif isinstance(message, run_channel.TreeMessage):
             try:
                 tree = read_fulltree(message.xml, message.tree_id)
             except ProtocolError as error:
