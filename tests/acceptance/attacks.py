@@ -455,9 +455,9 @@ def main() -> int:
     names = options.attacks or [attack.__name__ for attack in ATTACKS]
     if options.starved is not None:
         return print_violations(run_starved(names, options.starved, options.seconds, options.priority))
-    from btcore_monitor.watch import feed
+    from btcore_monitor.watch import run_channel_feed
 
-    feed.SILENT_AFTER_S = REPLY_WITHIN  # a busy machine is silent for seconds, too
+    run_channel_feed.SILENT_AFTER_S = REPLY_WITHIN  # a busy machine is silent for seconds, too
     print(
         f"{'attack':24}{'growth':>21} {'lost ticks':>13} {'late (95 %)':>22} {'missing':>8} {'no reply':>8}"
     )

@@ -19,19 +19,10 @@ import zmq
 from btcore.suggestions import shortened
 from btcore_monitor.closeable import Closeable
 from btcore_monitor.events import (
-    BlackboardEvent,
     ConnectionEvent,
     ConnectionState,
     Event,
-    ExceptionEvent,
-    LostTransitionsEvent,
-    MissingDataEvent,
-    MovingSceneEvent,
     ObservedTree,
-    StaticSceneEvent,
-    TickEvent,
-    TransitionEvent,
-    TreeEvent,
 )
 from btcore_monitor.keys import ClientKeys
 from btcore_monitor.watch.address import parse_address
@@ -39,7 +30,7 @@ from btcore_monitor.watch.groot1_feed import Groot1Feed
 from btcore_monitor.watch.groot2_client import Groot1DetectedError, Groot2Client
 from btcore_monitor.watch.groot2_feed import Groot2Feed, TreeReplacedError
 from btcore_monitor.watch.request_client import NoReplyError
-from btcore_monitor.watch.run_channel_client import RunChannelClient
+from btcore_monitor.watch.run_channel_feed import MAX_DETAIL_CHARS, SILENT_AFTER_S, RunChannelFeed
 from btcore_monitor.wire import run_channel
 from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.fulltree import read_fulltree
@@ -53,22 +44,15 @@ ANNOUNCED_RUN_CHANNEL_WAIT_S: Final = 20.0
 On a busy machine the first message takes seconds. It takes longer only if the run channel is not reachable,
 for example because of a firewall."""
 
-SILENT_AFTER_S: Final = 3.0
-"""Seconds (wall clock) without a heartbeat after which a btcore robot counts as lost."""
-
 ABANDONED_AFTER_S: Final = 60.0
 """Seconds (wall clock) that `events(until_end=True)` waits for a robot that is away."""
 
 MAX_REPLY_TIMEOUT_S: Final = 8.0
 """Maximum seconds (wall clock) for a reply over a slow network."""
 
-REPORT_INTERVAL_S: Final = 5.0
-"""Shortest time (s, wall clock) between two reports of invalid messages."""
-
 _POLL_INTERVAL_S: Final = 0.2
 _PAUSE_S: Final = 0.1
 _PAUSE_AFTER_ERROR_S: Final = 0.5
-_MAX_DETAIL_CHARS: Final = 500
 
 
 class _State(Enum):
@@ -131,7 +115,7 @@ class Feed(Closeable):
         keys: ClientKeys | None = None,
     ) -> None:
         self.address = parse_address(address)
-        self._run_channel_client = RunChannelClient(self.address, keys)
+        self._run_channel_feed = RunChannelFeed(self.address, keys)
         self._groot2_client = Groot2Client(self.address, max_timeout=MAX_REPLY_TIMEOUT_S, keys=keys)
         self._blackboard_rate = blackboard_rate
         self._record = record
@@ -145,12 +129,6 @@ class Feed(Closeable):
         self._events: list[Event] = []  # that `poll` has not returned yet
         self._stopped = threading.Event()
         self._connection_state: ConnectionState | None = None
-        self._next_number: int | None = None
-        self._latest_times = (0, 0)
-        # Invalid messages of the run channel that have not been reported yet, and the error of the last.
-        self._invalid_count = 0
-        self._last_error = ""
-        self._reported_at = -REPORT_INTERVAL_S
 
     def poll(self, timeout: float) -> list[Event]:
         """Return the events since the last call. If there are none, wait up to *timeout* s (wall clock)."""
@@ -195,7 +173,7 @@ class Feed(Closeable):
     def close(self) -> None:
         """Close the sockets. The robot continues."""
         self._stopped.set()
-        self._run_channel_client.close()
+        self._run_channel_feed.close()
         if self._state is _State.GROOT and isinstance(self._groot_feed, Groot2Feed):
             self._groot_feed.stop_recording()
         self._close_groot_feed()
@@ -204,12 +182,13 @@ class Feed(Closeable):
     def _collect_events(self) -> None:
         if self._connection_state is None:
             self._report_connection("waiting", f"waiting for the robot at {self.address}")
-        for message in self._run_channel_client.read():
-            self._add_events(message)
+        for event in self._run_channel_feed.step():
+            if isinstance(event, ConnectionEvent):
+                self._report_connection(event.state, event.detail)
+            else:
+                self._events.append(event)
         now = time.monotonic()
-        self._report_invalid(now)
-        silence = now - self._run_channel_client.last_message_at
-        if silence < SILENT_AFTER_S and self._run_channel_client.tree_id:
+        if self._run_channel_feed.is_alive:
             self._state = _State.RUN_CHANNEL
             self._groot_reason = ""
             self._groot2_client.abandon_request()
@@ -233,62 +212,7 @@ class Feed(Closeable):
     def _report_connection(self, state: ConnectionState, detail: str) -> None:
         if state != self._connection_state:
             self._connection_state = state
-            self._events.append(ConnectionEvent(state, shortened(detail, _MAX_DETAIL_CHARS)))
-
-    def _report_invalid(self, now: float) -> None:
-        """Report invalid messages of the run channel, at most once in REPORT_INTERVAL_S."""
-        if self._invalid_count and now - self._reported_at >= REPORT_INTERVAL_S:
-            detail = shortened(self._last_error, _MAX_DETAIL_CHARS)
-            reason = f"{self._invalid_count} invalid, the last because: {detail}"
-            self._invalid_count, self._reported_at = 0, now
-            stamp, wall = self._latest_times
-            self._events.append(MissingDataEvent(stamp, wall, since=stamp, kind="messages", reason=reason))
-
-    def _add_events(self, message: run_channel.Message | ProtocolError) -> None:
-        if isinstance(message, run_channel.StreamMessage):
-            self._latest_times = message.stamp, message.wall
-        if isinstance(message, ProtocolError):
-            if self._run_channel_client.tree_id:
-                self._invalid_count += 1
-                self._last_error = str(message)
-            else:
-                self._report_connection("lost", str(message))
-        elif isinstance(message, run_channel.TreeMessage):
-            try:
-                tree = read_fulltree(message.xml, message.tree_id)
-            except ProtocolError as error:
-                self._report_connection("lost", str(error))
-                return
-            self._next_number = None
-            self._report_connection("connected", f"{self.address}, by btcore's run channel")
-            statuses = {node.uid: 0 for node in tree.nodes} | message.statuses
-            self._events.append(TreeEvent(tree, message.stamp, message.wall, statuses))
-        elif isinstance(message, run_channel.StaticSceneMessage):
-            self._events.append(StaticSceneEvent(message.data))
-        elif isinstance(message, run_channel.TransitionsMessage):
-            self._add_transitions(message)
-        elif isinstance(message, run_channel.MovingSceneMessage):
-            self._events.append(MovingSceneEvent(message.stamp, message.wall, message.data))
-        elif isinstance(message, run_channel.BlackboardMessage):
-            self._events.append(BlackboardEvent(message.stamp, message.wall, message.boards))
-        elif isinstance(message, run_channel.ExceptionMessage):
-            self._events.append(ExceptionEvent(message.stamp, message.wall, message.path, message.message))
-        elif isinstance(message, run_channel.EndMessage):
-            self._report_connection("ended", f"the run at {self.address} is over")
-
-    def _add_transitions(self, message: run_channel.TransitionsMessage) -> None:
-        number = message.first
-        if message.transitions:
-            if self._next_number is not None and number > self._next_number:
-                self._events.append(LostTransitionsEvent(self._next_number, number - 1))
-            self._next_number = number + len(message.transitions)
-        for stamp, wall, tick, uid, previous, status in message.transitions:
-            self._events.append(TransitionEvent(number, stamp, wall, tick, uid, previous, status))
-            number += 1
-        if message.ended:
-            self._events.append(
-                TickEvent(message.tick, message.stamp, message.wall, message.duration, message.status)
-            )
+            self._events.append(ConnectionEvent(state, shortened(detail, MAX_DETAIL_CHARS)))
 
     # Groot's protocols
 
@@ -336,7 +260,7 @@ class Feed(Closeable):
         port = self.address.at(run_channel.PORT_OFFSET)
         self._groot_reason = f", because there is no reply from its run channel, {port}"
         # If the run channel connects later, it begins with the tree.
-        self._run_channel_client.reset()
+        self._run_channel_feed.reset()
 
     def _read_groot(self, feed: Groot1Feed | Groot2Feed) -> None:
         try:
@@ -372,7 +296,7 @@ class Feed(Closeable):
 
     def _wait(self, seconds: float) -> None:
         poller = zmq.Poller()
-        poller.register(self._run_channel_client.socket, zmq.POLLIN)
+        poller.register(self._run_channel_feed.socket, zmq.POLLIN)
         if self._groot2_client.is_reply_pending:
             poller.register(self._groot2_client.socket, zmq.POLLIN)
         elif self._state in (_State.SEARCHING, _State.ANNOUNCED):
