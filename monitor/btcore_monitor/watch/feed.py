@@ -30,6 +30,7 @@ from btcore_monitor.watch.groot1_feed import Groot1Feed
 from btcore_monitor.watch.groot2_client import Groot1DetectedError, Groot2Client
 from btcore_monitor.watch.groot2_feed import Groot2Feed, TreeReplacedError
 from btcore_monitor.watch.request_client import NoReplyError
+from btcore_monitor.watch.run_channel_client import RunChannelClient
 from btcore_monitor.watch.run_channel_feed import MAX_DETAIL_CHARS, SILENT_AFTER_S, RunChannelFeed
 from btcore_monitor.wire import run_channel
 from btcore_monitor.wire.errors import ProtocolError
@@ -115,7 +116,8 @@ class Feed(Closeable):
         keys: ClientKeys | None = None,
     ) -> None:
         self.address = parse_address(address)
-        self._run_channel_feed = RunChannelFeed(self.address, keys)
+        self._run_channel_client = RunChannelClient(self.address, keys)
+        self._run_channel_feed = RunChannelFeed(self._run_channel_client)
         self._groot2_client = Groot2Client(self.address, max_timeout=MAX_REPLY_TIMEOUT_S, keys=keys)
         self._blackboard_rate = blackboard_rate
         self._record = record
@@ -173,7 +175,7 @@ class Feed(Closeable):
     def close(self) -> None:
         """Close the sockets. The robot continues."""
         self._stopped.set()
-        self._run_channel_feed.close()
+        self._run_channel_client.close()
         if self._state is _State.GROOT and isinstance(self._groot_feed, Groot2Feed):
             self._groot_feed.stop_recording()
         self._close_groot_feed()
@@ -260,7 +262,7 @@ class Feed(Closeable):
         port = self.address.at(run_channel.PORT_OFFSET)
         self._groot_reason = f", because there is no reply from its run channel, {port}"
         # If the run channel connects later, it begins with the tree.
-        self._run_channel_feed.reset()
+        self._run_channel_client.reset()
 
     def _read_groot(self, feed: Groot1Feed | Groot2Feed) -> None:
         try:
@@ -296,14 +298,16 @@ class Feed(Closeable):
 
     def _wait(self, seconds: float) -> None:
         poller = zmq.Poller()
-        poller.register(self._run_channel_feed.socket, zmq.POLLIN)
+        poller.register(self._run_channel_client.socket, zmq.POLLIN)
         if self._groot2_client.is_reply_pending:
             poller.register(self._groot2_client.socket, zmq.POLLIN)
         elif self._state in (_State.SEARCHING, _State.ANNOUNCED):
             seconds = min(seconds, self._search_at - time.monotonic())
-        if self._state is _State.GROOT and self._groot_feed is not None:
-            for socket in self._groot_feed.sockets:
+        feed = self._groot_feed if self._state is _State.GROOT else None
+        if isinstance(feed, Groot1Feed):
+            for socket in feed.sockets:
                 poller.register(socket, zmq.POLLIN)
-            seconds = min(seconds, self._groot_feed.next_step_at - time.monotonic())
+        if feed is not None:
+            seconds = min(seconds, feed.next_step_at - time.monotonic())
         # At least 1 ms: poll(0) would make the loop in poll() occupy the processor.
         poller.poll(max(1, round(1000 * seconds)))

@@ -207,6 +207,7 @@ class Groot1Feed:
         # ZeroMQ doubles the time between attempts to connect, up to the maximum.
         for option, value in (
             (zmq.LINGER, 0),
+            (zmq.RCVHWM, _MAX_UPDATES_PER_STEP),
             (zmq.MAXMSGSIZE, _MAX_UPDATE),
             (zmq.RECONNECT_IVL, _RECONNECT_MS),
             (zmq.RECONNECT_IVL_MAX, 10 * _RECONNECT_MS),

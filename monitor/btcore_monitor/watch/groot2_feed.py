@@ -36,7 +36,6 @@ from btcore_monitor.watch.blackboard_poller import BlackboardPoller
 from btcore_monitor.watch.groot2_client import Groot2Client
 from btcore_monitor.watch.hooks_warning import hooks_warning
 from btcore_monitor.watch.recording_validator import RecordingValidator, RobotClockEstimate
-from btcore_monitor.watch.request_client import Socket
 from btcore_monitor.wire.errors import ProtocolError, RobotRefusedError
 from btcore_monitor.wire.groot2 import (
     MAX_RECORDED,
@@ -177,11 +176,6 @@ class Groot2Feed:
     def is_behind(self) -> bool:
         """Whether the robot's buffer may overflow unless `step` is called again immediately."""
         return self._recording is not None and self._recording.is_behind
-
-    @property
-    def sockets(self) -> list[Socket]:
-        """Further sockets, for a poller: none, since replies arrive at the client's socket."""
-        return []
 
     @property
     def next_step_at(self) -> float:

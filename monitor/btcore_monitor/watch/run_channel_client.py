@@ -86,6 +86,7 @@ class RunChannelClient:
     """
 
     def __init__(self, address: Address, keys: ClientKeys | None = None) -> None:
+        self.address = address
         self.tree_id = ""
         """The ID of the current tree; empty until a tree is known."""
         self.last_message_at = 0.0

@@ -17,9 +17,7 @@ from btcore_monitor.events import (
     TransitionEvent,
     TreeEvent,
 )
-from btcore_monitor.keys import ClientKeys
-from btcore_monitor.watch.address import Address
-from btcore_monitor.watch.run_channel_client import RunChannelClient, Socket
+from btcore_monitor.watch.run_channel_client import RunChannelClient
 from btcore_monitor.wire import run_channel
 from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.fulltree import read_fulltree
@@ -35,16 +33,10 @@ MAX_DETAIL_CHARS: Final = 500
 
 
 class RunChannelFeed:
-    """Converts a robot's messages to events. Use it from one thread.
+    """Converts the messages that *client* receives to events."""
 
-    Args:
-        address: The robot's address.
-        keys: The keys of the client, if the robot requires keys.
-    """
-
-    def __init__(self, address: Address, keys: ClientKeys | None) -> None:
-        self._address = address
-        self._client = RunChannelClient(address, keys)
+    def __init__(self, client: RunChannelClient) -> None:
+        self._client = client
         self._events: list[Event] = []  # those of the present step
         self._next_number: int | None = None
         self._latest_times = (0, 0)
@@ -59,11 +51,6 @@ class RunChannelFeed:
         silence = time.monotonic() - self._client.last_message_at
         return silence < SILENT_AFTER_S and bool(self._client.tree_id)
 
-    @property
-    def socket(self) -> Socket:
-        """The socket of the messages, for a poller."""
-        return self._client.socket
-
     def step(self) -> list[Event]:
         """Read new messages without waiting. Return the new events."""
         self._events = []
@@ -71,14 +58,6 @@ class RunChannelFeed:
             self._add_events(message)
         self._report_invalid()
         return self._events
-
-    def reset(self) -> None:
-        """Begin with the tree again if the robot sends messages later."""
-        self._client.reset()
-
-    def close(self) -> None:
-        """Free the socket."""
-        self._client.close()
 
     def _report_invalid(self) -> None:
         """Report invalid messages, at most once in REPORT_INTERVAL_S."""
@@ -106,7 +85,9 @@ class RunChannelFeed:
                 self._events.append(ConnectionEvent("lost", str(error)))
                 return
             self._next_number = None
-            self._events.append(ConnectionEvent("connected", f"{self._address}, by btcore's run channel"))
+            self._events.append(
+                ConnectionEvent("connected", f"{self._client.address}, by btcore's run channel")
+            )
             statuses = {node.uid: 0 for node in tree.nodes} | message.statuses
             self._events.append(TreeEvent(tree, message.stamp, message.wall, statuses))
         elif isinstance(message, run_channel.StaticSceneMessage):
@@ -120,7 +101,7 @@ class RunChannelFeed:
         elif isinstance(message, run_channel.ExceptionMessage):
             self._events.append(ExceptionEvent(message.stamp, message.wall, message.path, message.message))
         elif isinstance(message, run_channel.EndMessage):
-            self._events.append(ConnectionEvent("ended", f"the run at {self._address} is over"))
+            self._events.append(ConnectionEvent("ended", f"the run at {self._client.address} is over"))
 
     def _add_transitions(self, message: run_channel.TransitionsMessage) -> None:
         number = message.first
