@@ -14,9 +14,11 @@ from btcore.field_options import pass_options
 from btcore.options import changed_option_names
 from btcore.signals import EndingSignals
 from btcore_monitor.client_options import WatchOptions
+from btcore_monitor.commands.notices import format_notice
 from btcore_monitor.console import print_message
 from btcore_monitor.environment_checks import check_folder, check_installed
 from btcore_monitor.errors import RecordingError
+from btcore_monitor.events import ConnectionEvent
 from btcore_monitor.process_end import abandon, abandon_if_late, wait_for_stop
 from btcore_monitor.viewer_options import (
     DRAWING_OPTION_NAMES,
@@ -218,9 +220,6 @@ def _create_label(feed: "Feed") -> str:
 
 
 def _process_feed(feed: "Feed", view: "RobotView", until_end: bool, quiet: bool) -> None:
-    from btcore_monitor.commands.notices import format_notice
-    from btcore_monitor.events import ConnectionEvent
-
     for events in feed.batches(until_end):
         for event in events:
             view.process_event(event)

@@ -13,15 +13,16 @@ from btcore.field_options import pass_options
 from btcore.signals import EndingSignals
 from btcore.suggestions import join_names, suggestion
 from btcore_monitor.client_options import WatchOptions
+from btcore_monitor.commands.notices import format_notice
 from btcore_monitor.console import print_line
 from btcore_monitor.environment_checks import check_installed, check_writable
 from btcore_monitor.errors import RecordingError
+from btcore_monitor.events import ConnectionEvent, Event, TreeEvent
 from btcore_monitor.process_end import abandon, abandon_if_late
 from btcore_monitor.viewer_options import DrawingOptions
 from btcore_monitor.wire.groot2 import DEFAULT_ADDRESS
 
 if TYPE_CHECKING:
-    from btcore_monitor.events import Event, TreeEvent
     from btcore_monitor.screen.robot_view import RobotView
     from btcore_monitor.screen.sinks import RecordingSinks
     from btcore_monitor.watch.feed import Feed
@@ -120,7 +121,7 @@ class _Files:
         """The files that have been created so far."""
         return [*self.log.files, *(path for view in self.views for path in view.files)]
 
-    def process_event(self, event: "Event") -> None:
+    def process_event(self, event: Event) -> None:
         """Add *event* to every output file."""
         self.log.process_event(event)
         for view in self.views:
@@ -147,9 +148,6 @@ class _Files:
 
 
 def _follow(feed: "Feed", files: _Files, watch: WatchOptions) -> None:
-    from btcore_monitor.commands.notices import format_notice
-    from btcore_monitor.events import ConnectionEvent, TreeEvent
-
     shown = ""
     deadline = float("inf") if watch.duration is None else time.monotonic() + watch.duration
     with EndingSignals(feed.stop):
@@ -172,7 +170,7 @@ def _follow(feed: "Feed", files: _Files, watch: WatchOptions) -> None:
                 return
 
 
-def _print_source(event: "TreeEvent", statuses_only: bool) -> None:
+def _print_source(event: TreeEvent, statuses_only: bool) -> None:
     """Print the name of the recorded tree, and which data the files will not contain."""
     _print(f"recording '{event.tree.name}', {len(event.tree.nodes)} nodes")
     for kind, sentence in event.source.unavailable.items():
