@@ -26,9 +26,8 @@ from btcore_monitor.errors import MonitorError
 from btcore_monitor.events import STATUS_NAMES, ObservedNode, ObservedTree
 from btcore_monitor.keys import ClientKeys
 from btcore_monitor.watch.address import AddressError, parse_address
-from btcore_monitor.watch.groot2_client import Groot1DetectedError, Groot2Client
+from btcore_monitor.watch.groot2_client import Groot1DetectedError, Groot2Client, NoReplyError
 from btcore_monitor.watch.handshakes import ConnectionRefusedByRobotError
-from btcore_monitor.watch.request_client import NoReplyError
 from btcore_monitor.wire import groot2
 from btcore_monitor.wire.errors import ProtocolError, RobotRefusedError
 from btcore_monitor.wire.fulltree import read_fulltree

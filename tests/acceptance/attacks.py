@@ -316,8 +316,7 @@ class Robot:
 
     def _request(self) -> None:
         from btcore_monitor.watch.address import parse_address
-        from btcore_monitor.watch.groot2_client import Groot2Client
-        from btcore_monitor.watch.request_client import NoReplyError
+        from btcore_monitor.watch.groot2_client import Groot2Client, NoReplyError
         from btcore_monitor.wire.groot2 import Request
 
         address = parse_address(f"tcp://127.0.0.1:{self.ports[0]}")

@@ -27,9 +27,8 @@ from btcore_monitor.events import (
 from btcore_monitor.keys import ClientKeys
 from btcore_monitor.watch.address import parse_address
 from btcore_monitor.watch.groot1_feed import Groot1Feed
-from btcore_monitor.watch.groot2_client import Groot1DetectedError, Groot2Client
+from btcore_monitor.watch.groot2_client import Groot1DetectedError, Groot2Client, NoReplyError
 from btcore_monitor.watch.groot2_feed import Groot2Feed, TreeReplacedError
-from btcore_monitor.watch.request_client import NoReplyError
 from btcore_monitor.watch.run_channel_client import RunChannelClient
 from btcore_monitor.watch.run_channel_feed import MAX_DETAIL_CHARS, SILENT_AFTER_S, RunChannelFeed
 from btcore_monitor.wire import run_channel

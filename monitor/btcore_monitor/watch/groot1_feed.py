@@ -16,8 +16,7 @@ import zmq
 from zmq.utils.monitor import parse_monitor_message
 
 from btcore_monitor.events import IDLE, DataSource, Event, MissingDataEvent, TransitionEvent, TreeEvent
-from btcore_monitor.watch.groot2_client import Groot1DetectedError, Groot2Client
-from btcore_monitor.watch.request_client import NoReplyError, Socket
+from btcore_monitor.watch.groot2_client import Groot1DetectedError, Groot2Client, NoReplyError, Socket
 from btcore_monitor.wire.errors import ProtocolError
 from btcore_monitor.wire.groot1 import Update, decode_update
 from btcore_monitor.wire.groot1_tree import WireTree, read_groot1

@@ -30,8 +30,7 @@ from btcore_monitor.serve.gateway_process import MAX_CONNECTIONS
 from btcore_monitor.watch import feed, run_channel_client, run_channel_feed
 from btcore_monitor.watch.address import AddressError, parse_address
 from btcore_monitor.watch.feed import Feed
-from btcore_monitor.watch.groot2_client import Groot2Client
-from btcore_monitor.watch.request_client import NoReplyError
+from btcore_monitor.watch.groot2_client import Groot2Client, NoReplyError
 from btcore_monitor.watch.run_channel_client import RunChannelClient
 from btcore_monitor.wire import run_channel as wire
 from btcore_monitor.wire.fulltree import read_fulltree

@@ -15,8 +15,7 @@ from btcore_monitor.watch import feed, groot1_feed, groot2_feed
 from btcore_monitor.watch.address import Address, parse_address
 from btcore_monitor.watch.feed import Feed
 from btcore_monitor.watch.groot1_feed import Groot1Feed
-from btcore_monitor.watch.groot2_client import Groot2Client
-from btcore_monitor.watch.request_client import NoReplyError
+from btcore_monitor.watch.groot2_client import Groot2Client, NoReplyError
 from btcore_monitor.wire.errors import ProtocolError
 
 CAPTURES = Path(__file__).parents[1] / "captures"
