@@ -172,7 +172,7 @@ def test_monitor_client_imports_only_basic_modules_of_the_engine() -> None:
         "btcore_monitor.monitor_settings",
         "btcore_monitor.environment_checks",
         "btcore_monitor.live_extension",
-        "btcore_monitor.key_options",
+        "btcore_monitor.client_options",
         "btcore_monitor.viewer_options",
         "btcore_monitor.commands.hook",
         "btcore_monitor.commands.monitor",

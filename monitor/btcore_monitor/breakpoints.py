@@ -26,13 +26,12 @@ from btcore_monitor.errors import MonitorError
 from btcore_monitor.events import STATUS_NAMES, ObservedNode, ObservedTree
 from btcore_monitor.keys import ClientKeys
 from btcore_monitor.watch.address import AddressError, parse_address
-from btcore_monitor.watch.groot2_client import Groot2Client
+from btcore_monitor.watch.groot2_client import Groot1DetectedError, Groot2Client, NoReplyError
 from btcore_monitor.watch.handshakes import ConnectionRefusedByRobotError
-from btcore_monitor.watch.request_client import NoReplyError
 from btcore_monitor.wire import groot2
 from btcore_monitor.wire.errors import ProtocolError, RobotRefusedError
 from btcore_monitor.wire.fulltree import read_fulltree
-from btcore_monitor.wire.groot2 import Reply, Request
+from btcore_monitor.wire.groot2 import Request
 from btcore_monitor.wire.hooks import (
     BREAKPOINT,
     NO_STATUS,
@@ -185,11 +184,10 @@ class BreakpointClient(Closeable):
     @property
     def tree(self) -> ObservedTree:
         """The robot's tree. It is requested again after the robot has replaced it."""
-        with self._lock:
+        with self._lock, self._convert_errors():
             if self._tree is None:
-                reply = self._receive_reply(Request.FULLTREE, None)
-                with self._convert_errors():
-                    self._tree = read_fulltree(reply.body, reply.tree_id)
+                reply = self._client.request(Request.FULLTREE)
+                self._tree = read_fulltree(reply.body, reply.tree_id)
             return self._tree
 
     def status(self, path: str) -> str:
@@ -210,9 +208,8 @@ class BreakpointClient(Closeable):
 
     def statuses(self) -> dict[str, str]:
         """Return the status of every node as text, such as `RUNNING`, by the node's path."""
-        reply = self._ask(Request.STATUS)
         with self._convert_errors():
-            records = groot2.decode_statuses(reply.body)
+            records = groot2.decode_statuses(self._ask(Request.STATUS))
         nodes = self.tree.by_uid
         return {
             nodes[uid].path: STATUS_NAMES[record.status] for uid, record in records.items() if uid in nodes
@@ -220,9 +217,8 @@ class BreakpointClient(Closeable):
 
     def hooks(self) -> list[WireHook]:
         """Return all hooks of the robot, also those of other clients. Hooks before a tick come first."""
-        reply = self._ask(Request.HOOKS_DUMP)
         with self._convert_errors():
-            return decode_hooks(reply.body)
+            return decode_hooks(self._ask(Request.HOOKS_DUMP))
 
     def path_of(self, uid: int) -> str:
         """Return the path of the node *uid*, or `node UID` if the tree has no such node."""
@@ -463,13 +459,14 @@ class BreakpointClient(Closeable):
         more = f" and {len(paths) - 8} more" if len(paths) > 8 else ""
         return f"the robot's hooks are at {', '.join(paths[:8])}{more}" if paths else "the robot has no hooks"
 
-    def _ask(self, kind: Request, body: bytes | None = None) -> Reply:
-        with self._lock:
+    def _ask(self, kind: Request, body: bytes | None = None) -> bytes:
+        """Send a request about the tree, and return the body of the reply."""
+        with self._lock, self._convert_errors():
             tree = self.tree
-            reply = self._receive_reply(kind, body)
+            reply = self._client.request(kind, body)
             if reply.tree_id != tree.tree_id:
                 self._use_new_tree()
-            return reply
+            return reply.body
 
     def _use_new_tree(self) -> None:
         """Set the requested hooks in a new tree of the robot, which has other uids and no hooks yet.
@@ -484,11 +481,13 @@ class BreakpointClient(Closeable):
             with contextlib.suppress(BreakpointError):
                 hooks += self._resolve(request)
         if hooks:
-            self._receive_reply(Request.HOOK_INSERT, encode_hooks(hooks))
+            self._client.request(Request.HOOK_INSERT, encode_hooks(hooks))
 
-    def _receive_reply(self, kind: Request, body: bytes | None) -> Reply:
+    @contextlib.contextmanager
+    def _convert_errors(self) -> Iterator[None]:
+        """Convert the errors of a request and of its reply to BreakpointError."""
         try:
-            return self._client.request(kind, body)
+            yield
         except NoReplyError:
             raise BreakpointError(
                 f"no robot answers at {self.address}: is it running, with Groot 2's protocol at that port?"
@@ -502,20 +501,14 @@ class BreakpointClient(Closeable):
             if groot2.NO_SUCH_NODE in str(refusal):
                 raise _HookGoneError(f"the hook is no longer there ({refusal})") from None
             raise BreakpointError(str(refusal)) from None
-        except (ProtocolError, ConnectionRefusedByRobotError) as error:
+        except (Groot1DetectedError, ConnectionRefusedByRobotError) as error:
             raise BreakpointError(str(error)) from None
-
-    @contextlib.contextmanager
-    def _convert_errors(self) -> Iterator[None]:
-        """Convert ProtocolError to BreakpointError."""
-        try:
-            yield
         except ProtocolError as error:
             raise BreakpointError(f"{self.address} sent an invalid reply: {error}") from None
 
     def _keep_alive(self) -> None:
         while not self._closed.wait(KEEP_ALIVE_INTERVAL_S):
-            with contextlib.suppress(BreakpointError, ProtocolError):
+            with contextlib.suppress(BreakpointError):
                 self._ask(Request.STATUS)
 
     def _subscribe(self, timeout: float) -> Socket:

@@ -13,14 +13,14 @@ from btcore.options import option
 from btcore.runs.live_state import LiveState
 from btcore.runs.settings import Settings
 from btcore.suggestions import shortened
+from btcore_monitor import events
+from btcore_monitor.client_options import KeyOptions
 from btcore_monitor.environment_checks import check_installed
 from btcore_monitor.errors import MonitorError
-from btcore_monitor.key_options import KeyOptions
 from btcore_monitor.wire.groot2 import DEFAULT_ADDRESS
 
 if TYPE_CHECKING:
     from btcore_monitor.breakpoints import BreakpointClient
-    from btcore_monitor.events import Event, ObservedTree
     from btcore_monitor.keys import ClientKeys
     from btcore_monitor.watch.change_client import ChangeClient
 
@@ -121,9 +121,7 @@ class RobotConnection:
             self._state = self._state._replace(refusals=self._changes.read_refusals() or {})
         return self._state
 
-    def _take(self, event: "Event") -> None:
-        from btcore_monitor import events
-
+    def _take(self, event: events.Event) -> None:
         state = self._state
         if isinstance(event, events.ConnectionEvent):
             detail = f"{event.detail}: {self._end()}" if event.state == "ended" else event.detail
@@ -155,16 +153,12 @@ class RobotConnection:
 
     def _take_results(self, statuses: Mapping[int, int]) -> None:
         """Keep the statuses that are results, of nodes by their uid."""
-        from btcore_monitor import events
-
         for uid, status in statuses.items():
             if status not in (events.IDLE, events.RUNNING):
                 self._results[uid] = status
 
     def _note_root(self, statuses: Mapping[int, int]) -> None:
         """Note the last status of the root other than idle, which may be running."""
-        from btcore_monitor import events
-
         status = statuses.get(self._state.nodes[0].uid, 0) if self._state.nodes else 0
         if status:
             self._last_root_status = status
@@ -173,15 +167,13 @@ class RobotConnection:
 
     def _end(self) -> str:
         """Return how the run has ended."""
-        from btcore_monitor import events
-
         if self._error:
             return self._error.partition("\n")[0]
         if self._last_root_status in (events.IDLE, events.RUNNING):
             return "the tree did not complete"
         return f"the tree returned {events.STATUS_NAMES[self._last_root_status]}"
 
-    def _begin(self, tree: "ObservedTree") -> None:
+    def _begin(self, tree: events.ObservedTree) -> None:
         from btcore_monitor.watch.change_client import ChangeClient
 
         self._leave_robot()
@@ -196,7 +188,7 @@ class RobotConnection:
 
     def set_breakpoints(self, uids: Sequence[int]) -> None:
         """Set breakpoints before these nodes, and remove all others of this connection."""
-        from btcore_monitor.breakpoints import BreakpointClient, BreakpointError
+        from btcore_monitor.breakpoints import BreakpointClient
 
         before = self._state.breakpoints
         if not uids and not before:
@@ -209,7 +201,7 @@ class RobotConnection:
                 self._robot.clear_node(uid)
             self._robot.break_before(uid for uid in uids if uid not in before)
             present = frozenset(uids)
-        except BreakpointError as error:
+        except MonitorError as error:
             problem = str(error)
             self._leave_robot()
             present = frozenset()
@@ -222,14 +214,12 @@ class RobotConnection:
         Args:
             status: SUCCESS or FAILURE, which the node returns without being ticked; "" = it is ticked.
         """
-        from btcore_monitor.breakpoints import BreakpointError
-
         if self._robot is None or not self._state.stopped_at:
             return
         try:
             self._robot.release_node(self._state.stopped_at, status)
             self._state = self._state._replace(stopped_at=0, problem="")
-        except BreakpointError as error:
+        except MonitorError as error:
             self._state = self._state._replace(stopped_at=0, problem=str(error))
 
     def _poll_breakpoints(self) -> None:
@@ -260,15 +250,13 @@ class RobotConnection:
             changes.close()
 
     def _leave_robot(self) -> None:
-        from btcore_monitor.breakpoints import BreakpointError
-
         robot, self._robot = self._robot, None
         if robot is None:
             return
         try:
             for uid in self._state.breakpoints:
                 robot.clear_node(uid)
-        except BreakpointError:
+        except MonitorError:
             pass  # the robot is gone, or disables the hooks itself after 5 s
         finally:
             robot.close()

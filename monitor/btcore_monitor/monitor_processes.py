@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Final
 
 from btcore.options import arguments
 from btcore.signals import NEW_PROCESS_GROUP, delayed_signals
+from btcore_monitor.client_options import KeyOptions
 from btcore_monitor.console import print_message
 from btcore_monitor.errors import MonitorError
-from btcore_monitor.key_options import KeyOptions
 from btcore_monitor.time_limits import (
     CONNECT_TIMEOUT_S,
     PICTURE_TIMEOUT_S,

@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING
 from btcore import OutputError, Report, Resources, provider
 from btcore.errors import SettingsError
 from btcore.tree.tree import Tree
+from btcore_monitor.client_options import KeyOptions
 from btcore_monitor.console import print_message
-from btcore_monitor.key_options import KeyOptions
 from btcore_monitor.keys import RobotKeys, create_keys
 from btcore_monitor.monitor_processes import finish_monitors, start_monitors, wait_until_connected
 from btcore_monitor.monitor_settings import MonitorSettings

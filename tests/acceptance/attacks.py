@@ -316,8 +316,7 @@ class Robot:
 
     def _request(self) -> None:
         from btcore_monitor.watch.address import parse_address
-        from btcore_monitor.watch.groot2_client import Groot2Client
-        from btcore_monitor.watch.request_client import NoReplyError
+        from btcore_monitor.watch.groot2_client import Groot2Client, NoReplyError
         from btcore_monitor.wire.groot2 import Request
 
         address = parse_address(f"tcp://127.0.0.1:{self.ports[0]}")
@@ -455,9 +454,9 @@ def main() -> int:
     names = options.attacks or [attack.__name__ for attack in ATTACKS]
     if options.starved is not None:
         return print_violations(run_starved(names, options.starved, options.seconds, options.priority))
-    from btcore_monitor.watch import feed
+    from btcore_monitor.watch import run_channel_feed
 
-    feed.SILENT_AFTER_S = REPLY_WITHIN  # a busy machine is silent for seconds, too
+    run_channel_feed.SILENT_AFTER_S = REPLY_WITHIN  # a busy machine is silent for seconds, too
     print(
         f"{'attack':24}{'growth':>21} {'lost ticks':>13} {'late (95 %)':>22} {'missing':>8} {'no reply':>8}"
     )

@@ -23,6 +23,7 @@ from btcore.cli.main import main
 from btcore.errors import SettingsError
 from btcore.field_options import create_options
 from btcore.options import arguments, changed_option_names, from_values
+from btcore_monitor.client_options import KeyOptions
 from btcore_monitor.events import (
     ConnectionEvent,
     Event,
@@ -33,7 +34,6 @@ from btcore_monitor.events import (
     TransitionEvent,
     TreeEvent,
 )
-from btcore_monitor.key_options import KeyOptions
 from btcore_monitor.keys import create_keys
 from btcore_monitor.monitor_processes import wait_until_connected
 from btcore_monitor.monitor_settings import MonitorSettings

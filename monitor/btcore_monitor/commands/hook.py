@@ -9,13 +9,12 @@ from typing import TYPE_CHECKING, Final, NamedTuple
 
 import click
 
-from btcore.field_options import pass_options
+from btcore.field_options import add_options, pass_options
 from btcore.signals import EndingSignals
 from btcore.suggestions import did_you_mean
+from btcore_monitor.client_options import KeyOptions, WatchOptions
 from btcore_monitor.console import print_line
 from btcore_monitor.environment_checks import check_installed
-from btcore_monitor.key_options import KeyOptions
-from btcore_monitor.watch_options import duration_option
 from btcore_monitor.wire.groot2 import DEFAULT_ADDRESS
 
 if TYPE_CHECKING:
@@ -98,6 +97,7 @@ def _connect_robot() -> Iterator["BreakpointClient"]:
 
 
 _after = click.option("--after", is_flag=True, help="After the node's tick instead of before.")
+_duration = add_options(WatchOptions, "duration")
 _within = click.option(
     "--within",
     type=click.FloatRange(min=0),
@@ -114,7 +114,7 @@ _status = click.Choice(["SUCCESS", "FAILURE"], case_sensitive=False)
 @_after
 @click.option("--once", is_flag=True, help="Remove each breakpoint when it is released; stop after the last.")
 @click.option("--leave", is_flag=True, help="Set them and exit; they last 5 s without further commands.")
-@duration_option
+@_duration
 def break_(patterns: tuple[str, ...], after: bool, once: bool, leave: bool, duration: float | None) -> None:
     """Set breakpoints, print each breakpoint that is reached, and clear them at the end (Ctrl-C).
 
@@ -176,7 +176,7 @@ def step(count: int | None, within: float) -> None:
 @_after
 @click.option("--keep", is_flag=True, help="Every tick, until Ctrl-C, instead of only the next tick.")
 @_within
-@duration_option
+@_duration
 def inject(pattern: str, status: str, after: bool, keep: bool, within: float, duration: float | None) -> None:
     """Let the next tick of the nodes that match PATTERN end with STATUS (SUCCESS or FAILURE)."""
     with _connect_robot() as robot:

@@ -13,17 +13,18 @@ from btcore.exit_codes import ExitCode
 from btcore.field_options import pass_options
 from btcore.options import changed_option_names
 from btcore.signals import EndingSignals
+from btcore_monitor.client_options import WatchOptions
+from btcore_monitor.commands.notices import format_notice
 from btcore_monitor.console import print_message
 from btcore_monitor.environment_checks import check_folder, check_installed
 from btcore_monitor.errors import RecordingError
-from btcore_monitor.key_options import KeyOptions
+from btcore_monitor.events import ConnectionEvent
 from btcore_monitor.process_end import abandon, abandon_if_late, wait_for_stop
 from btcore_monitor.viewer_options import (
     DRAWING_OPTION_NAMES,
     DrawingOptions,
     ViewerOptions,
 )
-from btcore_monitor.watch_options import duration_option, robot_options
 from btcore_monitor.wire.groot2 import DEFAULT_ADDRESS
 
 if TYPE_CHECKING:
@@ -45,21 +46,14 @@ _CHECK_VIEWER_INTERVAL_S: Final = 2.0
 @click.command()
 @click.argument("addresses", nargs=-1, metavar="[ADDRESS]...")
 @pass_options(ViewerOptions, "options")
-@robot_options
-@pass_options(KeyOptions, "keys")
+@pass_options(WatchOptions, "watch")
 @click.option("--no-view", "--headless", "no_view", is_flag=True, help="Open no window.")
-@click.option("--until-end", is_flag=True, help="Stop when the robot reports the end of its run.")
-@duration_option
 @click.option("--quiet", is_flag=True, help="Print problems only, not changes of the connection.")
 def monitor(
     addresses: tuple[str, ...],
     options: ViewerOptions,
-    no_record: bool,
-    blackboard_rate: float,
-    keys: KeyOptions,
+    watch: WatchOptions,
     no_view: bool,
-    until_end: bool,
-    duration: float | None,
     quiet: bool,
 ) -> None:
     """Watch the behavior trees at ADDRESS: of btcore, BehaviorTree.CPP or Nav2.
@@ -77,8 +71,6 @@ def monitor(
     """
     check_installed("rerun", "zmq", "msgpack", "numpy")
     options.quiet_viewer()
-    from btcore_monitor.watch.feed import Feed
-
     recordings = [Path(address) for address in addresses if address.endswith(".rrd")]
     robots = [address for address in addresses if not address.endswith(".rrd")]
     try:
@@ -86,22 +78,20 @@ def monitor(
             if robots:
                 raise click.UsageError("recordings and robots cannot be shown together")
             _reject_drawing_options(options)
-            _show_recordings(recordings, options, duration)
+            _show_recordings(recordings, options, watch.duration)
             return
         robots = robots or [DEFAULT_ADDRESS]
-        robot_keys = keys.read(len(robots))
+        robot_keys = watch.read(len(robots))
         with contextlib.ExitStack() as stack:
             _check_addresses(robots)
             # Before the robots notice their clients: `btcore run` begins when its viewer is connected.
             sinks = stack.enter_context(options.open_sinks(not no_view and options.screenshot is None))
             feeds = [
-                stack.enter_context(
-                    Feed(robot, blackboard_rate=blackboard_rate, record=not no_record, keys=key)
-                )
-                for robot, key in zip(robots, robot_keys, strict=True)
+                stack.enter_context(watch.create_feed(robot, keys))
+                for robot, keys in zip(robots, robot_keys, strict=True)
             ]
-            with abandon_if_late(duration):
-                files = _watch(feeds, sinks, options, until_end, duration, quiet)
+            with abandon_if_late(watch.duration):
+                files = _watch(feeds, sinks, options, watch, quiet)
             options.take_screenshot(files)
             if files:
                 return
@@ -137,14 +127,13 @@ def _watch(
     feeds: "list[Feed]",
     sinks: "RecordingSinks",
     drawing: DrawingOptions,
-    until_end: bool,
-    duration: float | None,
+    watch: WatchOptions,
     quiet: bool,
 ) -> list[Path]:
     """Show every feed, and return the written files, in the order of their trees.
 
-    Return when all feeds have ended, on a signal, after *duration* s, or when the user closes the viewer and
-    no file is being written.
+    Return when all feeds have ended, on a signal, after the duration in *watch*, or when the user closes the
+    viewer and no file is being written.
     """
     from btcore_monitor.screen.robot_layouts import SharedLayout, SingleRobotLayout
 
@@ -156,7 +145,7 @@ def _watch(
 
     def run(feed: "Feed", view: "RobotView") -> None:
         try:
-            _process_feed(feed, view, until_end, stop, quiet)
+            _process_feed(feed, view, watch.until_end, quiet)
         except BaseException as error:
             errors.append(error)
             stop.set()
@@ -174,8 +163,9 @@ def _watch(
     with EndingSignals(stop.set):
         for thread in threads:
             thread.start()
-        exit_code = _wait_for_end(threads, stop, sinks, duration)
-        stop.set()
+        exit_code = _wait_for_end(threads, stop, sinks, watch.duration)
+        for feed in feeds:
+            feed.stop()
         for thread in threads:
             thread.join()
     if shared is not None:
@@ -229,12 +219,7 @@ def _create_label(feed: "Feed") -> str:
     return host if port == DEFAULT_PORT else f"{host} {port}"
 
 
-def _process_feed(
-    feed: "Feed", view: "RobotView", until_end: bool, stop: threading.Event, quiet: bool
-) -> None:
-    from btcore_monitor.commands.notices import format_notice
-    from btcore_monitor.events import ConnectionEvent
-
+def _process_feed(feed: "Feed", view: "RobotView", until_end: bool, quiet: bool) -> None:
     for events in feed.batches(until_end):
         for event in events:
             view.process_event(event)
@@ -243,8 +228,6 @@ def _process_feed(
                 print_message(text)
         if not events:
             view.process_idle()
-        if stop.is_set():
-            return
 
 
 def _show_recordings(recordings: list[Path], options: ViewerOptions, duration: float | None) -> None:

@@ -1,7 +1,6 @@
 """`btcore record`: connect to a running robot and write its data into files."""
 
 import contextlib
-import threading
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,25 +12,23 @@ from btcore.exit_codes import ExitCode
 from btcore.field_options import pass_options
 from btcore.signals import EndingSignals
 from btcore.suggestions import join_names, suggestion
+from btcore_monitor.client_options import WatchOptions
+from btcore_monitor.commands.notices import format_notice
 from btcore_monitor.console import print_line
 from btcore_monitor.environment_checks import check_installed, check_writable
 from btcore_monitor.errors import RecordingError
-from btcore_monitor.key_options import KeyOptions
+from btcore_monitor.events import ConnectionEvent, Event, TreeEvent
 from btcore_monitor.process_end import abandon, abandon_if_late
 from btcore_monitor.viewer_options import DrawingOptions
-from btcore_monitor.watch_options import duration_option, robot_options
 from btcore_monitor.wire.groot2 import DEFAULT_ADDRESS
 
 if TYPE_CHECKING:
-    from btcore_monitor.events import Event, TreeEvent
     from btcore_monitor.screen.robot_view import RobotView
     from btcore_monitor.screen.sinks import RecordingSinks
     from btcore_monitor.watch.feed import Feed
 
 _RERUN: Final = ".rrd"
 _BAG: Final = ".mcap"
-_CHECK_INTERVAL_S: Final = 0.2
-"""Time (s) between two checks of an idle feed."""
 _STATUSES_ONLY: Final = "logs hold statuses; blackboards, exceptions, ticks and the scene need -o FILE.rrd"
 
 
@@ -52,20 +49,13 @@ _STATUSES_ONLY: Final = "logs hold statuses; blackboards, exceptions, ticks and 
     metavar="FILE.mcap",
     help="Write a bag of ROS 2 with behavior_tree_log; the same as -o FILE.mcap.",
 )
-@duration_option
-@click.option("--until-end", is_flag=True, help="Stop when the robot reports the end of its run.")
-@robot_options
-@pass_options(KeyOptions, "keys")
+@pass_options(WatchOptions, "watch")
 @pass_options(DrawingOptions, "drawing")
 def record(
     address: str,
     outputs: Sequence[Path],
     bag: Path | None,
-    duration: float | None,
-    until_end: bool,
-    no_record: bool,
-    blackboard_rate: float,
-    keys: KeyOptions,
+    watch: WatchOptions,
     drawing: DrawingOptions,
 ) -> None:
     """Record the tree at ADDRESS, on any robot that btcore monitor can show.
@@ -82,18 +72,17 @@ def record(
         raise click.UsageError("Missing option '-o' / '--output' or '--bag'.")
     check_installed("zmq", "msgpack", *(["rerun", "numpy"] if _filter_recordings(outputs) else []))
     from btcore_monitor.log_writer import LOGS, WRITE_ERRORS
-    from btcore_monitor.watch.feed import Feed
 
     _check(outputs, (*LOGS, _RERUN))
-    [robot_keys] = keys.read()
+    [keys] = watch.read()
     try:
         with (
-            abandon_if_late(duration),
-            Feed(address, blackboard_rate=blackboard_rate, record=not no_record, keys=robot_keys) as feed,
+            abandon_if_late(watch.duration),
+            watch.create_feed(address, keys) as feed,
         ):
             files = _Files(outputs, drawing)
             try:
-                _follow(feed, files, duration, until_end)
+                _follow(feed, files, watch)
             finally:
                 files.close()
     except RecordingError as error:
@@ -132,7 +121,7 @@ class _Files:
         """The files that have been created so far."""
         return [*self.log.files, *(path for view in self.views for path in view.files)]
 
-    def process_event(self, event: "Event") -> None:
+    def process_event(self, event: Event) -> None:
         """Add *event* to every output file."""
         self.log.process_event(event)
         for view in self.views:
@@ -158,22 +147,13 @@ class _Files:
                 stack.callback(view.close)
 
 
-def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool) -> None:
-    from btcore_monitor.commands.notices import format_notice
-    from btcore_monitor.events import ConnectionEvent, TreeEvent
-
+def _follow(feed: "Feed", files: _Files, watch: WatchOptions) -> None:
     shown = ""
-    stop = threading.Event()
-    deadline = None if duration is None else time.monotonic() + duration
-    with EndingSignals(stop.set):
-        while not stop.is_set():
-            left = (
-                _CHECK_INTERVAL_S if deadline is None else min(_CHECK_INTERVAL_S, deadline - time.monotonic())
-            )
-            if left <= 0:
-                return
+    deadline = float("inf") if watch.duration is None else time.monotonic() + watch.duration
+    with EndingSignals(feed.stop):
+        for events in feed.batches():
             ended = False
-            for event in feed.poll(left):
+            for event in events:
                 files.process_event(event)
                 # After a gap the same tree is seen again.
                 if isinstance(event, TreeEvent) and event.tree.tree_id != shown:
@@ -186,11 +166,11 @@ def _follow(feed: "Feed", files: _Files, duration: float | None, until_end: bool
                     ended = event.state == "ended"
             files.flush()
             files.check()
-            if ended and until_end:
+            if (ended and watch.until_end) or time.monotonic() >= deadline:
                 return
 
 
-def _print_source(event: "TreeEvent", statuses_only: bool) -> None:
+def _print_source(event: TreeEvent, statuses_only: bool) -> None:
     """Print the name of the recorded tree, and which data the files will not contain."""
     _print(f"recording '{event.tree.name}', {len(event.tree.nodes)} nodes")
     for kind, sentence in event.source.unavailable.items():

@@ -59,12 +59,12 @@ class BlackboardTable:
         self._last_changed: set[tuple[str, str]] = set()
         self._last_document = ""
 
-    def show_note(self, stamp: int, wall: int) -> None:
+    def show_note(self) -> None:
         """Show only the note, if no blackboard has been shown yet."""
         if not self._last_document:
-            self._series.add(stamp, wall, f"*{escape_markdown(self.note)}*")
+            self._series.add(f"*{escape_markdown(self.note)}*")
 
-    def show(self, stamp: int, wall: int, boards: Boards) -> None:
+    def show(self, boards: Boards) -> None:
         """Show *boards*, and add their changes to the history."""
         before, self._boards = self._boards, boards
         self.has_entries = self.has_entries or any(boards.values())
@@ -72,15 +72,15 @@ class BlackboardTable:
             changes = list(_list_changes(before, boards))
             if changes:
                 self._last_changed = {(path, key) for path, key, *_ in changes}
-                self._changed_at |= dict.fromkeys(self._last_changed, stamp)
+                self._changed_at |= dict.fromkeys(self._last_changed, self._rows.stamp)
                 if len(self._changed_at) > _MAX_TIMES:
-                    self._changed_at = dict.fromkeys(self._last_changed, stamp)
+                    self._changed_at = dict.fromkeys(self._last_changed, self._rows.stamp)
             lines = [_format_change(*change) for change in changes[:_MAX_LINES]]
             if len(changes) > _MAX_LINES:
                 lines.append(f"… and {len(changes) - _MAX_LINES} more")
             for line in lines:
-                self._history.add(stamp, wall, (line, LEVELS[2], self._colour))
-        self._update(stamp, wall)
+                self._history.add((line, LEVELS[2], self._colour))
+        self._update()
 
     def show_running(self, states: TickStates) -> None:
         """Show the blackboards of the subtrees that run first."""
@@ -89,9 +89,9 @@ class BlackboardTable:
         running = [*(self._paths[at] for at in reversed(active)), self._main]
         if running != self._running:
             self._running = running
-            self._update(states.stamp, states.wall)
+            self._update()
 
-    def _update(self, stamp: int, wall: int) -> None:
+    def _update(self) -> None:
         if self._boards is None:
             return
         document = self._format_boards(self._boards)
@@ -99,7 +99,7 @@ class BlackboardTable:
             document = f"*{escape_markdown(self.note)}*\n\n{document}"
         if document != self._last_document:
             self._last_document = document
-            self._series.add(stamp, wall, document)
+            self._series.add(document)
 
     def _format_boards(self, boards: Boards) -> str:
         lines: list[str] = []

@@ -51,8 +51,8 @@ class CameraView:
             lines = rr.LineStrips3D(_create_pyramid(camera), colors=[_SIGHT], radii=[-1.0])
             self._rows.log(entity, self._rows.in_frame(camera.frame), lines, static=True)
 
-    def draw_moving(self, stamp: int, wall: int, data: MovingScene) -> None:
-        """Draw new pictures and detections at tree time *stamp* and wall time *wall* (ns)."""
+    def draw_moving(self, data: MovingScene) -> None:
+        """Draw new pictures and detections."""
         for picture in data.pictures:
             self.has_pictures = True
             key = picture.name, picture.format
@@ -62,18 +62,18 @@ class CameraView:
                     entity, _create_jpeg_columns if key[1] == "jpeg" else _create_image_columns
                 )
                 self._ages[key] = _Age(self._rows, picture)
-            before = self._recorded.get(key)
+            before, stamp = self._recorded.get(key), self._rows.stamp
             # The time of a new run may begin again.
             if before is None or stamp < before or stamp >= before + _PICTURE_INTERVAL_NS:
                 self._recorded[key] = stamp
-                self._series[key].add(stamp, wall, picture)
-            self._ages[key].renew(stamp, wall)
+                self._series[key].add(picture)
+            self._ages[key].renew()
         for age in self._ages.values():
-            age.update(stamp, wall)
+            age.update()
         detections = data.detections
         if detections is not None and detections != self._shown:
             self._shown = detections
-            self._detections.add(stamp, wall, detections)
+            self._detections.add(detections)
 
 
 class _Age:
@@ -92,20 +92,20 @@ class _Age:
         self._seen = 0
         self._is_faint = False
 
-    def renew(self, stamp: int, wall: int) -> None:
+    def renew(self) -> None:
         """Show a new picture without fading."""
-        self._seen = stamp
+        self._seen = self._rows.stamp
         if self._is_faint:
             self._is_faint = False
-            self._opacity.add(stamp, wall, 1.0)
-            self._captions.add(stamp, wall, "")
+            self._opacity.add(1.0)
+            self._captions.add("")
 
-    def update(self, stamp: int, wall: int) -> None:
-        """Fade the picture if it is too old at *stamp*."""
-        if not self._is_faint and stamp - self._seen > _OLD:
+    def update(self) -> None:
+        """Fade the picture if it is too old."""
+        if not self._is_faint and self._rows.stamp - self._seen > _OLD:
             self._is_faint = True
-            self._opacity.add(stamp, wall, _FAINT)
-            self._captions.add(stamp, wall, f"as of {self._rows.to_seconds(self._seen):.1f} s")
+            self._opacity.add(_FAINT)
+            self._captions.add(f"as of {self._rows.to_seconds(self._seen):.1f} s")
 
     def _create_caption_columns(self, values: list[str]) -> Iterable[Any]:
         captions = [text for text in values if text]

@@ -64,12 +64,10 @@ class Floor:
         self._origin = origin
         self._grids: dict[str, Series[Grid]] = {}
 
-    def draw_static(self, stamp: int, wall: int, data: StaticScene, root: str) -> None:
+    def draw_static(self, data: StaticScene, root: str) -> None:
         """Draw static data and the present grids.
 
         Args:
-            stamp: The time of the tree (ns).
-            wall: The wall-clock time (ns since the epoch).
             data: The scene.
             root: The frame of data that names no frame.
         """
@@ -89,12 +87,12 @@ class Floor:
             drawn = rr.LineStrips3D(strips, colors=[_KEPT_OUT], radii=[0.012])
             log(f"{self._origin}/areas", self._rows.in_frame(root), drawn, static=True)
         # Not logged as static: in rerun, static data hides data that is logged later.
-        self.draw_moving(stamp, wall, data, root)
+        self.draw_moving(data, root)
 
-    def draw_moving(self, stamp: int, wall: int, data: StaticScene | MovingScene, root: str) -> None:
+    def draw_moving(self, data: StaticScene | MovingScene, root: str) -> None:
         """Draw the grids that have changed; see `static` for the parameters."""
         for grid in data.grids:
-            self._known(grid, root).add(stamp, wall, grid)
+            self._known(grid, root).add(grid)
 
     def _known(self, grid: Grid, root: str) -> Series[Grid]:
         series = self._grids.get(grid.name)

@@ -103,15 +103,15 @@ class FoldedTreeView:
             chosen = self._drawing(running, states)
             if chosen is not active:
                 if active is not None:
-                    active.move(states.stamp, states.wall, is_active=False)
-                chosen.move(states.stamp, states.wall, is_active=True)
+                    active.move(is_active=False)
+                chosen.move(is_active=True)
                 self._active = active = chosen
         active.view.colour(states)
 
-    def mark_exception(self, uid: int, stamp: int, wall: int) -> None:
+    def mark_exception(self, uid: int) -> None:
         """Draw a ring around a node that raised an exception; see TreeView.mark_exception."""
         if self._active is not None:
-            self._active.view.mark_exception(uid, stamp, wall)
+            self._active.view.mark_exception(uid)
 
     def _drawing(self, running: NDArray[np.bool_], states: TickStates) -> "_Drawing":
         """Return the drawing that shows the *running* nodes, which may be a new one."""
@@ -136,7 +136,8 @@ class FoldedTreeView:
         view.draw()
         drawing = _Drawing(self._rows, view, np.isin(self._uids, list(key)), number)
         # It is outside of the view from the beginning on, until it is active.
-        drawing.move(states.start_times[0], states.start_times[1], is_active=False)
+        with self._rows.at(*states.start_times):
+            drawing.move(is_active=False)
         self._drawings[key] = drawing
         return drawing
 
@@ -155,10 +156,10 @@ class _Drawing:
             for layer in (LINES, PILLS)
         ]
 
-    def move(self, stamp: int, wall: int, is_active: bool) -> None:
+    def move(self, is_active: bool) -> None:
         place = self._place if is_active else (_OUTSIDE, _OUTSIDE, 0.0)
         for series in self._series:
-            series.add(stamp, wall, (place, self._scale))
+            series.add((place, self._scale))
 
 
 def _create_transform_columns(values: list[tuple[tuple[float, float, float], float]]) -> Iterable[Any]:

@@ -97,7 +97,7 @@ class Lanes:
         for index in changed:
             series = self._series.get(index)
             if series is not None:
-                series.add(states.stamp, states.wall, SHOWN_NAMES[states.shown[index]])
+                series.add(SHOWN_NAMES[states.shown[index]])
         if not self._running_lanes:
             return
         running = states.shown == RUNNING
@@ -107,7 +107,7 @@ class Lanes:
             name = NOTHING if leaf is None else self._names[leaf]
             if name != self._shown[lane]:
                 self._shown[lane] = name
-                self._running_lanes[lane].add(states.stamp, states.wall, name)
+                self._running_lanes[lane].add(name)
 
     def _assign_slots(self, running: list[int]) -> list[int | None]:
         """Return the index of the running leaf of each lane, or None.

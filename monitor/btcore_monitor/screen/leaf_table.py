@@ -35,7 +35,7 @@ class LeafTable:
                 errors += ["", f"**{name}** raised: {escape_markdown(error)}"]
         if len(event.leaves) > _MAX_LEAVES:
             errors += ["", f"*and {len(event.leaves) - _MAX_LEAVES} more leaves*"]
-        self._series.add(event.stamp, event.wall, "\n".join([*lines, *errors]))
+        self._series.add("\n".join([*lines, *errors]))
 
 
 def _format_values(values: Mapping[str, str]) -> str:

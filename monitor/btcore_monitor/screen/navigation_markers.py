@@ -100,23 +100,21 @@ class NavigationMarkers:
         self._shown: dict[str, object] = {}
         self._box_entities: list[str] = []
 
-    def draw_moving(self, stamp: int, wall: int, data: MovingScene, root: str) -> None:
+    def draw_moving(self, data: MovingScene, root: str) -> None:
         """Draw the poses that have changed. If *data* contains arrows or boxes, replace those that are shown.
 
         Args:
-            stamp: The time of the tree (ns).
-            wall: The wall-clock time (ns since the epoch).
             data: The scene.
             root: The frame of objects without a frame of their own.
         """
         for poses in data.poses:
-            self._show_poses(stamp, wall, poses, root)
+            self._show_poses(poses, root)
         if data.arrows is not None:
-            self._show_arrows(stamp, wall, {entity_part(arrow.name): arrow for arrow in data.arrows}, root)
+            self._show_arrows({entity_part(arrow.name): arrow for arrow in data.arrows}, root)
         if data.boxes is not None:
-            self._show_boxes(stamp, wall, data.boxes, root)
+            self._show_boxes(data.boxes, root)
 
-    def _show_poses(self, stamp: int, wall: int, poses: Poses, root: str) -> None:
+    def _show_poses(self, poses: Poses, root: str) -> None:
         entity = f"{self._origin}/poses/{entity_part(poses.name)}"
         # Comparing bytes is faster than drawing an unchanged path again.
         if self._shown.get(entity) == poses.rows:
@@ -130,9 +128,9 @@ class NavigationMarkers:
         self._place(entity, poses.frame or root)
         rows = np.frombuffer(poses.rows, dtype="<f4").reshape(-1, 3)
         rows = rows[(np.abs(rows) <= MAX_NUMBER).all(axis=1)]  # without NaN and infinities, too
-        self._series[entity].add(stamp, wall, style.strips(rows, self.robot_radius))
+        self._series[entity].add(style.strips(rows, self.robot_radius))
 
-    def _show_arrows(self, stamp: int, wall: int, arrows: Mapping[str, Arrow], root: str) -> None:
+    def _show_arrows(self, arrows: Mapping[str, Arrow], root: str) -> None:
         for name, arrow in arrows.items():
             entity = f"{self._origin}/{ARROWS}/{name}"
             if entity not in self._series:
@@ -143,9 +141,9 @@ class NavigationMarkers:
                 shown = arrows.get(entity.rsplit("/", 1)[1])
                 if self._shown.get(entity) != shown:
                     self._shown[entity] = shown
-                    series.add(stamp, wall, shown)
+                    series.add(shown)
 
-    def _show_boxes(self, stamp: int, wall: int, boxes: Sequence[BoundingBox], root: str) -> None:
+    def _show_boxes(self, boxes: Sequence[BoundingBox], root: str) -> None:
         by_frame: dict[str, list[BoundingBox]] = {entity: [] for entity in self._box_entities}
         for box in boxes:
             frame = box.frame or root
@@ -159,7 +157,7 @@ class NavigationMarkers:
                 self._box_entities.append(entity)
             if self._shown.get(entity) != group:
                 self._shown[entity] = group
-                self._series[entity].add(stamp, wall, group)
+                self._series[entity].add(group)
 
     def _place(self, entity: str, frame: str) -> None:
         if self._frames.get(entity) != frame:

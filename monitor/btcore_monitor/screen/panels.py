@@ -90,54 +90,52 @@ class TransitionLog:
             f"{STATUS_NAMES[event.previous]:>7} → {STATUS_NAMES[event.status]}"
         )
         level, colour = _LEVEL_OF_STATUS[event.status], self._palette.ink[event.status]
-        self._add(event.stamp, event.wall, line, level, colour)
-        self._numbers.add(event.stamp, event.wall, event)
+        self._add(line, level, colour)
+        self._numbers.add(event)
 
     def send(self) -> None:
         """Send the lines and the numbers, before the other data of the robot."""
         for series in (self._lines, self._numbers):
-            series.send(self._rows.recording)
+            series.send()
 
-    def add_unmatched_pattern(self, pattern: str, stamp: int, wall: int) -> None:
-        """Log that no node matches a search pattern, at tree time *stamp* and wall time *wall* (ns)."""
-        self._warn(stamp, wall, f"no node's name or path matches '{pattern}'")
+    def add_unmatched_pattern(self, pattern: str) -> None:
+        """Log that no node matches a search pattern."""
+        self._warn(f"no node's name or path matches '{pattern}'")
 
     def add_exception(self, event: ExceptionEvent) -> None:
         """Log the exception of a node."""
         line = f"{event.path} raised: {shorten_message(event.message)}"
-        self._add(event.stamp, event.wall, line, "ERROR", self._palette.ink[FAILURE])
+        self._add(line, "ERROR", self._palette.ink[FAILURE])
 
-    def add_gap(self, event: LostTransitionsEvent, stamp: int, wall: int) -> None:
-        """Log a gap in the transitions at tree time *stamp* and wall time *wall* (ns)."""
-        self._warn(
-            stamp, wall, f"transitions #{event.first} to #{event.last} are missing: they never arrived"
-        )
+    def add_gap(self, event: LostTransitionsEvent) -> None:
+        """Log a gap in the transitions."""
+        self._warn(f"transitions #{event.first} to #{event.last} are missing: they never arrived")
 
     def add_missing_data(self, event: MissingDataEvent) -> None:
         """Log missing data of unknown amount."""
         since = f"since {self._rows.to_seconds(event.since):.2f}s " if event.since < event.stamp else ""
-        self._warn(event.stamp, event.wall, f"{event.kind} {since}incomplete: {event.reason}")
+        self._warn(f"{event.kind} {since}incomplete: {event.reason}")
 
     def add_hooks(self, event: HooksEvent) -> None:
         """Log the warning about hooks of other clients."""
-        self._warn(event.stamp, event.wall, event.warning)
+        self._warn(event.warning)
 
-    def show_source(self, source: DataSource, stamp: int, wall: int) -> None:
-        """Log which data the robot does not send, at tree time *stamp* and wall time *wall* (ns)."""
+    def show_source(self, source: DataSource) -> None:
+        """Log which data the robot does not send."""
         for kind, reason in source.unavailable.items():
-            self._add(stamp, wall, f"{kind}: {reason}", "INFO", self._palette.faint)
+            self._add(f"{kind}: {reason}", "INFO", self._palette.faint)
 
-    def add_connection(self, event: ConnectionEvent, stamp: int, wall: int) -> None:
-        """Log a change of the connection at tree time *stamp* and wall time *wall* (ns)."""
+    def add_connection(self, event: ConnectionEvent) -> None:
+        """Log a change of the connection."""
         line = f"robot {event.state}" + (f": {event.detail}" if event.detail else "")
-        self._add(stamp, wall, line, "WARN" if event.state == "lost" else "INFO", self._palette.faint)
+        self._add(line, "WARN" if event.state == "lost" else "INFO", self._palette.faint)
 
-    def _warn(self, stamp: int, wall: int, line: str) -> None:
-        self._add(stamp, wall, line, "WARN", self._palette.ink[RUNNING])
+    def _warn(self, line: str) -> None:
+        self._add(line, "WARN", self._palette.ink[RUNNING])
 
-    def _add(self, stamp: int, wall: int, line: str, level: str, colour: int) -> None:
-        time = f"{self._rows.to_seconds(stamp):9.2f}s " if self._shows_time else ""
-        self._lines.add(stamp, wall, (f"{time}{line}", level, int(colour)))
+    def _add(self, line: str, level: str, colour: int) -> None:
+        time = f"{self._rows.to_seconds(self._rows.stamp):9.2f}s " if self._shows_time else ""
+        self._lines.add((f"{time}{line}", level, int(colour)))
 
 
 def create_log_columns(values: list[tuple[str, str, int]]) -> Iterable[Any]:
@@ -184,7 +182,7 @@ class NowPanel:
         """
         path, message = escape_markdown(event.path), escape_markdown(shorten_message(event.message))
         self._exception_text = f"**{path}** raised at {self._rows.to_seconds(event.stamp):.2f} s: {message}"
-        self._show(event.stamp, event.wall, states, self._root_text)
+        self._show(states, self._root_text)
 
     def count_missing(self, event: LostTransitionsEvent | MissingDataEvent) -> None:
         """Count missing transitions."""
@@ -201,13 +199,13 @@ class NowPanel:
 
     def show_tick(self, event: TickEvent, states: TickStates) -> None:
         """Show the state after a tick."""
-        self._show(event.stamp, event.wall, states, f"{STATUS_NAMES[event.status]}, tick {event.tick}")
+        self._show(states, f"{STATUS_NAMES[event.status]}, tick {event.tick}")
 
     def show_states(self, states: TickStates) -> None:
         """Show *states*, for a robot that does not report its ticks."""
-        self._show(states.stamp, states.wall, states, SHOWN_NAMES[int(states.shown[0])])
+        self._show(states, SHOWN_NAMES[int(states.shown[0])])
 
-    def _show(self, stamp: int, wall: int, states: TickStates, root_text: str) -> None:
+    def _show(self, states: TickStates, root_text: str) -> None:
         self._root_text = root_text
         is_running = states.shown == RUNNING
         failed = (states.shown == FAILURE) | (states.shown == RESET_OFFSET + FAILURE)
@@ -231,7 +229,7 @@ class NowPanel:
         document = "\n".join(lines)
         if document != self._last_document:
             self._last_document = document
-            self._series.add(stamp, wall, document)
+            self._series.add(document)
 
     def _format_leaves(self, chosen: NDArray[np.bool_]) -> str:
         indices = np.flatnonzero(chosen & self._is_leaf).tolist()
@@ -248,6 +246,7 @@ class StatisticsTable:
     """
 
     def __init__(self, rows: RowBuffer, tree: ObservedTree) -> None:
+        self._rows = rows
         self._series: Series[str] = rows.create_series(STATISTICS, create_markdown_columns)
         self._nodes = tree.nodes
         self._depth = {node.uid: tree.depth(node.uid) for node in tree.nodes}
@@ -258,17 +257,11 @@ class StatisticsTable:
         self._last_update_stamp = 0
         self._has_changed = False
 
-    def begin(self, stamp: int, wall: int, statuses: Mapping[int, int]) -> None:
-        """Begin with known statuses. Transitions before *stamp* are unknown.
-
-        Args:
-            stamp: The time of the tree (ns).
-            wall: The wall-clock time (ns since the epoch).
-            statuses: The nodes' statuses by uid.
-        """
-        self._since = {uid: stamp for uid, status in statuses.items() if status == RUNNING}
+    def begin(self, statuses: Mapping[int, int]) -> None:
+        """Begin with known statuses by uid. Transitions before the present time are unknown."""
+        self._since = {uid: self._rows.stamp for uid, status in statuses.items() if status == RUNNING}
         self._has_changed = True
-        self.update(stamp, wall)
+        self.update()
 
     def count_transition(self, event: TransitionEvent) -> None:
         """Count a transition."""
@@ -284,18 +277,19 @@ class StatisticsTable:
         elif event.status != IDLE:
             counts[event.status - SUCCESS] += 1
 
-    def update_if_due(self, stamp: int, wall: int) -> None:
-        """Update the table at *stamp* (ns), unless the last update was less than UPDATE_INTERVAL_NS ago."""
-        if self._next_update is None or stamp >= self._next_update:
-            self.update(stamp, wall)
+    def update_if_due(self) -> None:
+        """Update the table, unless the last update was less than UPDATE_INTERVAL_NS ago."""
+        if self._next_update is None or self._rows.stamp >= self._next_update:
+            self.update()
 
-    def update(self, stamp: int, wall: int) -> None:
-        """Update the table at *stamp* (ns) if a status has changed or a node is RUNNING."""
+    def update(self) -> None:
+        """Update the table if a status has changed or a node is RUNNING."""
+        stamp = self._rows.stamp
         if self._has_changed or (self._since and stamp != self._last_update_stamp):
             self._has_changed = False
             self._last_update_stamp = stamp
             self._next_update = stamp + UPDATE_INTERVAL_NS
-            self._series.add(stamp, wall, self.format_table(stamp))
+            self._series.add(self.format_table(stamp))
 
     def format_table(self, stamp: int) -> str:
         """Return the table as of *stamp* (ns)."""
@@ -356,20 +350,20 @@ class TickPlots:
         far above would flatten the curve. Until then only the legend shows the budget.
         """
         before, self._before = self._before, event
-        self._duration.add(event.stamp, event.wall, event.duration_ns / 1e6)
+        self._duration.add(event.duration_ns / 1e6)
         self._worst = max(self._worst, event.duration_ns)
         if before is None or event.stamp <= before.stamp:
             return
         # Ticks may be lost on the way, so the time is divided by the difference of their numbers.
         self._periods.append((event.stamp - before.stamp) // max(1, event.tick - before.tick))
-        self._rate.add(event.stamp, event.wall, 1e9 / self._periods[-1])
+        self._rate.add(1e9 / self._periods[-1])
         budget = int(median(self._periods))
         if abs(budget - self._budget_ns) > self._budget_ns // 20:
             self._budget_ns = budget
             name = f"tick (budget {budget / 1e6:.4g} ms)"
             self._rows.log(TICK_MS, create_curve_style(name, self._palette.laser), static=True)
         if self._worst * 10 > self._budget_ns:
-            self._budget.add(event.stamp, event.wall, self._budget_ns / 1e6)
+            self._budget.add(self._budget_ns / 1e6)
 
 
 def escape_markdown(text: str) -> str:

@@ -201,6 +201,7 @@ class _TreePanels:
         # Other sources count the time from their beginning already.
         start_stamp = event.stamp if event.source == RUN_CHANNEL else 0
         rows = self.rows = RowBuffer(self.recording, self.entity_path_prefix, start_stamp)
+        rows.move_to(event.stamp, event.wall)
         matches = {pattern: match_nodes(tree, pattern) for pattern in find_patterns}
         highlighted = {uid for uids in matches.values() for uid in uids}
 
@@ -236,7 +237,6 @@ class _TreePanels:
             ConnectionEvent: self._show_connection,
         }
 
-        self._stamp, self._wall = event.stamp, event.wall
         self._last_tick_stamp = event.stamp - 1
         self._begin_time = self._current_time
         self._end_time = self._begin_time + LIVE_SPAN_NS
@@ -244,9 +244,9 @@ class _TreePanels:
         self._draw_beginning(event, [pattern for pattern, uids in matches.items() if not uids])
 
     def _draw_beginning(self, event: TreeEvent, unmatched_patterns: Sequence[str]) -> None:
-        self._show_source(event.source, event.stamp, event.wall)
+        self._show_source(event.source)
         for pattern in unmatched_patterns:
-            self.transition_log.add_unmatched_pattern(pattern, event.stamp, event.wall)
+            self.transition_log.add_unmatched_pattern(pattern)
         for view in self.tree_views:
             view.draw()
         self.lanes.draw()
@@ -265,12 +265,12 @@ class _TreePanels:
         )
 
     def _restart(self, event: TreeEvent) -> None:
-        self._show_source(event.source, event.stamp, event.wall)
+        self._show_source(event.source)
         self.states.begin(event.stamp, event.wall, event.statuses)
         self._colour()
         self.blackboard_table.show_running(self.states)
         self.lanes.show_states(self.states, range(len(self.states.shown)))
-        self.statistics_table.begin(event.stamp, event.wall, event.statuses)
+        self.statistics_table.begin(event.statuses)
         if not self._has_ticks:
             self.now_panel.show_states(self.states)
 
@@ -279,20 +279,20 @@ class _TreePanels:
         if handler is not None:
             handler(event)
 
-    def _show_source(self, source: DataSource, stamp: int, wall: int) -> None:
+    def _show_source(self, source: DataSource) -> None:
         if source == self.source:
             return
         self.source = source
         self.now_panel.show_source(source)
-        self.transition_log.show_source(source, stamp, wall)
+        self.transition_log.show_source(source)
         self.blackboard_table.note = source.unavailable.get("blackboard", "")
         if self.blackboard_table.note:
-            self.blackboard_table.show_note(stamp, wall)
+            self.blackboard_table.show_note()
 
     def end_unreported_tick(self) -> None:
         """Show the last changes of a robot that does not report the end of a tick."""
         if not self._has_ticks and self.states.has_open_tick:
-            self._end_tick(self._stamp, self._wall)
+            self._end_tick()
 
     def send(self) -> None:
         """Send the buffered rows, and the arrangement of the views if it has changed."""
@@ -306,7 +306,7 @@ class _TreePanels:
         self._end_last_tick()
         if self._current_time - self._begin_time <= MAX_WHOLE_SPAN_NS:
             self._end_time = self._current_time
-        self.statistics_table.update(self._stamp, self._wall)
+        self.statistics_table.update()
         self.send()
         self.robot_layout.end_recording(self.recording)
 
@@ -314,8 +314,8 @@ class _TreePanels:
         """Show the changes after the last tick, for example of a tree that was halted."""
         if self.states.has_open_tick:
             # A halt at the time of the last tick must not hide the states of that tick.
-            self._stamp = self.states.stamp = max(self._stamp, self._last_tick_stamp + 1)
-            self._end_tick(self._stamp, self._wall)
+            self.rows.stamp = self.states.stamp = max(self.rows.stamp, self._last_tick_stamp + 1)
+            self._end_tick()
             self.now_panel.show_states(self.states)
 
     @property
@@ -326,11 +326,14 @@ class _TreePanels:
     @property
     def _current_time(self) -> int:
         """The time (ns) of the last event on the view's timeline."""
-        return self._wall if self.entity_path_prefix else self._stamp - self.rows.start_stamp
+        rows = self.rows
+        return rows.wall if self.entity_path_prefix else rows.stamp - rows.start_stamp
 
-    def _end_tick(self, stamp: int, wall: int) -> None:
-        changed = self.states.end_tick(stamp, wall)
-        if changed:
+    def _end_tick(self) -> None:
+        changed = self.states.end_tick(self.rows.stamp, self.rows.wall)
+        if not changed:
+            return
+        with self.rows.at(self.states.stamp, self.states.wall):
             self._colour()
             self.blackboard_table.show_running(self.states)
             self.lanes.show_states(self.states, changed)
@@ -342,7 +345,7 @@ class _TreePanels:
             view.colour(self.states)
 
     def _move_to(self, stamp: int, wall: int) -> None:
-        self._stamp, self._wall = stamp, wall
+        self.rows.move_to(stamp, wall)
         if self._current_time > self._end_time:
             # The axes follow the cursor from now on.
             self._end_time = _ENDLESS_NS
@@ -350,28 +353,28 @@ class _TreePanels:
     def _show_transition(self, event: TransitionEvent) -> None:
         # First, because the states of the previous tick must not contain this event.
         if self.states.is_of_later_tick(event):
-            self._end_tick(self._stamp, self._wall)
+            self._end_tick()
         self._move_to(event.stamp, event.wall)
         self.states.apply_transition(event)
         self.transition_log.add_transition(event)
         self.statistics_table.count_transition(event)
-        self.statistics_table.update_if_due(event.stamp, event.wall)
+        self.statistics_table.update_if_due()
 
     def _show_tick(self, event: TickEvent) -> None:
         self._move_to(event.stamp, event.wall)
         self._last_tick_stamp = event.stamp
-        self._end_tick(event.stamp, event.wall)
+        self._end_tick()
         if self._has_ticks:
             self.tick_plots.add_tick(event)
         self.now_panel.show_tick(event, self.states)
-        self.statistics_table.update_if_due(event.stamp, event.wall)
+        self.statistics_table.update_if_due()
 
     def _show_blackboard(self, event: BlackboardEvent) -> None:
         self._move_to(event.stamp, event.wall)
-        self.blackboard_table.show(event.stamp, event.wall, event.boards)
+        self.blackboard_table.show(event.boards)
 
     def _show_static_scene(self, event: StaticSceneEvent) -> None:
-        self.scene_view.draw_static(self._stamp, self._wall, event.data)
+        self.scene_view.draw_static(event.data)
 
     def _show_saved_scene(self, event: SavedSceneEvent) -> None:
         scene = SavedScene(event.file, event.tick, event.stamp)
@@ -380,7 +383,7 @@ class _TreePanels:
 
     def _show_moving_scene(self, event: MovingSceneEvent) -> None:
         self._move_to(event.stamp, event.wall)
-        self.scene_view.draw_moving(event.stamp, event.wall, event.data)
+        self.scene_view.draw_moving(event.data)
         self.now_panel.keep_notes(event.data)
 
     def _show_exception(self, event: ExceptionEvent) -> None:
@@ -390,18 +393,19 @@ class _TreePanels:
         uid = self._uids.get(event.path)
         if uid is not None:
             for view in self.tree_views:
-                view.mark_exception(uid, event.stamp, event.wall)
+                view.mark_exception(uid)
 
     def _show_lost_transitions(self, event: LostTransitionsEvent) -> None:
-        self.transition_log.add_gap(event, self._stamp, self._wall)
+        self.transition_log.add_gap(event)
         self.now_panel.count_missing(event)
 
     def _show_missing_data(self, event: MissingDataEvent) -> None:
-        self.transition_log.add_missing_data(event)
+        with self.rows.at(event.stamp, event.wall):
+            self.transition_log.add_missing_data(event)
         self.now_panel.count_missing(event)
 
     def _show_connection(self, event: ConnectionEvent) -> None:
-        self.transition_log.add_connection(event, self._stamp, self._wall)
+        self.transition_log.add_connection(event)
         if event.state == "ended":
             self._end_last_tick()
 

@@ -7,8 +7,9 @@ A run that is faster than real time gives longer columns.
 All texts of a recording pass this module, where characters are replaced that the viewer cannot draw.
 """
 
+import contextlib
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from typing import Any, Final, Generic, Literal, TypeVar
 
 import numpy as np
@@ -28,36 +29,27 @@ WALL_TIMELINE: Final = "time of the day"
 
 
 class Series(Generic[Value]):
-    """The unsent rows of an *entity*. *encode* converts the values of the rows to rerun's columns.
+    """The unsent rows of an *entity* of *buffer*. *encode* converts their values to rerun's columns."""
 
-    Displayed times count from *start_stamp* (ns of the tree's clock).
-    """
-
-    def __init__(self, entity: str, encode: Encode[Value], start_stamp: int = 0) -> None:
+    def __init__(self, buffer: "RowBuffer", entity: str, encode: Encode[Value]) -> None:
         self.entity = entity
-        self._start_stamp = start_stamp
+        self._buffer = buffer
         self._encode = encode
         self._stamps: list[int] = []
         self._walls: list[int] = []
         self._values: list[Value] = []
 
-    def add(self, stamp: int, wall: int, value: Value) -> None:
-        """Add a row.
-
-        Args:
-            stamp: The time of the tree (ns).
-            wall: The wall-clock time (ns since the epoch).
-            value: The content of the row, which *encode* converts later.
-        """
-        self._stamps.append(stamp)
-        self._walls.append(wall)
+    def add(self, value: Value) -> None:
+        """Add a row with the present time of the buffer. *encode* converts the value later."""
+        self._stamps.append(self._buffer.stamp)
+        self._walls.append(self._buffer.wall)
         self._values.append(value)
 
-    def send(self, recording: rr.RecordingStream) -> None:
+    def send(self) -> None:
         """Send the rows, and clear the buffer."""
         if not self._values:
             return
-        since = np.array(self._stamps, dtype=np.int64) - self._start_stamp
+        since = np.array(self._stamps, dtype=np.int64) - self._buffer.start_stamp
         times = [
             rr.TimeColumn(TREE_TIMELINE, duration=since.astype("timedelta64[ns]")),
             rr.TimeColumn(WALL_TIMELINE, timestamp=np.array(self._walls, dtype="datetime64[ns]")),
@@ -65,11 +57,13 @@ class Series(Generic[Value]):
         values, self._values = self._values, []
         self._stamps.clear()
         self._walls.clear()
-        recording.send_columns(self.entity, times, map(_make_column_legible, self._encode(values)))
+        self._buffer.recording.send_columns(
+            self.entity, times, map(_make_column_legible, self._encode(values))
+        )
 
 
 class RowBuffer:
-    """All series of a robot's tree in *recording*.
+    """All series of a robot's tree in *recording*, and the time of the rows that are added.
 
     If several robots share a recording, *entity_path_prefix* is the entity above all entities of this robot,
     and the prefix of its frames' names. Displayed times count from *start_stamp* (ns of the tree's clock),
@@ -84,10 +78,26 @@ class RowBuffer:
         self.entity_path_prefix = entity_path_prefix
         self._prefix = f"{entity_path_prefix}/" if entity_path_prefix else ""
         self._series: list[Series[Any]] = []
+        self.stamp = 0
+        """The present time of the tree (ns)."""
+        self.wall = 0
+        """The present wall-clock time (ns since the epoch)."""
+
+    def move_to(self, stamp: int, wall: int) -> None:
+        """Change the present time."""
+        self.stamp, self.wall = stamp, wall
+
+    @contextlib.contextmanager
+    def at(self, stamp: int, wall: int) -> Iterator[None]:
+        """Change the present time during the `with` block."""
+        before = self.stamp, self.wall
+        self.move_to(stamp, wall)
+        yield
+        self.move_to(*before)
 
     def create_series(self, entity: str, encode: Encode[Value]) -> Series[Value]:
         """Return a new series for *entity*, whose values *encode* converts to columns."""
-        series = Series(self._prefix + entity, encode, self.start_stamp)
+        series = Series(self, self._prefix + entity, encode)
         self._series.append(series)
         return series
 
@@ -117,7 +127,7 @@ class RowBuffer:
     def send(self) -> None:
         """Send the rows of every series."""
         for series in self._series:
-            series.send(self.recording)
+            series.send()
 
 
 class _Texts:

@@ -127,14 +127,8 @@ class SceneView:
         """Whether there are camera pictures to show."""
         return self._cameras.has_pictures
 
-    def draw_static(self, stamp: int, wall: int, data: StaticScene) -> None:
-        """Draw the static scene, unless it was drawn before: robots send it again on request.
-
-        Args:
-            stamp: The time of the tree (ns).
-            wall: The wall-clock time (ns since the epoch).
-            data: The scene.
-        """
+    def draw_static(self, data: StaticScene) -> None:
+        """Draw the static scene, unless it was drawn before: robots send it again on request."""
         if self.has_scene and data == self._static:
             return
         self._static, self.has_scene = data, True
@@ -157,7 +151,7 @@ class SceneView:
         if data.footprint_radius is not None:
             self._markers.robot_radius = data.footprint_radius
         self._draw_sensors()
-        self._floor.draw_static(stamp, wall, data, self._root)
+        self._floor.draw_static(data, self._root)
         if data.grids:
             log(COLOURS, rr.TextDocument(_COLOUR_LEGEND, media_type="text/markdown"), static=True)
         self._cameras.draw_static(data)
@@ -188,35 +182,29 @@ class SceneView:
         ):
             log(entity, create_curve_style(label, colour), static=True)
 
-    def draw_moving(self, stamp: int, wall: int, data: MovingScene) -> None:
-        """Draw the changes: moved frames, a new scan, the speed, and other new data.
-
-        Args:
-            stamp: The time of the tree (ns).
-            wall: The wall-clock time (ns since the epoch).
-            data: The changes.
-        """
+    def draw_moving(self, data: MovingScene) -> None:
+        """Draw the changes: moved frames, a new scan, the speed, and other new data."""
         # Frames first: the trail and the markers use the new poses.
         for child, parent, position, quaternion in data.frames:
-            self._set_pose(stamp, wall, child, (parent, position, quaternion))
-        self._add_footprint(stamp, wall)
+            self._set_pose(child, (parent, position, quaternion))
+        self._add_footprint()
         if data.scan is not None:
-            scan_stamp = stamp if data.scan.stamp is None else data.scan.stamp
+            scan_stamp = self._rows.stamp if data.scan.stamp is None else data.scan.stamp
             if scan_stamp != self._scan_stamp:
                 self._scan_stamp = scan_stamp
-                self._show_scan(stamp, wall, np.frombuffer(data.scan.ranges, dtype="<f4"))
+                self._show_scan(np.frombuffer(data.scan.ranges, dtype="<f4"))
         if data.velocity is not None:
             self.has_speed = True
-            self._v.add(stamp, wall, float(data.velocity[0]))
-            self._w.add(stamp, wall, float(data.velocity[1]))
+            self._v.add(float(data.velocity[0]))
+            self._w.add(float(data.velocity[1]))
         if data.battery is not None:
-            self._battery.add(stamp, wall, float(data.battery))
-        self._extend_trail(stamp, wall)
-        self._floor.draw_moving(stamp, wall, data, self._root)
-        self._markers.draw_moving(stamp, wall, data, self._root)
-        self._cameras.draw_moving(stamp, wall, data)
+            self._battery.add(float(data.battery))
+        self._extend_trail()
+        self._floor.draw_moving(data, self._root)
+        self._markers.draw_moving(data, self._root)
+        self._cameras.draw_moving(data)
 
-    def _set_pose(self, stamp: int, wall: int, child: str, pose: Pose) -> None:
+    def _set_pose(self, child: str, pose: Pose) -> None:
         before = self._poses.get(child)
         if before is not None and _is_near(before, pose):
             return
@@ -224,14 +212,14 @@ class SceneView:
         series = self._frames.get(child)
         if series is None:
             series = self._frames[child] = self._create_frame_series(child)
-        series.add(stamp, wall, pose)
+        series.add(pose)
 
-    def _add_footprint(self, stamp: int, wall: int) -> None:
+    def _add_footprint(self) -> None:
         """Add the footprint's frame, on the floor, for a robot that sends only its base link."""
         footprint, link = _BODIES
         if footprint not in self._poses and link in self._poses:
             height = self._poses[link][1][2]
-            self._set_pose(stamp, wall, footprint, (link, (0.0, 0.0, -height), UPRIGHT))
+            self._set_pose(footprint, (link, (0.0, 0.0, -height), UPRIGHT))
 
     def _create_frame_series(self, child: str) -> Series[Pose]:
         rows = self._rows
@@ -246,7 +234,7 @@ class SceneView:
 
         return rows.create_series(f"{ORIGIN}/frames/{entity_part(child)}", encode)
 
-    def _show_scan(self, stamp: int, wall: int, ranges: NDArray[np.float32]) -> None:
+    def _show_scan(self, ranges: NDArray[np.float32]) -> None:
         laser = self._static.laser
         if laser is None:
             return
@@ -254,11 +242,11 @@ class SceneView:
             self._set_directions(laser, len(ranges))
         ranges = ranges[:: self._ray_step]
         seen = np.isfinite(ranges) & (ranges >= (laser.range_min or 0.0))
-        self._points.add(stamp, wall, self._directions[seen] * ranges[seen, None])
+        self._points.add(self._directions[seen] * ranges[seen, None])
         reach = _FAN_REACH if laser.range_max is None else min(_FAN_REACH, float(laser.range_max))
         free = np.where(np.isposinf(ranges), np.float32(reach), np.where(seen, ranges, np.float32(0.0)))
         corners = self._directions[::_FAN_STEP] * free[::_FAN_STEP, None]
-        self._fan.add(stamp, wall, np.concatenate((np.zeros((1, 3), dtype=np.float32), corners)))
+        self._fan.add(np.concatenate((np.zeros((1, 3), dtype=np.float32), corners)))
 
     def _set_directions(self, laser: Laser, count: int) -> None:
         self._rays = count
@@ -269,14 +257,14 @@ class SceneView:
         triangles = np.stack((0 * corners, corners, corners + 1), axis=1)
         self._rows.log(FAN, rr.Mesh3D.from_fields(triangle_indices=triangles), static=True)
 
-    def _extend_trail(self, stamp: int, wall: int) -> None:
+    def _extend_trail(self) -> None:
         point = self._robot_position()
         if point is None:
             return
         if self._last_position is None:
             self._last_position = point
         elif float(np.linalg.norm(point - self._last_position)) >= _TRAIL_STEP:
-            self._trail.add(stamp, wall, np.stack((self._last_position, point)).astype(np.float32))
+            self._trail.add(np.stack((self._last_position, point)).astype(np.float32))
             self._last_position = point
 
     def _robot_position(self) -> Vector | None:

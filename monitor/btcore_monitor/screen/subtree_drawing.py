@@ -57,14 +57,10 @@ class SubtreeDrawing:
         self._last_running: list[int] | None = None
         self._last_rings: list[int] = []
 
-    def colour(
-        self, stamp: int, wall: int, pills: Colours, rims: Colours, running: NDArray[np.bool_]
-    ) -> None:
+    def colour(self, pills: Colours, rims: Colours, running: NDArray[np.bool_]) -> None:
         """Add rows for changed colours.
 
         Args:
-            stamp: The time of the tree (ns).
-            wall: The wall-clock time (ns since the epoch).
             pills: Fill colours of all nodes of the tree.
             rims: Border colours of all nodes of the tree.
             running: For all nodes of the tree, whether the node is RUNNING.
@@ -73,22 +69,22 @@ class SubtreeDrawing:
         # Rows are sent only for changes: an unchanged subtree costs nothing.
         if not np.array_equal(own, self._last_pills):
             self._last_pills = own
-            self._pills.add(stamp, wall, own)
+            self._pills.add(own)
         own = rims[self.indices]
         if not np.array_equal(own, self._last_rims):
             self._last_rims = own
-            self._rims.add(stamp, wall, own)
+            self._rims.add(own)
         edges = np.flatnonzero(running[self.indices] & self._joined).tolist()
         if edges != self._last_running:
             self._last_running = edges
-            self._running_edges.add(stamp, wall, [self._edges[index] for index in edges])
+            self._running_edges.add([self._edges[index] for index in edges])
 
-    def draw_rings(self, stamp: int, wall: int, raised: Iterable[int]) -> None:
+    def draw_rings(self, raised: Iterable[int]) -> None:
         """Draw rings around exactly those nodes of this subtree that are in *raised* (tree indices)."""
         inside = np.flatnonzero(np.isin(self.indices, list(raised))).tolist()
         if inside != self._last_rings:
             self._last_rings = inside
-            self._rings.add(stamp, wall, [self._strips[index] for index in inside])
+            self._rings.add([self._strips[index] for index in inside])
 
     def draw(self, labels: Sequence[str], hover: Mapping[str, Sequence[str]], stroke: float) -> None:
         """Draw pills and edges.

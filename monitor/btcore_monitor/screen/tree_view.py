@@ -122,13 +122,13 @@ class TreeView:
 
     def colour(self, states: TickStates) -> None:
         """Add rows for the nodes whose colours change with *states*."""
-        palette, stamp, wall = self.palette, states.stamp, states.wall
+        palette = self.palette
         shown = states.shown[self._whole_indices]
         running = shown == RUNNING
         pills = np.where(self._inner & running, np.uint32(palette.busy), palette.fill[shown])
         rims = np.where(shown == IDLE, palette.rest[states.results[self._whole_indices]], palette.rim[shown])
         for subtree in self.subtrees:
-            subtree.colour(stamp, wall, pills, rims, running)
+            subtree.colour(pills, rims, running)
         rings = dict(self._exceptions)
         self._exceptions.clear()
         for uid, was_idle in rings.items():
@@ -137,25 +137,20 @@ class TreeView:
             if not was_idle or is_idle:
                 self._exceptions[uid] = was_idle or is_idle
         if self._exceptions or rings:
-            self._draw_rings(stamp, wall)
+            self._draw_rings()
 
-    def mark_exception(self, uid: int, stamp: int, wall: int) -> None:
+    def mark_exception(self, uid: int) -> None:
         """Draw a ring around a node that raised an exception, or around the folded subtree that contains it.
 
-        The ring disappears when the node becomes active again after it was IDLE.
-
-        Args:
-            uid: The uid of the node.
-            stamp: The time of the tree (ns).
-            wall: The wall-clock time (ns since the epoch).
+        The ring disappears when the node with this *uid* becomes active again after it was IDLE.
         """
         self._exceptions[uid] = False
-        self._draw_rings(stamp, wall)
+        self._draw_rings()
 
-    def _draw_rings(self, stamp: int, wall: int) -> None:
+    def _draw_rings(self) -> None:
         rings = {index for uid in self._exceptions if (index := self._nearest(uid)) is not None}
         for subtree in self.subtrees:
-            subtree.draw_rings(stamp, wall, rings)
+            subtree.draw_rings(rings)
 
     def _nearest(self, uid: int) -> int | None:
         """Return the index of the node *uid* of the complete tree, or of its nearest drawn ancestor."""

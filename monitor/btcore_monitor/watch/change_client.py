@@ -7,8 +7,7 @@ from btcore_monitor.closeable import Closeable
 from btcore_monitor.errors import MonitorError
 from btcore_monitor.keys import ClientKeys
 from btcore_monitor.watch.address import Address
-from btcore_monitor.watch.groot2_client import Groot1DetectedError, Groot2Client
-from btcore_monitor.watch.request_client import NoReplyError
+from btcore_monitor.watch.groot2_client import Groot1DetectedError, Groot2Client, NoReplyError
 from btcore_monitor.wire import groot2
 from btcore_monitor.wire.changes import (
     BREAKPOINTS,

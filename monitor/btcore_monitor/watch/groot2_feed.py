@@ -15,10 +15,12 @@ with the transitions that the robot still has.
 """
 
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Generator, Mapping
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Final
+from typing import Final, TypeVar
 
+from btcore_monitor.errors import MonitorError
 from btcore_monitor.events import (
     BlackboardEvent,
     DataKind,
@@ -33,14 +35,11 @@ from btcore_monitor.events import (
 from btcore_monitor.watch.blackboard_poller import BlackboardPoller
 from btcore_monitor.watch.groot2_client import Groot2Client
 from btcore_monitor.watch.hooks_warning import hooks_warning
-from btcore_monitor.watch.recording_validator import CheckedBatch, RecordingValidator, RobotClockEstimate
+from btcore_monitor.watch.recording_validator import RecordingValidator, RobotClockEstimate
 from btcore_monitor.wire.errors import ProtocolError, RobotRefusedError
-from btcore_monitor.wire.fulltree import read_fulltree
 from btcore_monitor.wire.groot2 import (
     MAX_RECORDED,
-    TRANSITION_SIZE,
     RecordedTransition,
-    Reply,
     Request,
     StatusRecord,
     decode_recording_start,
@@ -48,6 +47,7 @@ from btcore_monitor.wire.groot2 import (
     decode_transitions,
 )
 from btcore_monitor.wire.hooks import decode_hooks
+from btcore_monitor.wire.msgpack_values import decode_boards
 
 STATUS_INTERVAL_S: Final = 0.05
 """Seconds (wall clock) between two requests for statuses."""
@@ -67,289 +67,216 @@ _MAX_WANTED_TRANSITIONS: Final = 250
 _SLOWER_AFTER_S: Final = 5.0
 """Seconds without a big batch after which requests become less frequent. Ticks may be seconds apart."""
 _MIN_INTERVAL_S: Final = 0.002
-_PAUSE_S: Final = 0.1
-"""Seconds without a request after the tree was replaced."""
 _MAX_CLOCK_ERROR_NS: Final = 1_000_000_000
 """Maximum error (ns) of the estimate of the robot's clock, in addition to the duration of a request."""
 
 NOT_SENT: Final = "not sent by Groot 2"
 
+T = TypeVar("T")
+_Steps = Generator[None, None, T]
+"""A function in steps, with the result T: it yields whenever it waits for a reply or for a time."""
+
+
+class TreeReplacedError(MonitorError):
+    """The robot has another tree than the followed tree, because it has restarted or replaced its tree."""
+
+
+class _UnavailableDataError(ProtocolError):
+    """The robot rejected a request, or its reply is invalid."""
+
+
+@dataclass(slots=True)
+class _Recording:
+    """A recording that the feed has started in the robot.
+
+    Attributes:
+        start: When the recording started (ns, robot's clock).
+        max_clock_error: Maximum error (ns) of the estimate of the robot's clock.
+        validator: The check of the transitions.
+        gaps_left: Gaps because of another client, after which the feed leaves the recording.
+        drained_at: When the transitions were requested last (ns, robot's clock).
+        interval: Seconds between two batches.
+        is_new: Whether no batch has been processed yet.
+        is_reply_lost: Whether the robot may have sent transitions that did not arrive. It no longer has them.
+        is_behind: Whether the last batch was so big that the next batch is requested at once.
+        big_batch_at: When the last big batch arrived (monotonic s).
+        complete_batches: The number of batches with transitions since the last gap because of another client.
+    """
+
+    start: int
+    max_clock_error: int
+    validator: RecordingValidator
+    gaps_left: int
+    drained_at: int
+    interval: float
+    is_new: bool = True
+    is_reply_lost: bool = False
+    is_behind: bool = False
+    big_batch_at: float = 0.0
+    complete_batches: int = 0
+
+    def wall(self, transition: RecordedTransition) -> int:
+        """Return the time of *transition* (ns, robot's clock)."""
+        return self.start + 1000 * transition.offset
+
+    def adapt_interval(self, size: int) -> None:
+        """Choose the time to the next batch after a batch of *size* transitions."""
+        now = time.monotonic()
+        self.is_behind = size > _MAX_WANTED_TRANSITIONS
+        if self.is_behind:
+            self.big_batch_at = now
+            # A full buffer may have had any number of transitions.
+            self.interval *= _MAX_WANTED_TRANSITIONS / size if size < MAX_RECORDED else 0
+            self.interval = max(_MIN_INTERVAL_S, self.interval)
+        elif now - self.big_batch_at > _SLOWER_AFTER_S:
+            self.interval = min(STATUS_INTERVAL_S, 2 * self.interval)
+
 
 class Groot2Feed:
-    """Converts a robot's replies to events.
+    """Follows one tree of a robot: sends requests, and converts the replies to events.
 
     Args:
         client: The client of the robot.
+        tree: The robot's tree.
         blackboard_rate: How often blackboards are requested, in Hz (0: never).
         record: Whether the feed makes the robot record its transitions.
     """
 
-    def __init__(self, client: Groot2Client, blackboard_rate: float, record: bool = True) -> None:
-        self.client = client
-        self.tree: ObservedTree | None = None
-        self._may_record = self._is_recording_wanted = record
-        self._no_recording_reason = ""
-        self._retry_at = float("inf")
-        self._retry_after = RETRY_AFTER_S
-        self._tree_id = ""
-        self._events: list[Event] = []  # those of the present step
-        self._hooks_tree_id = ""
-        self._needs_hooks = False
-        self._records: dict[int, StatusRecord] | None = None
-        self._observed: dict[int, StatusRecord] | None = None
-        self._validator: RecordingValidator | None = None
+    def __init__(
+        self, client: Groot2Client, tree: ObservedTree, blackboard_rate: float, record: bool = True
+    ) -> None:
+        self.tree = tree
+        self._client = client
+        self._blackboard_rate = blackboard_rate
         self._clock = RobotClockEstimate()
-        self._blackboard_poller = BlackboardPoller(blackboard_rate)
-        self._pending_request: Request | None = None
-        self._paused_until = 0.0
-        # When the last request was sent, and the request of the reply that is processed (ns, robot's clock).
-        self._sent_at = self._requested_at = 0
-        self._recording_start = 0
-        self._drained_at = 0
-        self._max_clock_error = _MAX_CLOCK_ERROR_NS
+        self._events: list[Event] = []  # those of the present step
+        self._recording: _Recording | None = None
+        # When to start a recording, if there is none (monotonic s).
+        self._record_at = 0.0 if record else float("inf")
+        self._retry_after = RETRY_AFTER_S
+        self._no_recording_reason = "" if record else "--no-record"
+        self._is_reported = False
         self._reported_up_to = 0
-        self._is_first_batch = True
-        self._was_sampled = False
-        self._is_reply_lost = False
-        self._gap_count = self._complete_batches = 0
         self._last_number = 0
-        self._status_interval = STATUS_INTERVAL_S
-        self._big_batch_at = 0.0
-        self._last_batch_size = 0
-        self._next_status_at = 0.0
+        self.resume()
 
-    def reset(self, pause: float = _PAUSE_S) -> None:
-        """Forget the tree and request it again. The recording of an unchanged tree continues.
+    def resume(self) -> None:
+        """Begin or, after an error of `step`, continue to follow the tree. A recording continues."""
+        self.is_following = False
+        """Whether the robot has sent its statuses."""
+        self._statuses: dict[int, StatusRecord] | None = None
+        self._blackboard_poller = BlackboardPoller(self.tree, self._blackboard_rate)
+        self._next_request_at = 0.0
+        self._follower = self._follow()
 
-        Args:
-            pause: Seconds until the next request.
-        """
-        # The robot may have sent transitions, and has removed them then.
-        self._is_reply_lost |= self._pending_request is Request.GET_TRANSITIONS
-        self._paused_until = time.monotonic() + pause
-        self.tree = None
-        self._records = None
-        self._observed = None
-        self._pending_request = None
-
-    @property
-    def is_following(self) -> bool:
-        """Whether the robot's tree and its statuses are known."""
-        return self.tree is not None and self._records is not None
+    def __str__(self) -> str:
+        return f"{self._client.address}, by Groot 2's protocol"
 
     @property
     def is_behind(self) -> bool:
         """Whether the robot's buffer may overflow unless `step` is called again immediately."""
-        return self._validator is not None and self._last_batch_size > _MAX_WANTED_TRANSITIONS
+        return self._recording is not None and self._recording.is_behind
 
     @property
-    def next_request_at(self) -> float:
-        """When the next request is due (monotonic s); infinite while a reply is pending."""
-        if self._pending_request is not None:
-            return float("inf")
-        if not self.is_following:
-            return self._paused_until
-        return min(self._next_status_at, self._blackboard_poller.next_request_at)
+    def next_step_at(self) -> float:
+        """When the next step is due (monotonic s), unless a reply arrives before."""
+        return float("inf") if self._client.is_reply_pending else self._next_request_at
 
-    def step(self, tree_only: bool = False) -> list[Event]:
+    def step(self) -> list[Event]:
         """Process a reply and send the next request, without waiting. Return the new events.
 
-        Args:
-            tree_only: Whether to request only the tree.
+        After an exception, `resume` must be called before the next step.
 
         Raises:
+            TreeReplacedError: The robot has another tree.
             NoReplyError: There is no reply within the timeout.
-            RobotRefusedError: The robot rejected a request for its tree or its statuses.
             Groot1DetectedError: The robot replied in Groot 1's protocol.
-            ProtocolError: A reply is invalid.
+            ProtocolError: A reply is invalid, or the robot rejected a request for its statuses.
         """
         self._events = []
-        if self.client.is_reply_pending:
-            request = self._pending_request
-            try:
-                reply = self.client.receive_reply()
-            except RobotRefusedError as error:
-                self._pending_request = None
-                if not self._continue_without(request, str(error)):
-                    raise
-            else:
-                if reply is None:
-                    return []
-                self._pending_request = None
-                self._requested_at = self._sent_at
-                # While a reply is processed, a fast robot overwrites transitions. So the request that will
-                # follow in any case is sent before.
-                self._request_early(reply)
-                try:
-                    self._process_reply(reply)
-                except ProtocolError as error:
-                    reason = f"{self.client.address} sent an invalid reply: {error}"
-                    if not self._continue_without(request, reason):
-                        raise
-        if not self.client.is_reply_pending:
-            self._request(tree_only)
+        next(self._follower)
         return self._events
 
     def stop_recording(self) -> None:
         """Stop the recording that this feed started, without waiting for the reply."""
-        if self.tree is not None and self._validator is not None:
-            self.client.send_last_request(Request.TOGGLE_RECORDING, b"stop")
+        if self._recording is not None:
+            self._client.send_last_request(Request.TOGGLE_RECORDING, b"stop")
 
     # Requests
 
-    def _request(self, tree_only: bool) -> None:
-        now = time.monotonic()
-        if now < self._paused_until:
+    def _follow(self) -> _Steps[None]:
+        while True:
+            requested_at = time.monotonic()
+            if self._recording is None and requested_at >= self._record_at:
+                yield from self._start_recording()
+            was_reported = self._is_reported
+            if self._recording is None:
+                yield from self._sample()
+            else:
+                yield from self._read_recording(self._recording)
+            if not was_reported:
+                yield from self._request_hooks()
+            interval = STATUS_INTERVAL_S if self._recording is None else self._recording.interval
+            # After a big batch at once: the robot is probably in the middle of a tick.
+            next_at = requested_at + (0 if self.is_behind else interval)
+            while self._blackboard_poller.next_request_at < next_at:
+                yield from self._wait(self._blackboard_poller.next_request_at)
+                yield from self._request_blackboards()
+            yield from self._wait(next_at)
+
+    def _wait(self, until: float) -> _Steps[None]:
+        self._next_request_at = until
+        while time.monotonic() < until:
+            yield
+
+    def _request(self, kind: Request, decode: Callable[[bytes], T], body: bytes | None = None) -> _Steps[T]:
+        """Send a request, and return the decoded reply."""
+        self._client.send_request(kind, body)
+        reply = None
+        try:
+            while reply is None:
+                yield
+                reply = self._client.receive_reply()
+        except RobotRefusedError as error:
+            raise _UnavailableDataError(str(error)) from None
+        if reply.tree_id != self.tree.tree_id:
+            raise TreeReplacedError(f"{self._client.address} has another tree")
+        try:
+            return decode(reply.body)
+        except ProtocolError as error:
+            raise _UnavailableDataError(f"{self._client.address} sent an invalid reply: {error}") from None
+
+    def _request_statuses(self) -> _Steps[dict[int, StatusRecord]]:
+        statuses = yield from self._request(Request.STATUS, decode_statuses)
+        self.is_following = True
+        return {uid: record for uid, record in statuses.items() if uid in self.tree.by_uid}
+
+    def _request_blackboards(self) -> _Steps[None]:
+        poller = self._blackboard_poller
+        names = poller.create_request(time.monotonic())
+        try:
+            received = yield from self._request(Request.BLACKBOARD, decode_boards, names)
+        except _UnavailableDataError as error:
+            wall = self._clock.wall()
+            stamp = self._clock.stamp(wall)
+            self._events.extend(
+                MissingDataEvent(stamp, wall, stamp, "blackboard", f"{name} isn't shown: {error}")
+                for name in poller.adapt_to_rejection()
+            )
             return
-        if self.tree is None:
-            self._send_request(Request.FULLTREE)
-        # The run channel may still connect, and needs no recording.
-        elif tree_only:
-            pass
-        elif self._observed is not None:
-            self._send_request(Request.GET_TRANSITIONS)
-        elif (
-            self._records is not None
-            and self._validator is None
-            and (self._is_recording_wanted or now >= self._retry_at)
-        ):
-            self._send_request(Request.TOGGLE_RECORDING, b"start")
-        elif self._needs_hooks:
-            self._needs_hooks = False
-            self._send_request(Request.HOOKS_DUMP)
-        elif self._records is None or self._blackboard_poller.next_request_at >= self._next_status_at <= now:
-            # Statuses before recorded transitions: a batch must contain all transitions up to the statuses.
-            self._next_status_at = now + self._status_interval
-            self._send_request(Request.STATUS)
-        elif self._blackboard_poller.next_request_at <= now:
-            self._send_request(Request.BLACKBOARD, self._blackboard_poller.create_request(now))
+        boards = poller.store_reply(received)
+        if boards is not None:
+            wall = self._clock.wall()
+            self._events.append(BlackboardEvent(self._clock.stamp(wall), wall, boards))
 
-    def _request_early(self, reply: Reply) -> None:
-        if self.tree is None or reply.tree_id != self.tree.tree_id or self._validator is None:
-            return
-        if reply.kind == Request.STATUS:
-            self._send_request(Request.GET_TRANSITIONS)
-        elif (
-            reply.kind == Request.GET_TRANSITIONS
-            and len(reply.body) > _MAX_WANTED_TRANSITIONS * TRANSITION_SIZE
-        ):
-            # Probably in the middle of a tick.
-            self._send_request(Request.STATUS)
-
-    def _send_request(self, kind: Request, body: bytes | None = None) -> None:
-        self._pending_request = kind
-        self._sent_at = self._clock.wall()
-        self.client.send_request(kind, body)
-
-    # Replies
-
-    def _process_reply(self, reply: Reply) -> None:
-        # Every reply has the tree's ID. Another ID means that the robot has restarted or replaced its tree.
-        if self.tree is None or reply.tree_id != self.tree.tree_id:
-            self.reset()
-            if reply.kind == Request.FULLTREE:
-                self._begin_tree(read_fulltree(reply.body, reply.tree_id))
-                self._paused_until = 0.0
-            return
-        if reply.kind == Request.STATUS:
-            self._process_statuses(decode_statuses(reply.body))
-        elif reply.kind == Request.BLACKBOARD:
-            boards = self._blackboard_poller.store_reply(reply.body)
-            if boards is not None:
-                wall = self._clock.wall()
-                self._events.append(BlackboardEvent(self._clock.stamp(wall), wall, boards))
-        elif reply.kind == Request.GET_TRANSITIONS:
-            # Until the transitions are decoded, because the robot no longer has them.
-            self._is_reply_lost, lost = True, self._is_reply_lost
-            batch = decode_transitions(reply.body)
-            self._is_reply_lost = lost
-            self._process_batch(batch)
-        elif reply.kind == Request.HOOKS_DUMP:
-            self._warn_of_hooks(reply.body)
-        elif reply.kind == Request.TOGGLE_RECORDING and reply.body:
-            # µs on the wire, ns in events
-            self._begin_recording(1000 * decode_recording_start(reply.body))
-
-    def _begin_tree(self, tree: ObservedTree) -> None:
-        self.tree = tree
-        self._blackboard_poller.begin(tree)
-        if tree.tree_id == self._tree_id:
-            return
-        self._tree_id = tree.tree_id
-        self._validator = None
-        self._is_recording_wanted = self._may_record
-        self._no_recording_reason = "" if self._is_recording_wanted else "--no-record"
-        self._is_first_batch = True
-        self._was_sampled = self._is_reply_lost = False
-        self._gap_count = self._complete_batches = self._last_number = self._reported_up_to = 0
-        self._status_interval = STATUS_INTERVAL_S
-        self._retry_at, self._retry_after = float("inf"), RETRY_AFTER_S
-        self._clock.begin(self._clock.wall())
-
-    def _process_statuses(self, observed: dict[int, StatusRecord]) -> None:
-        assert self.tree is not None
-        observed = {uid: record for uid, record in observed.items() if uid in self.tree.by_uid}
-        before, self._records = self._records, observed
-        if self._validator is not None:
-            self._observed = observed
-        elif before is not None:
-            self._report_differences(before, observed)
-        elif not self._is_recording_wanted:
-            self._report_tree(self._clock.wall(), observed)
-
-    def _begin_recording(self, wall: int) -> None:
-        """Begin a recording that starts at *wall* (ns, robot's clock). The first batch shows the tree."""
-        assert self._records is not None
-        answered_at = self._clock.wall()
-        # The robot took its time between request and reply; the middle halves the maximum error.
-        self._clock.set(wall, (self._requested_at + answered_at) // 2)
-        self._max_clock_error = _MAX_CLOCK_ERROR_NS + answered_at - self._requested_at
-        if self._is_first_batch:
-            self._clock.begin(wall)
-        self._recording_start = self._drained_at = wall
-        self._was_sampled = not self._is_recording_wanted
-        self._is_recording_wanted, self._no_recording_reason, self._retry_at = True, "", float("inf")
-        self._validator = RecordingValidator(self._records)
-        self._next_status_at = 0.0
-
-    def _report_tree(self, wall: int, records: Mapping[int, StatusRecord]) -> None:
-        assert self.tree is not None
-        statuses = {node.uid: 0 for node in self.tree.nodes}
-        statuses |= {uid: record.status for uid, record in records.items()}
-        self._reported_up_to = max(self._reported_up_to, self._clock.stamp(wall))
-        results = {
-            uid: record.previous for uid, record in records.items() if record.status == 0 and record.previous
-        }
-        self._events.append(
-            TreeEvent(self.tree, self._reported_up_to, wall, statuses, False, self._create_source(), results)
-        )
-        if self._hooks_tree_id != self._tree_id:
-            self._hooks_tree_id = self._tree_id
-            self._needs_hooks = True
-
-    def _create_source(self) -> DataSource:
-        rate = self._blackboard_poller.rate
-        polled = f"requested {rate:g} times a second: short changes are not seen"
-        unavailable: dict[DataKind, str] = {
-            "ticks": NOT_SENT,
-            "exceptions": NOT_SENT,
-            "blackboard": polled if rate else "not requested",
-        }
-        if self._validator is not None:
-            return DataSource("Groot 2, recorded", unavailable)
-        reason = f" ({self._no_recording_reason})" if self._no_recording_reason else ""
-        unavailable["transitions"] = (
-            f"statuses are requested {1 / STATUS_INTERVAL_S:g} times a second{reason}: "
-            "short changes are not seen"
-        )
-        return DataSource("Groot 2, sampled", unavailable)
-
-    # Events
-
-    def _warn_of_hooks(self, dump: bytes) -> None:
+    def _request_hooks(self) -> _Steps[None]:
         """Report hooks in the robot. The feed sets no hooks, so other clients have set all of them."""
-        assert self.tree is not None
         nodes = self.tree.by_uid
+        try:
+            dump = yield from self._request(Request.HOOKS_DUMP, bytes)
+        except _UnavailableDataError:
+            # A robot may refuse to list its hooks, for example a btcore robot without control.
+            return
         try:
             hooks = decode_hooks(dump)
         except ProtocolError as error:
@@ -358,10 +285,149 @@ class Groot2Feed:
             if not hooks:
                 return
             warning = hooks_warning(
-                hooks, lambda uid: nodes[uid].path if uid in nodes else f"node {uid}", self.client.address
+                hooks, lambda uid: nodes[uid].path if uid in nodes else f"node {uid}", self._client.address
             )
         wall = self._clock.wall()
         self._events.append(HooksEvent(self._clock.stamp(wall), wall, warning))
+
+    def _sample(self) -> _Steps[None]:
+        """Report the differences to the statuses that were requested before."""
+        statuses = yield from self._request_statuses()
+        before, self._statuses = self._statuses, statuses
+        if before is None:
+            self._report_tree(self._clock.wall(), statuses)
+        else:
+            self._report_differences(before, statuses)
+
+    def _start_recording(self) -> _Steps[None]:
+        statuses = yield from self._request_statuses()
+        requested_at = self._clock.wall()
+        try:
+            micros = yield from self._request(Request.TOGGLE_RECORDING, decode_recording_start, b"start")
+        except _UnavailableDataError as error:
+            self._sample_only(statuses, str(error), self._clock.wall())
+            return
+        start = 1000 * micros
+        answered_at = self._clock.wall()
+        # The robot took its time between request and reply; the middle halves the maximum error.
+        self._clock.set(start, (requested_at + answered_at) // 2)
+        if not self._is_reported:
+            self._clock.begin(start)
+        self._recording = _Recording(
+            start=start,
+            max_clock_error=_MAX_CLOCK_ERROR_NS + answered_at - requested_at,
+            validator=RecordingValidator(statuses),
+            # In a retry, the first gap because of another client ends the recording.
+            gaps_left=1 if self._is_reported else MAX_GAPS,
+            drained_at=start,
+            interval=STATUS_INTERVAL_S,
+        )
+        self._no_recording_reason, self._record_at = "", float("inf")
+
+    def _read_recording(self, recording: _Recording) -> _Steps[None]:
+        """Request the statuses and then the transitions up to them, and report the transitions."""
+        statuses = yield from self._request_statuses()
+        was_reply_lost, recording.is_reply_lost = recording.is_reply_lost, True
+        requested_at = self._clock.wall()
+        try:
+            batch = yield from self._request(Request.GET_TRANSITIONS, decode_transitions)
+        except _UnavailableDataError as error:
+            self._sample_only(statuses, str(error), self._clock.wall())
+            return
+        recording.is_reply_lost = False
+        drained_at, recording.drained_at = recording.drained_at, requested_at
+        if batch and recording.wall(batch[0]) < drained_at - recording.max_clock_error:
+            # Offsets count from the start of the recording, which another client's `start` moves.
+            reason = "another client began a recording of this robot, or its clock was set"
+            self._leave_recording(statuses, reason, requested_at)
+            return
+        known = recording.validator.statuses
+        checked = recording.validator.apply(statuses, batch)
+        recording.adapt_interval(len(batch))
+        is_new, recording.is_new = recording.is_new, False
+        if checked.is_complete:
+            self._count_complete_batch(recording, batch)
+            gap = "short changes before this time were not seen in the samples" if is_new else ""
+        elif was_reply_lost:
+            gap = "a reply of the robot with its recorded transitions did not arrive"
+        elif checked.is_overflow:
+            gap = (
+                f"more than {MAX_RECORDED} statuses changed between two requests, and the robot keeps "
+                "only the last ones"
+            )
+        else:
+            gap = "another client reads this robot's recording too"
+            recording.gaps_left -= 1
+            recording.complete_batches = 0
+            if not recording.gaps_left:
+                self._leave_recording(recording.validator.statuses, gap, requested_at)
+                return
+        if gap:
+            # The time of the first transition: statuses that changed in a gap are shown just before it.
+            wall = recording.wall(batch[0]) if batch else requested_at
+            if is_new and not checked.is_overflow:
+                wall = recording.start
+            self._report_gap(gap, wall)
+            self._report_tree(wall, checked.before)
+        else:
+            for uid, record in checked.before.items():
+                if record.status != known[uid].status:
+                    self._report_transition(drained_at, uid, known[uid].status, record.status)
+        for transition, previous in checked.steps:
+            wall = recording.wall(transition)
+            self._report_transition(wall, transition.uid, previous, transition.status)
+
+    def _count_complete_batch(self, recording: _Recording, batch: list[RecordedTransition]) -> None:
+        recording.complete_batches += bool(batch)
+        if recording.complete_batches >= _FORGIVEN_AFTER_BATCHES:
+            recording.gaps_left, recording.complete_batches = MAX_GAPS, 0
+            self._retry_after = RETRY_AFTER_S
+
+    def _leave_recording(self, statuses: dict[int, StatusRecord], reason: str, wall: int) -> None:
+        """Leave the recording to another client, and continue with statuses only until the next retry."""
+        retry_after, self._retry_after = self._retry_after, min(_MAX_RETRY_AFTER_S, 2 * self._retry_after)
+        self._report_gap(f"{reason}: statuses are sampled for {retry_after:g} s", wall)
+        self._sample_only(statuses, f"{reason}; next attempt to read it in {retry_after:g} s", wall)
+        self._record_at = time.monotonic() + retry_after
+
+    def _sample_only(self, statuses: dict[int, StatusRecord], reason: str, wall: int) -> None:
+        """Continue with statuses only, because of *reason*."""
+        self._recording = None
+        self._record_at = float("inf")
+        self._no_recording_reason = reason
+        self._statuses = statuses
+        self._report_tree(wall, statuses)
+
+    # Events
+
+    def _report_tree(self, wall: int, records: Mapping[int, StatusRecord]) -> None:
+        statuses = {node.uid: 0 for node in self.tree.nodes}
+        statuses |= {uid: record.status for uid, record in records.items()}
+        self._is_reported = True
+        self._reported_up_to = max(self._reported_up_to, self._clock.stamp(wall))
+        results = {
+            uid: record.previous for uid, record in records.items() if record.status == 0 and record.previous
+        }
+        self._events.append(
+            TreeEvent(self.tree, self._reported_up_to, wall, statuses, False, self._create_source(), results)
+        )
+
+    def _create_source(self) -> DataSource:
+        rate = self._blackboard_rate
+        polled = f"requested {rate:g} times a second: short changes are not seen"
+        unavailable: dict[DataKind, str] = {
+            "ticks": NOT_SENT,
+            "exceptions": NOT_SENT,
+            "blackboard": polled if rate else "not requested",
+        }
+        if self._recording is not None:
+            return DataSource("Groot 2, recorded", unavailable)
+        reason = f" ({self._no_recording_reason})" if self._no_recording_reason else ""
+        unavailable["transitions"] = (
+            f"statuses are requested {1 / STATUS_INTERVAL_S:g} times a second{reason}: "
+            "short changes are not seen"
+        )
+        return DataSource("Groot 2, sampled", unavailable)
 
     def _report_differences(
         self, before: Mapping[int, StatusRecord], observed: Mapping[int, StatusRecord]
@@ -385,114 +451,8 @@ class Groot2Feed:
             TransitionEvent(self._last_number, self._reported_up_to, wall, 0, uid, previous, status)
         )
 
-    def _process_batch(self, batch: list[RecordedTransition]) -> None:
-        """Process the transitions that the robot recorded since the previous batch."""
-        assert self._validator is not None
-        assert self._observed is not None
-        observed, self._observed = self._observed, None
-        drained_at, self._drained_at = self._drained_at, self._requested_at
-        if batch and self._recording_start + 1000 * batch[0].offset < drained_at - self._max_clock_error:
-            # Offsets count from the start of the recording, which another client's `start` moves.
-            reason = "another client began a recording of this robot, or its clock was set"
-            self._leave_recording(observed, reason)
-            return
-        known = self._validator.statuses
-        checked = self._validator.apply(observed, batch)
-        self._choose_interval(len(batch))
-        # The time of the first transition: statuses of nodes that changed in a gap are shown just before it.
-        wall = self._recording_start + 1000 * batch[0].offset if batch else self._requested_at
-        if self._is_first_batch:
-            self._report_tree(wall if checked.is_overflow else self._recording_start, checked.before)
-        elif not checked.is_complete:
-            if not self._report_missing(checked, wall):
-                return
-        elif self._was_sampled:
-            self._report_gap("short changes before this time were not seen in the samples", wall)
-            self._report_tree(wall, checked.before)
-        else:
-            for uid, record in checked.before.items():
-                if record.status != known[uid].status:
-                    self._report_transition(drained_at, uid, known[uid].status, record.status)
-        self._is_first_batch = self._was_sampled = self._is_reply_lost = False
-        for transition, previous in checked.steps:
-            at = self._recording_start + 1000 * transition.offset
-            self._report_transition(at, transition.uid, previous, transition.status)
-        if checked.is_complete:
-            self._complete_batches += bool(checked.steps)
-            if self._complete_batches >= _FORGIVEN_AFTER_BATCHES:
-                self._gap_count = self._complete_batches = 0
-                self._retry_after = RETRY_AFTER_S
-
-    def _choose_interval(self, size: int) -> None:
-        """Choose the time to the next request after a batch of *size* transitions."""
-        now = time.monotonic()
-        self._last_batch_size = size
-        if size > _MAX_WANTED_TRANSITIONS:
-            self._big_batch_at = now
-            # A full buffer may have had any number of transitions.
-            self._status_interval *= _MAX_WANTED_TRANSITIONS / size if size < MAX_RECORDED else 0
-            self._status_interval = max(_MIN_INTERVAL_S, self._status_interval)
-        elif now - self._big_batch_at > _SLOWER_AFTER_S:
-            self._status_interval = min(STATUS_INTERVAL_S, 2 * self._status_interval)
-
-    def _report_missing(self, checked: CheckedBatch, wall: int) -> bool:
-        """Report that transitions are missing. Return false if the feed leaves the recording."""
-        assert self._validator is not None
-        if self._is_reply_lost:
-            reason = "a reply of the robot with its recorded transitions did not arrive"
-        elif checked.is_overflow:
-            reason = (
-                f"more than {MAX_RECORDED} statuses changed between two requests, and the robot keeps "
-                "only the last ones"
-            )
-        else:
-            self._gap_count += 1
-            self._complete_batches = 0
-            reason = "another client reads this robot's recording too"
-            if self._gap_count >= MAX_GAPS:
-                self._leave_recording(self._validator.statuses, reason)
-                return False
-        self._report_gap(reason, wall)
-        self._report_tree(wall, checked.before)
-        return True
-
-    def _leave_recording(self, records: dict[int, StatusRecord], reason: str) -> None:
-        """Leave the recording to another client, and continue with statuses only until the next retry."""
-        self._no_recording_reason = f"{reason}; next attempt to read it in {self._retry_after:g} s"
-        self._report_gap(f"{reason}: statuses are sampled for {self._retry_after:g} s", self._requested_at)
-        self._retry_at = time.monotonic() + self._retry_after
-        self._retry_after = min(_MAX_RETRY_AFTER_S, 2 * self._retry_after)
-        # The next gap because of another client ends the retry.
-        self._gap_count = MAX_GAPS - 1
-        self._complete_batches = 0
-        self._is_recording_wanted = False
-        self._validator = None
-        self._records = records
-        self._report_tree(self._requested_at, records)
-        self._is_first_batch = False
-
     def _report_gap(self, reason: str, wall: int) -> None:
         """Report that transitions before *wall* (ns, robot's clock) are missing."""
-        if not self._is_first_batch:
+        if self._is_reported:
             stamp = max(self._reported_up_to, self._clock.stamp(wall))
             self._events.append(MissingDataEvent(stamp, wall, self._reported_up_to, "transitions", reason))
-
-    def _continue_without(self, request: Request | None, reason: str) -> bool:
-        """Continue without data that the robot does not send. Return false if the data is necessary."""
-        if request is Request.BLACKBOARD:
-            wall = self._clock.wall()
-            stamp = self._clock.stamp(wall)
-            names = self._blackboard_poller.adapt_to_rejection()
-            self._events.extend(
-                MissingDataEvent(stamp, wall, stamp, "blackboard", f"{name} isn't shown: {reason}")
-                for name in names
-            )
-        elif request in (Request.TOGGLE_RECORDING, Request.GET_TRANSITIONS) and self._records is not None:
-            self._is_recording_wanted = False
-            self._validator = self._observed = None
-            self._no_recording_reason = reason
-            self._report_tree(self._clock.wall(), self._records)
-        else:
-            # A robot may refuse to list its hooks, for example a btcore robot without control.
-            return request is Request.HOOKS_DUMP
-        return True

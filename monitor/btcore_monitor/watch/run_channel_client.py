@@ -35,10 +35,9 @@ MAX_EARLY_BYTES: Final = 4 << 20
 _MAX_MESSAGE_BYTES: Final = 32 << 20
 """Maximum bytes of a message, because the other program may not be a robot."""
 
-_MAX_TREE_REQUESTS: Final = 8
 _MAX_REQUESTS: Final = 8
-"""Maximum requests for missing messages at a time. Their replies may be late: on a busy machine, or because
-other clients of the robot send requests, too."""
+"""Maximum requests of a kind at a time. Their replies may be late: on a busy machine, or because other
+clients of the robot send requests, too."""
 
 _RETRY_AFTER_S: Final = 2.0
 _MAX_FRAMES_PER_READ: Final = 500
@@ -46,6 +45,38 @@ _MAX_BYTES_PER_READ: Final = 2 << 20
 _RECONNECT_MS: Final = 100
 
 Socket = zmq.Socket[bytes]
+Received = Message | ProtocolError
+"""A message, or the error of an invalid message."""
+
+
+class _Requests:
+    """The requests of one kind that a client has sent by *socket*.
+
+    A client sends a request by subscribing to a topic. A token makes the topic unique, so no other client
+    receives the reply.
+    """
+
+    def __init__(self, socket: Socket) -> None:
+        self.topics: list[bytes] = []
+        """Topics of the requests, the oldest first. A reply without a subscription would be discarded."""
+        self._socket = socket
+        self._sent_at = 0.0
+
+    def is_late(self) -> bool:
+        """Return whether the reply to the last request is so late that the request should be repeated."""
+        return time.monotonic() - self._sent_at >= _RETRY_AFTER_S
+
+    def send(self, request: bytes) -> None:
+        """Send a request. Earlier requests stay, except the oldest of too many."""
+        self.end(keep=_MAX_REQUESTS - 1)
+        self.topics.append(b"%s/%s/%s" % (run_channel.REQUEST_TOPIC, request, _create_token()))
+        self._sent_at = time.monotonic()
+        self._socket.subscribe(self.topics[-1])
+
+    def end(self, keep: int = 0) -> None:
+        """End all requests except the last *keep* requests."""
+        while len(self.topics) > keep:
+            self._socket.unsubscribe(self.topics.pop(0))
 
 
 class RunChannelClient:
@@ -55,24 +86,17 @@ class RunChannelClient:
     """
 
     def __init__(self, address: Address, keys: ClientKeys | None = None) -> None:
+        self.address = address
         self.tree_id = ""
         """The ID of the current tree; empty until a tree is known."""
         self.last_message_at = 0.0
         """When the last message arrived (monotonic s); 0: never."""
-        self.last_error = ""
-        """Why the last invalid message could not be decoded; empty without one."""
-        self.error_count = 0
-        """The number of messages that could not be decoded."""
         self._next_seq = 1
         self._latest_seq = 0
         # Pieces that arrived too early, by their first number.
         self._early_pieces: dict[int, PieceMessage] = {}
         self._early_bytes = 0
-        self._request_topics: list[bytes] = []
-        self._requested_at = 0.0
         self._presence_topic = b""
-        self._tree_topics: list[bytes] = []
-        self._tree_requested_at = 0.0
         self._context: zmq.Context[Socket] = zmq.Context()
         self.socket = self._context.socket(zmq.SUB)
         for option, value in (
@@ -88,13 +112,18 @@ class RunChannelClient:
             keys.secure(self.socket)
         self.socket.subscribe(run_channel.STREAM_TOPIC)
         self.socket.subscribe(run_channel.HEARTBEAT_TOPIC)
-        self._request_tree()
+        self._tree_requests = _Requests(self.socket)
+        self._missing_requests = _Requests(self.socket)
+        self._tree_requests.send(run_channel.TREE_REQUEST)
         self._subscribe_presence()
         self.socket.connect(address.at(run_channel.PORT_OFFSET))
 
-    def read(self) -> list[Message]:
-        """Return the new messages without waiting, in the robot's order, each message exactly once."""
-        received: list[Message] = []
+    def read(self) -> list[Received]:
+        """Return the new messages without waiting, in the robot's order, each message exactly once.
+
+        The list has the error of an invalid message in its place.
+        """
+        received: list[Received] = []
         size = 0
         for _ in range(_MAX_FRAMES_PER_READ):
             # The caller processes these messages before the others are decoded.
@@ -111,8 +140,7 @@ class RunChannelClient:
                 self._process(run_channel.decode(frames[1]), received)
                 self.last_message_at = time.monotonic()
             except ProtocolError as error:
-                self.last_error = str(error)
-                self.error_count += 1
+                received.append(error)
         self._request_missing()
         return received
 
@@ -121,7 +149,7 @@ class RunChannelClient:
         self.tree_id = ""
         self._early_pieces.clear()
         self._early_bytes = 0
-        self._request_tree()
+        self._tree_requests.send(run_channel.TREE_REQUEST)
 
     def close(self) -> None:
         """Free the socket."""
@@ -133,19 +161,7 @@ class RunChannelClient:
             self._presence_topic = b"%s/%s" % (run_channel.PRESENCE_TOPIC, _create_token())
             self.socket.subscribe(self._presence_topic)
 
-    def _request_tree(self) -> None:
-        """Request the tree."""
-        # The subscription stays: after a reconnection ZeroMQ subscribes again, and the reply shows whether
-        # the robot has another tree.
-        if len(self._tree_topics) >= _MAX_TREE_REQUESTS:
-            self.socket.unsubscribe(self._tree_topics.pop(0))
-        self._tree_topics.append(_create_request_topic(run_channel.TREE_REQUEST))
-        self._tree_requested_at = time.monotonic()
-        # A client sends a request by subscribing. The token makes the topic unique, so no other client
-        # receives the reply.
-        self.socket.subscribe(self._tree_topics[-1])
-
-    def _process(self, message: Message, received: list[Message]) -> None:
+    def _process(self, message: Message, received: list[Received]) -> None:
         if isinstance(message, TreeMessage):
             if message.tree_id != self.tree_id:
                 # The robot no longer replies about the previous tree, so its missing messages are lost.
@@ -156,9 +172,8 @@ class RunChannelClient:
             return
         if message.tree_id != self.tree_id:
             # The TreeMessage of this tree has not arrived yet, or was lost.
-            waited = time.monotonic() - self._tree_requested_at
-            if isinstance(message, HeartbeatMessage) and self.tree_id and waited >= _RETRY_AFTER_S:
-                self._request_tree()
+            if isinstance(message, HeartbeatMessage) and self.tree_id and self._tree_requests.is_late():
+                self._tree_requests.send(run_channel.TREE_REQUEST)
             return
         if isinstance(message, StaticSceneMessage):
             received.append(message)
@@ -169,7 +184,7 @@ class RunChannelClient:
             if message.first > self._next_seq:
                 self._store_early_piece(message)
                 return
-            self._end_requests()
+            self._missing_requests.end()
             self._read_piece(message, received)
             while (first := min(self._early_pieces, default=self._next_seq + 1)) <= self._next_seq:
                 piece = self._early_pieces.pop(first)
@@ -182,11 +197,11 @@ class RunChannelClient:
         self._latest_seq = message.latest
         self._early_pieces.clear()
         self._early_bytes = 0
-        self._end_requests()
+        self._missing_requests.end()
         self._subscribe_presence()
-        for topic in self._tree_topics[:-1]:
-            self.socket.unsubscribe(topic)
-        del self._tree_topics[:-1]
+        # The last request stays: after a reconnection ZeroMQ subscribes again, and the reply shows whether
+        # the robot has another tree.
+        self._tree_requests.end(keep=1)
 
     def _store_early_piece(self, piece: PieceMessage) -> None:
         size = _count_bytes(piece)
@@ -194,14 +209,13 @@ class RunChannelClient:
             self._early_pieces[piece.first] = piece
             self._early_bytes += size
 
-    def _read_piece(self, piece: PieceMessage, received: list[Message]) -> None:
+    def _read_piece(self, piece: PieceMessage, received: list[Received]) -> None:
         """Decode the messages of *piece* from the number `_next_seq` on."""
         for data in piece.messages:
             try:
                 message = run_channel.decode(data)
             except ProtocolError as error:
-                self.last_error = str(error)
-                self.error_count += 1
+                received.append(error)
                 continue
             if not isinstance(message, StreamMessage | UnknownMessage):
                 continue
@@ -220,31 +234,15 @@ class RunChannelClient:
 
     def _request_missing(self) -> None:
         """Request missing messages, unless a reply is pending."""
-        if not self.tree_id or self._next_seq > self._latest_seq:
-            return
-        now = time.monotonic()
-        if self._request_topics and now - self._requested_at < _RETRY_AFTER_S:
-            return
-        # Earlier requests stay, because a reply without a subscription would be discarded.
-        if len(self._request_topics) >= _MAX_REQUESTS:
-            self.socket.unsubscribe(self._request_topics.pop(0))
-        self._request_topics.append(_create_request_topic(b"%d" % self._next_seq))
-        self._requested_at = now
-        self.socket.subscribe(self._request_topics[-1])
-
-    def _end_requests(self) -> None:
-        for topic in self._request_topics:
-            self.socket.unsubscribe(topic)
-        self._request_topics.clear()
+        requests = self._missing_requests
+        is_missing = bool(self.tree_id) and self._next_seq <= self._latest_seq
+        if is_missing and (not requests.topics or requests.is_late()):
+            requests.send(b"%d" % self._next_seq)
 
 
 def _count_bytes(piece: PieceMessage) -> int:
     """Return the approximate memory of *piece* in bytes; its objects take memory, too."""
     return 500 + sum(100 + len(data) for data in piece.messages)
-
-
-def _create_request_topic(request: bytes) -> bytes:
-    return b"%s/%s/%s" % (run_channel.REQUEST_TOPIC, request, _create_token())
 
 
 def _create_token() -> bytes:

@@ -21,9 +21,6 @@ PORT_BESIDE_GROOT2: Final = 2666
 RATE: Final = 25
 """Maximum updates per second; the default of BehaviorTree.CPP's PublisherZMQ."""
 
-QUESTION: Final = [b""]
-"""The frames of Groot 1's request for the tree. A publisher ignores the content, but it must be one frame."""
-
 _SIZE: Final = struct.Struct("<I")
 # uid and status without padding, as the C++ publisher writes them
 _STATUS: Final = struct.Struct("<Hb")

@@ -7,8 +7,8 @@ from click.testing import CliRunner
 
 import btcore
 from btcore.cli.main import main
+from btcore_monitor.client_options import KeyOptions
 from btcore_monitor.events import TreeEvent
-from btcore_monitor.key_options import KeyOptions
 from btcore_monitor.keys import RobotKeys, create_keys
 from btcore_monitor.serve import serve
 from btcore_monitor.watch.feed import Feed

@@ -19,7 +19,7 @@ def test_memory_and_a_second_client_do_not_notice_endless_topics_and_unfinished_
     attacks: ModuleType, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     # A busy machine may be silent for seconds, too.
-    monkeypatch.setattr("btcore_monitor.watch.feed.SILENT_AFTER_S", attacks.REPLY_WITHIN)
+    monkeypatch.setattr("btcore_monitor.watch.run_channel_feed.SILENT_AFTER_S", attacks.REPLY_WITHIN)
     attacked, _ = attacks.run_pair(["big_topics", "unfinished"], 1.0)
     assert not attacked.died
     assert attacked.growth <= attacks.GROWTH

@@ -22,10 +22,11 @@ from btcore_monitor.events import (
     TreeEvent,
 )
 from btcore_monitor.serve import serve
-from btcore_monitor.watch import groot2_feed
+from btcore_monitor.watch import feed, groot2_feed
 from btcore_monitor.watch.address import parse_address
 from btcore_monitor.watch.groot2_client import Groot2Client
 from btcore_monitor.wire.groot2 import Request
+from btcore_monitor.wire.run_channel import ANNOUNCEMENT
 from tests.monitor.conftest import Changes, Command
 from tests.monitor.watch.conftest import CppRobot, Watcher
 
@@ -487,6 +488,24 @@ def test_transitions_recorded_during_a_short_silence_are_not_lost(
     assert viewer.links == ["waiting", "connected", "lost", "connected"]
     assert not viewer.of(MissingDataEvent)
     assert len(viewer.of(TreeEvent)) == 1
+
+
+def test_a_run_channel_that_is_not_reachable_is_not_awaited_again_after_a_lost_connection(
+    cpp_robot: Callable[..., CppRobot],
+    watch: Callable[..., Watcher],
+    until: Callable[..., None],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(feed, "ANNOUNCED_RUN_CHANNEL_WAIT_S", 0.0)
+    robot = cpp_robot(xml=OTHER_TREE + ANNOUNCEMENT)
+    viewer = watch(robot.address)
+    until(lambda: viewer.of(TreeEvent), "the tree")
+    monkeypatch.setattr(feed, "ANNOUNCED_RUN_CHANNEL_WAIT_S", 1e9)
+    robot.drop_reply_to = "S"
+    until(lambda: viewer.links[-2:] == ["lost", "connected"], "the return")
+    assert "because there is no reply from its run channel" in viewer.of(ConnectionEvent)[-1].detail
+    robot.change((1, SUCCESS))
+    until(lambda: viewer.steps == [(1, IDLE, SUCCESS)], "a transition")
 
 
 def test_a_reply_may_take_longer_than_the_first_timeout(

@@ -27,11 +27,10 @@ from btcore_monitor.events import (
 )
 from btcore_monitor.serve import Publisher, serve
 from btcore_monitor.serve.gateway_process import MAX_CONNECTIONS
-from btcore_monitor.watch import feed, run_channel_client
+from btcore_monitor.watch import feed, run_channel_client, run_channel_feed
 from btcore_monitor.watch.address import AddressError, parse_address
 from btcore_monitor.watch.feed import Feed
-from btcore_monitor.watch.groot2_client import Groot2Client
-from btcore_monitor.watch.request_client import NoReplyError
+from btcore_monitor.watch.groot2_client import Groot2Client, NoReplyError
 from btcore_monitor.watch.run_channel_client import RunChannelClient
 from btcore_monitor.wire import run_channel as wire
 from btcore_monitor.wire.fulltree import read_fulltree
@@ -146,7 +145,7 @@ def test_a_robot_with_a_run_channel_is_not_sampled_meanwhile(
 ) -> None:
     """On a busy machine, the run channel may be later than Groot's replies, or silent for seconds."""
     if not is_late:
-        monkeypatch.setattr(feed, "SILENT_AFTER_S", 0.0)
+        monkeypatch.setattr(run_channel_feed, "SILENT_AFTER_S", 0.0)
     events: list[Event] = []
     with ExitStack() as stack:
         publisher = stack.enter_context(serve(endless, **{"groot2_port": None, f"{protocol}_port": 0}))

@@ -9,14 +9,13 @@ from pathlib import Path
 import pytest
 import zmq
 
-from btcore_monitor.events import Event, TransitionEvent, TreeEvent
+from btcore_monitor.events import BlackboardEvent, ConnectionEvent, Event, TransitionEvent, TreeEvent
 from btcore_monitor.log_writer import LogWriter
-from btcore_monitor.watch import groot1_feed
+from btcore_monitor.watch import feed, groot1_feed, groot2_feed
 from btcore_monitor.watch.address import Address, parse_address
+from btcore_monitor.watch.feed import Feed
 from btcore_monitor.watch.groot1_feed import Groot1Feed
-from btcore_monitor.watch.groot2_client import Groot2Client
-from btcore_monitor.watch.groot2_feed import Groot2Feed
-from btcore_monitor.watch.request_client import NoReplyError
+from btcore_monitor.watch.groot2_client import Groot2Client, NoReplyError
 from btcore_monitor.wire.errors import ProtocolError
 
 CAPTURES = Path(__file__).parents[1] / "captures"
@@ -104,49 +103,48 @@ def test_a_feed_of_damaged_groot_2_replies_recovers(
     capture: Callable[[str], list[bytes]],
     log: LogWriter,
     until: Callable[..., None],
+    monkeypatch: pytest.MonkeyPatch,
     share: float,
 ) -> None:
+    monkeypatch.setattr(feed, "_PAUSE_AFTER_ERROR_S", 0.0)
+    monkeypatch.setattr(feed, "_PAUSE_S", 0.0)
+    monkeypatch.setattr(groot2_feed, "STATUS_INTERVAL_S", 0.001)
     rng = random.Random(20)
-    answers = 0
+    answers = damages = 0
     tree_ids = [bytes(16), bytes(range(16))]
 
     def answer(request: list[bytes]) -> list[bytes]:
-        nonlocal answers
+        nonlocal answers, damages
         answers += 1
         kind, unique_id = struct.unpack("<xBI", request[0])
         frames = capture(f"{rng.choice(REPLIES[chr(kind)])}.rep")
         # Sometimes the robot restarts.
         frames[0] = struct.pack("<BBI", 2, kind, unique_id) + tree_ids[answers // 100 % 2]
         if answers < CASES and rng.random() < share:
+            damages += 1
             at = rng.choice((0, 1, 1, 1, 1, 1, 1, 1, 1, 1))
             frames[at] = damaged(frames[at], rng)
         return frames
 
     reported: list[str] = []
     seen: list[Event] = []
-    with Groot2Client(robot(answer).address) as client:
-        feed = Groot2Feed(client, blackboard_rate=100)
+    with Feed(str(robot(answer).address), blackboard_rate=100) as viewer:
 
-        def step() -> bool:
-            feed._next_status_at = feed._paused_until = 0.0
-            if client.is_reply_pending:
-                client.wait(0.1)
-            try:
-                events = feed.step()
-            except (NoReplyError, ProtocolError) as error:
-                feed.reset(0.0)
-                reported.append(str(error))
-                return False
-            for event in events:
+        def poll() -> bool:
+            is_healthy = answers > CASES
+            for event in viewer.poll(0.1):
                 log.process_event(event)
-            if answers > CASES:
-                seen.extend(events)
-            return (
-                answers > CASES and any(isinstance(event, TreeEvent) for event in seen) and feed.is_following
+                if isinstance(event, ConnectionEvent) and event.state == "lost":
+                    reported.append(event.detail)
+                if is_healthy:
+                    seen.append(event)
+            return any(isinstance(event, TreeEvent) for event in seen) and any(
+                isinstance(event, BlackboardEvent) for event in seen
             )
 
-        until(step, "the tree after the last damaged reply")
-    assert len(reported) > CASES * share / 20
+        until(poll, "the tree after the last damaged reply")
+    assert damages > CASES * share / 2
+    assert reported
     assert all(len(line) < 1_000 for line in reported)
 
 
@@ -167,7 +165,8 @@ def test_a_feed_of_damaged_groot_1_messages_recovers(
     requests = robot(answer)
     publisher = requests.context.socket(zmq.PUB)
     port = publisher.bind_to_random_port("tcp://127.0.0.1")
-    feed = Groot1Feed(parse_address(f"127.0.0.1:{requests.port}/{port}"))
+    client = Groot2Client(parse_address(f"127.0.0.1:{requests.port}/{port}"))
+    viewer = Groot1Feed(client)
     reported: list[str] = []
     seen: list[Event] = []
 
@@ -179,8 +178,9 @@ def test_a_feed_of_damaged_groot_1_messages_recovers(
         update = rng.choice(updates)
         publisher.send(damaged(update, rng) if rng.random() < share else update)
         try:
-            events = feed.step()
+            events = viewer.step()
         except (NoReplyError, ProtocolError) as error:
+            viewer.resume()
             reported.append(str(error))
             return False
         for event in events:
@@ -192,7 +192,8 @@ def test_a_feed_of_damaged_groot_1_messages_recovers(
     try:
         until(step, "transitions after the last damaged message")
     finally:
-        feed.close()
+        viewer.close()
+        client.close()
         publisher.close(linger=0)
     assert len(reported) > CASES / 20
     assert all(len(line) < 1_000 for line in reported)

@@ -1,4 +1,4 @@
-"""The options of a client's keys, `--key-file` and `--robot-key`."""
+"""The options of commands that connect to robots: `KeyOptions`, and `WatchOptions` of those that watch."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,6 +9,7 @@ from btcore.options import Options, option
 
 if TYPE_CHECKING:
     from btcore_monitor.keys import ClientKeys
+    from btcore_monitor.watch.feed import Feed
 
 
 class KeyOptions(Options, kw_only=True):
@@ -56,3 +57,30 @@ class KeyOptions(Options, kw_only=True):
 
         keys = [ClientKeys(self.key_file, key) for key in self.robot_keys]
         return keys if len(keys) == robots else keys * robots
+
+
+class WatchOptions(KeyOptions):
+    """How robots are watched, and for how long."""
+
+    no_record: Annotated[
+        bool,
+        option(
+            "Do not read a C++ robot's recording of transitions: the first client to read it consumes it."
+        ),
+    ] = False
+    blackboard_rate: Annotated[
+        float,
+        option("How often to request a C++ robot's blackboards; 0: never.", metavar="HZ", ge=0, le=100),
+    ] = 2.0
+    until_end: Annotated[bool, option("Stop when the robot reports the end of its run.")] = False
+    duration: Annotated[float, option("Stop after this time.", metavar="SECONDS", ge=0)] | None = None
+
+    def create_feed(self, address: str, keys: "ClientKeys | None") -> "Feed":
+        """Return a feed of the robot at *address*, which is one of those that `read` returned *keys* for.
+
+        Raises:
+            AddressError: *address* is invalid.
+        """
+        from btcore_monitor.watch.feed import Feed
+
+        return Feed(address, blackboard_rate=self.blackboard_rate, record=not self.no_record, keys=keys)
