@@ -3,7 +3,6 @@
 import logging
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -16,13 +15,13 @@ from btcore_navigation.behaviours import (
     SpinBehaviour,
     WaitBehaviour,
 )
-from btcore_navigation.clearance import laser_pose
+from btcore_navigation.clearance import ClearanceGrid, laser_pose
 from btcore_navigation.controller import ControllerServer
 from btcore_navigation.costmap import GlobalCostmap, LocalCostmap
 from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_navigation.localiser import Localiser
 from btcore_navigation.navigator import NavigateGoal, NavigateHandle, Navigator, navigation_nodes, tree_file
-from btcore_navigation.parameters import CostmapParameters, NavigationParameters, NavigatorParameters
+from btcore_navigation.parameters import NavigationParameters, NavigatorParameters
 from btcore_navigation.planner import Planner, PlannerServer
 from btcore_navigation.scene import NavigationScene
 from btcore_navigation.sensor_watch import SensorWatch
@@ -125,13 +124,8 @@ class Navigation:
         self.localiser = self._create_localiser(random)
         self.is_localising = True
         self.global_costmap = self._create_global_costmap()
-        local_parameters = parameters.local_costmap
-        self.local_costmap = LocalCostmap(
-            **costmap_arguments(local_parameters),
-            size=local_parameters.width,
-            resolution=local_parameters.resolution,
-            keepout=map.keepout,
-        )
+        self.local_costmap = LocalCostmap(parameters.local_costmap, map.keepout)
+        self._clearance = ClearanceGrid(self.local_costmap)
         planner = Planner(
             self.global_costmap,
             radius=parameters.global_costmap.robot_radius,
@@ -213,36 +207,26 @@ class Navigation:
 
     def _create_global_costmap(self) -> GlobalCostmap:
         """Create the costmap for planning."""
-        parameters = self.parameters.global_costmap
-        track_unknown = parameters.track_unknown_space
-        return GlobalCostmap(self.map, **costmap_arguments(parameters), track_unknown=track_unknown)
+        return GlobalCostmap(self.map, self.parameters.global_costmap)
 
     def _create_servers(self, planner: Planner) -> Servers:
         """Create the servers of all actions but those of the navigators."""
-        robot, tree, costmap, parameters = self.robot, self.transforms, self.local_costmap, self.parameters
-        sensors, radius = self.sensors, parameters.local_costmap.robot_radius
-        motion = robot, tree, costmap, parameters.behaviours, sensors, radius
+        robot, tree, parameters = self.robot, self.transforms, self.parameters
+        motion = robot, tree, self._clearance, self.sensors
+        recovery = *motion, parameters.behaviours
         return Servers(
             robot,
             tree,
             self.localiser,
             self.global_costmap,
-            costmap,
+            self.local_costmap,
             PlannerServer(planner, self.estimate),
-            ControllerServer(
-                robot,
-                tree,
-                costmap,
-                parameters.controller,
-                hold=self.must_wait,
-                sensors=sensors,
-                robot_radius=radius,
-            ),
-            SpinBehaviour(*motion),
-            BackUpBehaviour(*motion),
-            DriveOnHeadingBehaviour(*motion),
+            ControllerServer(*motion, parameters.controller, self.must_wait),
+            SpinBehaviour(*recovery),
+            BackUpBehaviour(*recovery),
+            DriveOnHeadingBehaviour(*recovery),
             WaitBehaviour(),
-            AssistedTeleopBehaviour(*motion),
+            AssistedTeleopBehaviour(*recovery),
             SmootherServer(planner),
             parameters.navigator.goal_reached_tol,
         )
@@ -398,19 +382,7 @@ class Navigation:
         except TransformError:
             return
         self._scan_seen[frame] = scan.stamp
-        costmap.observe(self.servers.follow_path.clearance.smoother.smooth(scan), laser)
-
-
-def costmap_arguments(parameters: CostmapParameters) -> dict[str, Any]:
-    """Return the constructor arguments that global and local costmaps share, with values of *parameters*."""
-    return {
-        "radius": parameters.robot_radius,
-        "inflation_radius": parameters.inflation_radius,
-        "scaling": parameters.cost_scaling_factor,
-        "obstacle_min_range": parameters.obstacle_min_range,
-        "obstacle_max_range": parameters.obstacle_max_range,
-        "raytrace_range": parameters.raytrace_max_range,
-    }
+        costmap.observe(self._clearance.smoother.smooth(scan), laser)
 
 
 def missing_trees(parameters: NavigatorParameters, trees: Path) -> list[str]:
