@@ -21,8 +21,8 @@ from btcore_navigation.parameters import BehaviourParameters
 from btcore_navigation.sensor_watch import SensorWatch
 from btcore_navigation.velocity_smoother import VelocityLimits
 from btcore_robot.rigid_transform import wrap_angle
-from btcore_robot.robot import Odometry, Robot, Twist2D
-from btcore_robot.transforms import BASE_FRAME, TransformError, TransformTree
+from btcore_robot.robot import BASE_FRAME, Odometry, Robot, Twist2D
+from btcore_robot.transforms import TransformError, TransformTree
 
 __all__ = [
     "AssistedTeleopGoal",

@@ -31,8 +31,7 @@ from btcore_navigation.parameters import (
     LocalCostmapParameters,
 )
 from btcore_robot.occupancy_map import Grid, OccupancyMap, Rectangle
-from btcore_robot.robot import LaserScan, Pose2D
-from btcore_robot.transforms import MAP_FRAME, ODOM_FRAME
+from btcore_robot.robot import MAP_FRAME, ODOM_FRAME, LaserScan, Pose2D
 
 __all__ = ["FREE", "INSCRIBED", "LETHAL", "UNKNOWN", "Costmap", "GlobalCostmap", "LocalCostmap"]
 

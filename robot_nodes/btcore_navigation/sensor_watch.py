@@ -4,7 +4,7 @@ import logging
 from dataclasses import dataclass
 
 from btcore.clock import NS_PER_S
-from btcore_robot.robot import LaserScan, Robot
+from btcore_robot.robot import BASE_FRAME, LaserScan, Robot
 from btcore_robot.time_limits import (
     MAX_LASER_FRAME_AGE_S,
     MAX_ODOMETRY_AGE_S,
@@ -12,7 +12,7 @@ from btcore_robot.time_limits import (
     MAX_SCAN_AGE_S,
     is_stale,
 )
-from btcore_robot.transforms import BASE_FRAME, ExtrapolationError, TransformError, TransformTree
+from btcore_robot.transforms import ExtrapolationError, TransformError, TransformTree
 
 log = logging.getLogger(__name__)
 

@@ -29,8 +29,8 @@ from btcore_navigation.servers import PoseSource, Servers
 from btcore_navigation.smoother import SmootherServer
 from btcore_robot.errors import RobotError
 from btcore_robot.occupancy_map import OccupancyMap
-from btcore_robot.robot import CMD_VEL, GoalOutcome, Phase, Pose2D, Robot, Waypoints
-from btcore_robot.transforms import MAP_FRAME, ODOM_FRAME, FrameBroadcaster, TransformError, TransformTree
+from btcore_robot.robot import CMD_VEL, MAP_FRAME, ODOM_FRAME, GoalOutcome, Phase, Pose2D, Robot, Waypoints
+from btcore_robot.transforms import FrameBroadcaster, TransformError, TransformTree
 from btcore_scene import MovingScene, StaticScene
 
 __all__ = ["Navigation", "missing_trees"]
