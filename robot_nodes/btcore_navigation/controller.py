@@ -194,13 +194,7 @@ class ControllerServer(MotionServer[FollowPathGoal, FollowPathFeedback]):
             self._pause(elapsed)
             self._smoother.halt(now)
             if outage.exceeds_patience(now):
-                # CONTROLLER_TIMED_OUT is Nav2's code for a costmap without new observations.
-                code = (
-                    Nav2ErrorCode.FOLLOW_PATH_TF_ERROR
-                    if outage.is_transform
-                    else Nav2ErrorCode.CONTROLLER_TIMED_OUT
-                )
-                handle.abort(code, outage.message(now))
+                handle.abort(outage.error_code(Nav2ErrorCode.FOLLOW_PATH_TF_ERROR), outage.message(now))
             return
         path, pursuit = handle.goal.path, self._pursuit
         goal = path.goal

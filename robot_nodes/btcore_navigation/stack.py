@@ -149,10 +149,11 @@ class Navigation:
         self._scene = NavigationScene(self.servers, self._outcomes)
         self._scan_seen = {ODOM_FRAME: -1, MAP_FRAME: -1}
         self._processed_scans = 0
-        self._was_confident = self._was_searching = False
-        self._searched = 0
-        """The time (ns) of the present search, without outages of sensors."""
+        self._was_confident = False
+        self._searched: int | None = None
+        """The time (ns) of the present search, without outages of sensors; None without a search."""
         self._gave_up: int | None = None
+        """The time (ns) at which the robot gave up the present search."""
         self._odometry_was_missing = False
         self._wire(frames)
 
@@ -285,10 +286,7 @@ class Navigation:
         now = self.robot.clock.now()
         outage = self.sensors.outage(now)
         if outage is not None and outage.exceeds_patience(now):
-            # CONTROLLER_TIMED_OUT is Nav2's code for a costmap without new observations.
-            is_transform = outage.is_transform
-            code = Nav2ErrorCode.NAVIGATE_TF_ERROR if is_transform else Nav2ErrorCode.CONTROLLER_TIMED_OUT
-            return code, outage.message(now)
+            return outage.error_code(Nav2ErrorCode.NAVIGATE_TF_ERROR), outage.message(now)
         if self._gave_up is None:
             return None
         if began <= self._gave_up:
@@ -328,7 +326,7 @@ class Navigation:
         if self.localiser.is_searching and self.is_localising:
             self._look_around(now)
         else:
-            self._gave_up = None
+            self._searched = self._gave_up = None
         if is_confident and not self._was_confident:
             # Obstacles that were observed at a wrong pose are at wrong places in the map.
             self.global_costmap.clear()
@@ -339,12 +337,11 @@ class Navigation:
         elif self._was_confident and not is_confident:
             self.navigate_to_pose.restart_goal()
             self.navigate_through_poses.restart_goal()
-        self._was_searching = self.localiser.is_searching
         self._was_confident = is_confident
 
     def _look_around(self, now: int) -> None:
         """Turn the robot while its pose is searched for; give up after `SEARCH_LIMIT_S` with readings."""
-        if not self._was_searching:
+        if self._searched is None:
             log.warning("the robot's pose is unknown: the robot stops and looks around")
             self._searched = 0
         if self._gave_up is not None or self.sensors.outage(now) is not None:
