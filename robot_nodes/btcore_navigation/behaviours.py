@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 
 from btcore.clock import NS_PER_S
 from btcore_navigation.action import ActionServer, GoalHandle
-from btcore_navigation.clearance import ClearanceGrid, laser_pose, min_clearance
-from btcore_navigation.costmap import LocalCostmap
+from btcore_navigation.clearance import ClearanceGrid
 from btcore_navigation.error_codes import Nav2ErrorCode
+from btcore_navigation.motion_server import MotionServer
 from btcore_navigation.parameters import BehaviourParameters
 from btcore_navigation.sensor_watch import SensorWatch
-from btcore_navigation.velocity_smoother import VelocityLimits, VelocitySmoother
+from btcore_navigation.velocity_smoother import VelocityLimits
 from btcore_robot.rigid_transform import wrap_angle
-from btcore_robot.robot import Odometry, Robot, Twist2D
-from btcore_robot.transforms import BASE_FRAME, TransformError, TransformTree
+from btcore_robot.robot import BASE_FRAME, Odometry, Robot, Twist2D
+from btcore_robot.transforms import TransformError, TransformTree
 
 __all__ = [
     "AssistedTeleopGoal",
@@ -34,7 +34,6 @@ __all__ = [
 ]
 
 _STEP_S = 0.1  # s between the simulated poses
-_ALLOWED_LOSS = 0.01  # m of clearance that the robot may lose where it is too near an obstacle already
 _MAX_ACCELERATION = 2.5  # m/s²: Nav2's limit for driving straight; the base's own limit is mostly lower
 _GRID_ERROR = 0.03  # m by which a distance of the grid may be under the hull's radius without contact
 _CLOSE_ENOUGH = 1e-6  # rad or m: Nav2's value
@@ -119,7 +118,7 @@ class _Codes:
     invalid_goal: Nav2ErrorCode
 
 
-class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic[MotionGoal]):
+class MotionBehaviour(MotionServer[MotionGoal, BehaviourFeedback], Generic[MotionGoal]):
     """A behaviour that moves the robot.
 
     Call `step` from the robot's schedule at `cycle_frequency` (10 Hz by default) in `Phase.CONTROLLER`. While
@@ -129,10 +128,9 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
     Args:
         robot: The robot.
         tree: The transform tree.
-        local_costmap: The costmap for collision checks.
-        parameters: The parameters; the defaults if omitted.
-        sensors: The watch over the sensors; by default a watch with the default time limits.
-        robot_radius: The radius (m) of the robot in the parameters of the local costmap; 0 = the robot's own.
+        clearance: The distances to obstacles, for collision checks.
+        sensors: The watch over the sensors.
+        parameters: The parameters.
     """
 
     node = "behavior_server"
@@ -142,38 +140,21 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         self,
         robot: Robot,
         tree: TransformTree,
-        local_costmap: LocalCostmap,
-        parameters: BehaviourParameters | None = None,
-        sensors: SensorWatch | None = None,
-        robot_radius: float = 0.0,
+        clearance: ClearanceGrid,
+        sensors: SensorWatch,
+        parameters: BehaviourParameters,
     ) -> None:
-        super().__init__()
-        self.parameters = parameters = parameters or BehaviourParameters()
-        self.period = 1.0 / parameters.cycle_frequency
-        """The time (s) between two steps."""
-        self._robot = robot
-        self._tree = tree
-        self._costmap = local_costmap
-        self._sensors = sensors or SensorWatch(robot, tree)
-        self._clearance = ClearanceGrid()
-        self._min_clearance = min_clearance(robot.base_info, robot_radius)
-        base = robot.base_info
-        turning = parameters.rotational_acc_lim
+        base, turning = robot.base_info, parameters.rotational_acc_lim
         v, w = max(base.v_max, -base.v_min), parameters.max_rotational_vel
         limits = VelocityLimits(v, w, _MAX_ACCELERATION, _MAX_ACCELERATION, turning, turning)
-        self._smoother = VelocitySmoother(robot, limits.within(base))
-        self._started = self._last = 0
+        super().__init__(robot, tree, clearance, sensors, limits, parameters.cycle_frequency)
+        self.parameters = parameters
+        self._started = 0
         self._interrupted = False
         self._from: Odometry = robot.odometry()
         self._travelled_before = 0.0
         """The travelled amount (rad or m) before `_from`."""
         self._travelled = 0.0
-
-    def step(self, now: int) -> None:
-        """Run one period at *now* (ns); without a goal, brake until the robot stands."""
-        super().step(now)
-        if not self.is_busy:
-            self._smoother.slow_to_stop(now, self.period)
 
     def start(self, handle: Handle[MotionGoal], now: int, previous: Handle[MotionGoal] | None) -> None:
         """Begin at the robot's present pose, or abort an invalid goal."""
@@ -206,11 +187,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
         else:
             self._move(handle, remaining, odometry, now)
         if handle.done:
-            self._smoother.send_command(0.0, 0.0, now, self.period)
-
-    def stop(self, handle: Handle[MotionGoal], now: int) -> None:
-        """Brake; later steps brake further until the robot stands."""
-        self._smoother.send_command(0.0, 0.0, now, self.period)
+            self._smoother.send_command(0.0, 0.0, now)
 
     def _goal_error(self, goal: MotionGoal) -> str:
         """Return why *goal* is invalid, as a sentence; "" for a valid goal."""
@@ -271,19 +248,12 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
                     f"{self.name} would touch something within {self.parameters.simulate_ahead_time:g} s",
                 )
                 return
-        self._smoother.send_command(v, w, now, self.period)
-
-    def _update_clearance(self) -> None:
-        """Compute the clearance from the newest scan."""
-        scan = self._robot.scan()
-        if scan is not None:
-            laser = laser_pose(self._tree, self._costmap.frame, scan)
-            self._clearance.update(scan, laser, self._costmap)
+        self._smoother.send_command(v, w, now)
 
     def _collides(self, v: float, remaining: float, odometry: Odometry) -> bool:
         pose = odometry.pose
         if v == 0.0:
-            clearance = self._clearance.distance_at(pose.x, pose.y)
+            clearance = self.clearance.distance_at(pose.x, pose.y)
             return clearance < self._robot.base_info.radius - _GRID_ERROR
         times = np.arange(1, round(self.parameters.simulate_ahead_time / _STEP_S) + 1) * _STEP_S
         along = np.minimum(abs(v) * times, remaining) * math.copysign(1.0, v)
@@ -301,9 +271,9 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
 
         *along* are the distances (m) of these positions along the robot's axis.
         """
-        clearance = self._clearance.distance_at(odometry.pose.x, odometry.pose.y)
-        least = min(self._min_clearance, clearance - _ALLOWED_LOSS)
-        return bool((self._clearance.distances_at(x, y) < least).any()) or self._approaches_echo(along)
+        clearance = self.clearance.distance_at(odometry.pose.x, odometry.pose.y)
+        least = self.clearance.required_from(clearance)
+        return bool((self.clearance.distances_at(x, y) < least).any()) or self._approaches_echo(along)
 
     def _approaches_echo(self, along: NDArray[np.float64]) -> bool:
         """Return whether the robot, moving *along* (m) its axis, comes too near an echo of a sonar."""
@@ -317,7 +287,7 @@ class MotionBehaviour(ActionServer[MotionGoal, BehaviourFeedback, None], Generic
                 x = sonar.x + distance * math.cos(sonar.yaw + side)
                 y = sonar.y + distance * math.sin(sonar.yaw + side)
                 near = np.hypot(x - along, y)
-                if bool((near < min(self._min_clearance, math.hypot(x, y) - _ALLOWED_LOSS)).any()):
+                if bool((near < self.clearance.required_from(math.hypot(x, y))).any()):
                     return True
         return False
 
@@ -438,7 +408,7 @@ class AssistedTeleopBehaviour(MotionBehaviour[AssistedTeleopGoal]):
             handle.abort(self._codes.transform, str(error))
             return
         share = self._safe_share(odometry)
-        self._smoother.send_command(share * self._command.v, share * self._command.w, now, self.period)
+        self._smoother.send_command(share * self._command.v, share * self._command.w, now)
 
     def _safe_share(self, odometry: Odometry) -> float:
         """Return the share (0–1) of the command that is safe, by Nav2's rule.

@@ -13,11 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore_navigation.costmap import LETHAL, LocalCostmap
-from btcore_robot.robot import BaseInfo, LaserScan, Pose2D
+from btcore_robot.robot import LaserScan, Pose2D
 from btcore_robot.transforms import ExtrapolationError, TransformTree
-
-HULL_MARGIN = 0.03
-"""The distance (m) that the hull of a robot keeps from obstacles."""
 
 _NO_ECHO_RANGE = 30.0  # m: stands for a ray without an echo
 _MEDIAN_RAYS = 5  # rays; fewer than three equal readings among them count as noise
@@ -25,18 +22,8 @@ _RAYS_BESIDE = 4  # rays on either side that are averaged: 5 cm in total at a di
 _MAX_STEP = 0.2  # m: neighbours farther apart than this belong to different surfaces
 
 _THREE_RAYS = np.ones((1, 3), dtype=np.uint8)
+_ALLOWED_LOSS = 0.01  # m of clearance that the robot may lose where it is too near an obstacle already
 _PASSING_DISTANCE = 0.05  # m by which a ray must pass a remembered obstacle that counts as gone
-
-
-def min_clearance(base: BaseInfo, robot_radius: float) -> float:
-    """Return the distance (m) that the centre of a robot keeps from obstacles while it drives.
-
-    Args:
-        base: The size of the robot.
-        robot_radius: The radius (m) in the parameters of the navigation; 0 = not given. A smaller radius than
-            that of the robot, with its margin, has no effect.
-    """
-    return max(robot_radius, round(base.radius + HULL_MARGIN, 6))
 
 
 def smooth_scan(scan: LaserScan) -> LaserScan:
@@ -82,9 +69,17 @@ class ClearanceGrid:
     Obstacles are the end points of the smoothed scan, and the obstacles that the costmap remembers. An
     obstacle of the costmap through which the scan sees is ignored; keep-outs and obstacles outside the
     laser's view are kept.
+
+    Args:
+        costmap: The source of the frame, of remembered obstacles and of the radius of the robot.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, costmap: LocalCostmap) -> None:
+        self._costmap = costmap
+        self.frame = costmap.frame
+        """The frame of the grid."""
+        self.required = costmap.inflation.radius
+        """The distance (m) that the centre of the robot keeps from obstacles while it drives."""
         self.resolution = 0.025
         """The side length (m) of a cell."""
         self._side = round(4.0 / self.resolution)  # cells in 4 m
@@ -100,13 +95,12 @@ class ClearanceGrid:
         self.smoother = ScanSmoother()
         """The filter of the scans; costmaps of the same robot may use it too."""
 
-    def update(self, scan: LaserScan, laser: Pose2D, costmap: LocalCostmap) -> None:
+    def update(self, scan: LaserScan, laser: Pose2D) -> None:
         """Compute the grid again.
 
         Args:
             scan: The newest scan.
-            laser: The laser's pose in the costmap's frame when it took the scan.
-            costmap: The source of the frame and of remembered obstacles.
+            laser: The laser's pose in the grid's frame when it took the scan.
         """
         half = self._side * self.resolution / 2
         self.origin = (laser.x - half, laser.y - half)
@@ -119,7 +113,7 @@ class ClearanceGrid:
         y = laser.y + np.sin(angles[is_near] + laser.yaw) * ranges[is_near]
         free = np.ones((self._side, self._side), dtype=np.uint8)
         self._mark(free, x, y)
-        self._mark(free, *self._remembered_points(scan, ranges, laser, costmap))
+        self._mark(free, *self._remembered_points(scan, ranges, laser))
         distances = np.asarray(cv2.distanceTransform(free, cv2.DIST_L2, cv2.DIST_MASK_5), dtype=np.float32)
         distances *= self.resolution
         self.distances = np.minimum(distances, half, out=distances)
@@ -129,7 +123,7 @@ class ClearanceGrid:
         """Return the distance (m) from each point to the nearest obstacle; 0 off the grid.
 
         Args:
-            x: The points' x coordinates (m) in the costmap's frame.
+            x: The points' x coordinates (m) in the grid's frame.
             y: The points' y coordinates (m), of the same shape.
 
         Returns:
@@ -142,12 +136,19 @@ class ClearanceGrid:
         distances = self.distances[np.where(is_inside, rows, 0), np.where(is_inside, cols, 0)]
         return np.where(is_inside, distances, np.float32(0.0))
 
+    def required_from(self, present: float) -> float:
+        """Return the required distance (m) of a robot with the distance *present* (m).
+
+        A robot that is too near an obstacle already may move, but not much nearer.
+        """
+        return min(self.required, present - _ALLOWED_LOSS)
+
     def distance_at(self, x: float, y: float) -> float:
         """Return the distance (m) from a point to the nearest obstacle; 0 off the grid.
 
         Args:
-            x: The point's x coordinate (m) in the costmap's frame.
-            y: The point's y coordinate (m) in the costmap's frame.
+            x: The point's x coordinate (m) in the grid's frame.
+            y: The point's y coordinate (m) in the grid's frame.
         """
         col = math.floor((x - self.origin[0]) / self.resolution)
         row = math.floor((y - self.origin[1]) / self.resolution)
@@ -169,12 +170,13 @@ class ClearanceGrid:
         free[rows[is_inside], cols[is_inside]] = 0
 
     def _remembered_points(
-        self, scan: LaserScan, ranges: NDArray[np.float32], laser: Pose2D, costmap: LocalCostmap
+        self, scan: LaserScan, ranges: NDArray[np.float32], laser: Pose2D
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the x and y (m) of four points per lethal cell that the scan doesn't see through.
 
         *ranges* are the smoothed readings, so that the mark of a single short reading disappears soon.
         """
+        costmap = self._costmap
         rows, cols = np.nonzero(costmap.costs == LETHAL)
         x = costmap.origin[0] + (cols + 0.5) * costmap.resolution
         y = costmap.origin[1] + (rows + 0.5) * costmap.resolution

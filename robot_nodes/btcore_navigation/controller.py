@@ -14,17 +14,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore.clock import NS_PER_S
-from btcore_navigation.action import ActionServer, GoalHandle
-from btcore_navigation.clearance import ClearanceGrid, laser_pose, min_clearance
-from btcore_navigation.costmap import LocalCostmap
+from btcore_navigation.action import GoalHandle
+from btcore_navigation.clearance import ClearanceGrid
 from btcore_navigation.detour import find_detour
 from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_navigation.goal_checks import GoalChecker, ProgressChecker
+from btcore_navigation.motion_server import MotionServer
 from btcore_navigation.parameters import ControllerParameters
 from btcore_navigation.path import NavPath, path_through
 from btcore_navigation.pure_pursuit import Carrot, PurePursuit
 from btcore_navigation.sensor_watch import SensorWatch
-from btcore_navigation.velocity_smoother import VelocityLimits, VelocitySmoother
+from btcore_navigation.velocity_smoother import VelocityLimits
 from btcore_robot.rigid_transform import Transform, wrap_angle
 from btcore_robot.robot import Pose2D, Robot
 from btcore_robot.transforms import TransformError, TransformTree
@@ -43,7 +43,6 @@ _RETURN_STRIDE = 2  # every second point of the path is a possible end of a deto
 _DISTANCE_PAST_OBSTACLE = 0.3  # m behind the obstacle at which a detour returns to the path
 _MAX_CROSS_TRACK_DISTANCE = 0.3  # m beside the path; farther away, a way back is searched too
 _EXTRA_DETOUR_CLEARANCE = 0.02  # m of clearance that a detour keeps in addition
-_ALLOWED_LOSS = 0.01  # m of clearance that the robot may lose where it is too near an obstacle already
 _STOP_DISTANCE = 0.08  # m that the robot stops before the last free point of an arc
 # With less motion a detour is searched, even if the path looks free.
 _STUCK_RADIUS, _STUCK_ANGLE, _STUCK_S = 0.05, 0.15, 1.5  # m, rad, s
@@ -101,7 +100,7 @@ FollowPathHandle = GoalHandle[FollowPathGoal, FollowPathFeedback, None]
 """The handle of a `FollowPathGoal`."""
 
 
-class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
+class ControllerServer(MotionServer[FollowPathGoal, FollowPathFeedback]):
     """The action server of `FollowPathGoal`.
 
     Call `step` from the robot's schedule at `controller_frequency` in `Phase.CONTROLLER`. While *hold*
@@ -111,11 +110,10 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
     Args:
         robot: The robot.
         tree: The transform tree.
-        local_costmap: The costmap for collision checks.
-        parameters: The parameters; the defaults if omitted.
-        hold: A function that returns whether the robot has to stand; by default the robot may always drive.
-        sensors: The watch over the sensors; by default a watch with the time limits of *parameters*.
-        robot_radius: The radius (m) of the robot in the parameters of the local costmap; 0 = the robot's own.
+        clearance: The distances to obstacles, for collision checks.
+        sensors: The watch over the sensors.
+        parameters: The parameters.
+        hold: A function that returns whether the robot has to stand.
 
     Attributes:
         name: The name of the action.
@@ -128,40 +126,24 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         self,
         robot: Robot,
         tree: TransformTree,
-        local_costmap: LocalCostmap,
-        parameters: ControllerParameters | None = None,
-        *,
-        hold: Callable[[], bool] | None = None,
-        sensors: SensorWatch | None = None,
-        robot_radius: float = 0.0,
+        clearance: ClearanceGrid,
+        sensors: SensorWatch,
+        parameters: ControllerParameters,
+        hold: Callable[[], bool],
     ) -> None:
-        super().__init__()
-        self.parameters = parameters = parameters or ControllerParameters()
-        self.period = 1.0 / parameters.controller_frequency
-        """The time (s) between two steps."""
-        self.clearance = ClearanceGrid()
-        """The distances to obstacles in the newest scan; public for displays."""
-        self._robot = robot
-        self._tree = tree
-        self._costmap = local_costmap
+        limits = VelocityLimits(
+            v=parameters.max_vel_x,
+            w=parameters.max_vel_theta,
+            v_up=parameters.acc_lim_x,
+            v_down=abs(parameters.decel_lim_x),
+            w_up=parameters.acc_lim_theta,
+            w_down=abs(parameters.decel_lim_theta),
+        )
+        super().__init__(robot, tree, clearance, sensors, limits, parameters.controller_frequency)
+        self.parameters = parameters
         self._hold = hold
-        self._min_clearance = min_clearance(robot.base_info, robot_radius)
-        self._blocked_clearance = round(self._min_clearance - _MAP_ERROR, 6)
-        self._full_speed_clearance = round(self._min_clearance + _EXTRA_FULL_SPEED_CLEARANCE, 6)
-        self._sensors = sensors or SensorWatch(
-            robot, tree, parameters.scan_timeout, parameters.odometry_timeout
-        )
-        self._smoother = VelocitySmoother(
-            robot,
-            VelocityLimits(
-                v=parameters.max_vel_x,
-                w=parameters.max_vel_theta,
-                v_up=parameters.acc_lim_x,
-                v_down=abs(parameters.decel_lim_x),
-                w_up=parameters.acc_lim_theta,
-                w_down=abs(parameters.decel_lim_theta),
-            ).within(robot.base_info),
-        )
+        self._blocked_clearance = round(clearance.required - _MAP_ERROR, 6)
+        self._full_speed_clearance = round(clearance.required + _EXTRA_FULL_SPEED_CLEARANCE, 6)
         self._goals = GoalChecker(
             parameters.xy_goal_tolerance, parameters.yaw_goal_tolerance, parameters.stateful
         )
@@ -178,13 +160,6 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         self._checked_stamp: int | None = None
         self._turn_direction = 0.0
         self._could_move_at = 0
-        self._last = 0
-
-    def step(self, now: int) -> None:
-        """Run one period at *now* (ns); without a goal, brake until the robot stands."""
-        super().step(now)
-        if not self.is_busy:
-            self._smoother.slow_to_stop(now, self.period)
 
     def start(self, handle: FollowPathHandle, now: int, previous: FollowPathHandle | None) -> None:
         """Begin to follow the path.
@@ -219,22 +194,16 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
             self._pause(elapsed)
             self._smoother.halt(now)
             if outage.exceeds_patience(now):
-                # CONTROLLER_TIMED_OUT is Nav2's code for a costmap without new observations.
-                code = (
-                    Nav2ErrorCode.FOLLOW_PATH_TF_ERROR
-                    if outage.is_transform
-                    else Nav2ErrorCode.CONTROLLER_TIMED_OUT
-                )
-                handle.abort(code, outage.message(now))
+                handle.abort(outage.error_code(Nav2ErrorCode.FOLLOW_PATH_TF_ERROR), outage.message(now))
             return
         path, pursuit = handle.goal.path, self._pursuit
         goal = path.goal
         assert pursuit is not None
         assert goal is not None
         try:
-            frame = self._costmap.frame
+            frame = self.clearance.frame
             to_path = Transform() if path.frame == frame else self._tree.lookup(path.frame, frame)
-            self._update_clearance(now)
+            self._update_clearance()
         except TransformError as error:
             self._fail(handle, now, Nav2ErrorCode.FOLLOW_PATH_TF_ERROR, str(error))
             return
@@ -245,20 +214,20 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         handle.feedback = FollowPathFeedback(
             pursuit.remaining, self._smoother.v, pursuit.cross_track_error, turned
         )
-        if self._hold is not None and self._hold():
+        if self._hold():
             self._pause(elapsed)
-            self._smoother.send_command(0.0, 0.0, now, self.period)
+            self._smoother.send_command(0.0, 0.0, now)
             return
         if self._goals.check(pose, goal):
             handle.succeed()
-            self._smoother.send_command(0.0, 0.0, now, self.period)
+            self._smoother.send_command(0.0, 0.0, now)
             return
         if not self._progress.check(pose, now):
             seconds = self.parameters.movement_time_allowance
             handle.abort(
                 Nav2ErrorCode.FAILED_TO_MAKE_PROGRESS, f"the robot has made no progress for {seconds:g} s"
             )
-            self._smoother.send_command(0.0, 0.0, now, self.period)
+            self._smoother.send_command(0.0, 0.0, now)
             return
         if self._goals.is_position_reached:
             self._could_move_at = now
@@ -283,7 +252,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         Returns:
             The way, or None while no path is followed or a transform is missing.
         """
-        handle, way, frame = self.current, self._detour, self._costmap.frame
+        handle, way, frame = self.current, self._detour, self.clearance.frame
         if handle is None or handle.done or self._pursuit is None:
             return None
         to_frame = Transform()
@@ -299,10 +268,6 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         (x, y), (east, north) = points[-1].tolist(), (points[-1] - points[-2:][0]).tolist()
         goal = Pose2D(x, y, math.atan2(north, east) if len(points) > 1 else here.yaw)
         return path_through(points, goal, self._last, frame)
-
-    def stop(self, handle: FollowPathHandle, now: int) -> None:
-        """Brake; later steps brake further until the robot stands."""
-        self._smoother.send_command(0.0, 0.0, now, self.period)
 
     def _problem(self, goal: FollowPathGoal) -> tuple[Nav2ErrorCode, str] | None:
         """Return error code and message of a goal that can't be followed, or None."""
@@ -331,15 +296,9 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         self._motion_check.pause(elapsed)
         self._could_move_at += elapsed
 
-    def _update_clearance(self, now: int) -> None:
-        scan = self._robot.scan()
-        if scan is not None and scan.stamp != self.clearance.stamp:
-            laser = laser_pose(self._tree, self._costmap.frame, scan)
-            self.clearance.update(scan, laser, self._costmap)
-
     def _fail(self, handle: FollowPathHandle, now: int, code: Nav2ErrorCode, message: str) -> None:
         """Stop the robot; abort the goal once the robot couldn't move for longer than the tolerance."""
-        self._smoother.send_command(0.0, 0.0, now, self.period)
+        self._smoother.send_command(0.0, 0.0, now)
         tolerance = self.parameters.failure_tolerance
         if tolerance == 0.0:
             handle.abort(code, message)
@@ -396,7 +355,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         point.
         """
         unstick = min(int(_MIN_UNSTICK_DISTANCE / _POINT_DISTANCE), len(ahead) - 1) if is_stuck else 0
-        required = self._min_clearance + _EXTRA_DETOUR_CLEARANCE
+        required = self.clearance.required + _EXTRA_DETOUR_CLEARANCE
         ends = _find_return_points(clearances >= required, unstick if last_blocked is None else last_blocked)
         previous = None if self._detour is None else self._detour.ahead(math.inf, _POINT_DISTANCE)
         self._detour = None
@@ -438,8 +397,8 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         if abs(curvature) * speed > parameters.max_vel_theta:
             speed = parameters.max_vel_theta / abs(curvature)
         # The base reaches this speed within the period; turning in proportion keeps it on the arc.
-        turn = curvature * self._smoother.reachable_speed(speed, self.period)
-        self._smoother.send_command(speed, turn, now, self.period)
+        turn = curvature * self._smoother.reachable_speed(speed)
+        self._smoother.send_command(speed, turn, now)
         return True
 
     def _measure_arc(self, carrot: Carrot, odometry: Pose2D, current_clearance: float) -> tuple[float, float]:
@@ -450,11 +409,10 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         chord = along * np.sinc(curvature * along / (2 * math.pi))
         x, y = odometry.x + chord * np.cos(turned), odometry.y + chord * np.sin(turned)
         clearances = self.clearance.distances_at(x, y)
-        # A robot that is too near an obstacle already may move, but not nearer.
-        is_tight = clearances < min(self._min_clearance, current_clearance - _ALLOWED_LOSS)
+        is_tight = clearances < self.clearance.required_from(current_clearance)
         free_length = float(along[int(is_tight.argmax())]) - _POINT_DISTANCE if is_tight.any() else math.inf
         narrowest = float(clearances[:_SPEED_POINTS].min())
-        least = self._min_clearance
+        least = self.clearance.required
         width = (narrowest - least) / (self._full_speed_clearance - least)
         share = _MIN_SPEED_SHARE + (1 - _MIN_SPEED_SHARE) * width
         return free_length, min(max(share, _MIN_SPEED_SHARE), 1.0)
@@ -467,7 +425,7 @@ class ControllerServer(ActionServer[FollowPathGoal, FollowPathFeedback, None]):
         self._turn_direction = math.copysign(1.0, angle)
         limits = self._smoother.limits
         rate = math.sqrt(2 * _TURN_ACCELERATION_SHARE * limits.w_down * abs(angle))
-        self._smoother.send_command(0.0, math.copysign(max(rate, _MIN_TURN_RATE), angle), now, self.period)
+        self._smoother.send_command(0.0, math.copysign(max(rate, _MIN_TURN_RATE), angle), now)
 
 
 def _find_return_points(is_free: NDArray[np.bool_], start: int) -> list[int]:

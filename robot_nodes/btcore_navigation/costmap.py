@@ -25,11 +25,18 @@ from btcore_navigation.costmap_layers import (
     draw_keepouts,
     static_costs,
 )
+from btcore_navigation.parameters import (
+    CostmapParameters,
+    GlobalCostmapParameters,
+    LocalCostmapParameters,
+)
 from btcore_robot.occupancy_map import Grid, OccupancyMap, Rectangle
-from btcore_robot.robot import LaserScan, Pose2D
-from btcore_robot.transforms import MAP_FRAME, ODOM_FRAME
+from btcore_robot.robot import MAP_FRAME, ODOM_FRAME, LaserScan, Pose2D
 
 __all__ = ["FREE", "INSCRIBED", "LETHAL", "UNKNOWN", "Costmap", "GlobalCostmap", "LocalCostmap"]
+
+_GLOBAL = GlobalCostmapParameters(robot_radius=0.30)
+_LOCAL = LocalCostmapParameters(robot_radius=0.30)
 
 
 class Costmap(Grid):
@@ -102,15 +109,25 @@ class LayeredCostmap(Costmap):
 
     def __init__(
         self,
+        parameters: CostmapParameters,
         shape: tuple[int, int],
+        resolution: float,
         origin: tuple[float, float],
         frame: str,
-        inflation: InflationLayer,
-        obstacles: ObstacleLayer,
+        unobserved: int,
     ) -> None:
-        super().__init__(np.zeros(shape, dtype=np.uint8), inflation.resolution, origin, frame)
-        self.inflation = inflation
-        self.obstacles = obstacles
+        super().__init__(np.zeros(shape, dtype=np.uint8), resolution, origin, frame)
+        self.inflation = InflationLayer(
+            parameters.robot_radius, parameters.inflation_radius, parameters.cost_scaling_factor, resolution
+        )
+        self.obstacles = ObstacleLayer(
+            shape,
+            resolution,
+            unobserved,
+            min_range=parameters.obstacle_min_range,
+            max_range=parameters.obstacle_max_range,
+            raytrace_range=parameters.raytrace_max_range,
+        )
         self.stamp = 0
         """The time (ns) of the last update."""
         self._pending: dict[str, tuple[LaserScan, Pose2D]] = {}
@@ -183,41 +200,14 @@ class GlobalCostmap(LayeredCostmap):
     `map_costs` contains the map's unknown cells, too.
 
     Args:
-        map: The map.
-        radius: The robot's radius (m).
-        inflation_radius: The distance (m) up to which obstacles have costs around them.
-        scaling: The decay (1/m) of the costs with the distance; see `InflationLayer`.
-        obstacle_min_range: The minimum range (m) of a reading that marks an obstacle.
-        obstacle_max_range: The maximum range (m) of a reading that marks an obstacle.
-        raytrace_range: The range (m) up to which a ray frees the cells that it crosses.
-        track_unknown: Whether unknown cells of the map are UNKNOWN until a ray crosses them; otherwise they
-            are FREE.
+        map: The map, which determines the resolution.
+        parameters: The parameters; by default Nav2's, with the radius of Tiago.
     """
 
-    def __init__(
-        self,
-        map: OccupancyMap,
-        radius: float = 0.30,
-        inflation_radius: float = 0.55,
-        scaling: float = 3.0,
-        *,
-        obstacle_min_range: float = 0.0,
-        obstacle_max_range: float = 2.5,
-        raytrace_range: float = 3.0,
-        track_unknown: bool = True,
-    ) -> None:
+    def __init__(self, map: OccupancyMap, parameters: GlobalCostmapParameters = _GLOBAL) -> None:
         shape = (map.height, map.width)
-        obstacles = ObstacleLayer(
-            shape,
-            map.resolution,
-            UNKNOWN,
-            min_range=obstacle_min_range,
-            max_range=obstacle_max_range,
-            raytrace_range=raytrace_range,
-        )
-        inflation = InflationLayer(radius, inflation_radius, scaling, map.resolution)
-        super().__init__(shape, map.origin, MAP_FRAME, inflation, obstacles)
-        self._track_unknown = track_unknown
+        super().__init__(parameters, shape, map.resolution, map.origin, MAP_FRAME, UNKNOWN)
+        self._track_unknown = parameters.track_unknown_space
         self._draw(map)
 
     def change_map(self, map: OccupancyMap) -> None:
@@ -270,45 +260,21 @@ class GlobalCostmap(LayeredCostmap):
 
 
 class LocalCostmap(LayeredCostmap):
-    """A costmap of a square of *size* (m) around the robot, in the frame `odom`, with observed obstacles.
+    """A costmap of a square around the robot, in the frame `odom`, with observed obstacles.
 
-    Cells without an observation are FREE. *keepout* are rectangles in the frame map. They are drawn at the
-    newest *map_pose* that `update` has received; before the first *map_pose* they are not drawn. *resolution*
-    (m) is the side length of a cell. `GlobalCostmap` describes the other parameters.
+    Cells without an observation are FREE.
 
     Args:
-        radius: See `GlobalCostmap`.
-        inflation_radius: See `GlobalCostmap`.
-        scaling: See `GlobalCostmap`.
-        obstacle_min_range: See `GlobalCostmap`.
-        obstacle_max_range: See `GlobalCostmap`.
-        raytrace_range: See `GlobalCostmap`.
+        parameters: The parameters; by default Nav2's, with the radius of Tiago.
+        keepout: Rectangles in the frame map. They are drawn at the newest *map_pose* that `update` has
+            received; before the first *map_pose* they are not drawn.
     """
 
     def __init__(
-        self,
-        radius: float = 0.30,
-        inflation_radius: float = 0.55,
-        scaling: float = 3.0,
-        *,
-        size: float = 3.0,
-        resolution: float = 0.05,
-        keepout: tuple[Rectangle, ...] = (),
-        obstacle_min_range: float = 0.0,
-        obstacle_max_range: float = 2.5,
-        raytrace_range: float = 3.0,
+        self, parameters: LocalCostmapParameters = _LOCAL, keepout: tuple[Rectangle, ...] = ()
     ) -> None:
-        side = round(size / resolution)
-        obstacles = ObstacleLayer(
-            (side, side),
-            resolution,
-            FREE,
-            min_range=obstacle_min_range,
-            max_range=obstacle_max_range,
-            raytrace_range=raytrace_range,
-        )
-        inflation = InflationLayer(radius, inflation_radius, scaling, resolution)
-        super().__init__((side, side), (0.0, 0.0), ODOM_FRAME, inflation, obstacles)
+        side = round(parameters.width / parameters.resolution)
+        super().__init__(parameters, (side, side), parameters.resolution, (0.0, 0.0), ODOM_FRAME, FREE)
         self._corner = (0, 0)
         self.keepout = keepout
         self._map_in_frame: Pose2D | None = None

@@ -23,10 +23,19 @@ from btcore_navigation.ray_casting import RayCaster
 from btcore_navigation.relocalisation import Relocaliser
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.rigid_transform import Transform, wrap_angle
-from btcore_robot.robot import LaserScan, Odometry, Pose2D, Robot, TransformStamped
+from btcore_robot.robot import (
+    BASE_FRAME,
+    MAP_FRAME,
+    ODOM_FRAME,
+    LaserScan,
+    Odometry,
+    Pose2D,
+    Robot,
+    TransformStamped,
+)
 from btcore_robot.time_limits import MAX_ODOMETRY_AGE_S, is_stale
 from btcore_robot.transform_filter import TransformFilter
-from btcore_robot.transforms import BASE_FRAME, MAP_FRAME, ODOM_FRAME, TransformTree
+from btcore_robot.transforms import TransformTree
 
 __all__ = ["Localiser"]
 

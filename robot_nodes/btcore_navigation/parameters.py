@@ -17,7 +17,6 @@ from typing import Annotated, Any, TypeVar
 from msgspec import Meta
 
 from btcore.typed_data import NotNegative
-from btcore_navigation.clearance import min_clearance
 from btcore_robot import time_limits
 from btcore_robot.parameter_files import (
     EVERY_SERVER,
@@ -40,6 +39,9 @@ __all__ = [
     "load_parameters",
 ]
 
+
+HULL_MARGIN = 0.03
+"""The distance (m) that the hull of a robot keeps from obstacles."""
 
 AnyCostmap = TypeVar("AnyCostmap", "GlobalCostmapParameters", "LocalCostmapParameters")
 
@@ -255,6 +257,17 @@ class NavigationParameters:
             global_costmap=_with_radius(self.global_costmap, base),
             local_costmap=_with_radius(self.local_costmap, base),
         )
+
+
+def min_clearance(base: BaseInfo, robot_radius: float) -> float:
+    """Return the distance (m) that the centre of a robot keeps from obstacles while it drives.
+
+    Args:
+        base: The size of the robot.
+        robot_radius: The radius (m) in the parameters of the navigation; 0 = not given. A smaller radius than
+            that of the robot, with its margin, has no effect.
+    """
+    return max(robot_radius, round(base.radius + HULL_MARGIN, 6))
 
 
 def _with_radius(costmap: AnyCostmap, base: BaseInfo) -> AnyCostmap:

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore_robot.rigid_transform import wrap_angles
-from btcore_robot.robot import Pose2D
+from btcore_robot.robot import MAP_FRAME, Pose2D
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,7 +21,7 @@ class NavPath:
 
     poses: NDArray[np.float64]
     stamp: int
-    frame: str = "map"
+    frame: str = MAP_FRAME
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, NavPath):
@@ -96,7 +96,7 @@ class NavPath:
 
 def empty_path(stamp: int) -> NavPath:
     """Return a path without poses, planned at *stamp* (ns), in the frame `map`."""
-    return NavPath(np.zeros((0, 3)), stamp, "map")
+    return NavPath(np.zeros((0, 3)), stamp, MAP_FRAME)
 
 
 def path_through(points: NDArray[np.float64], goal: Pose2D, stamp: int, frame: str) -> NavPath:

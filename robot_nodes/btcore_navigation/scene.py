@@ -18,8 +18,7 @@ from btcore_navigation.servers import Servers
 from btcore_robot.occupancy_map import Grid as CellGrid
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.rigid_transform import Transform
-from btcore_robot.robot import GoalOutcome, Pose2D
-from btcore_robot.transforms import MAP_FRAME, ODOM_FRAME
+from btcore_robot.robot import MAP_FRAME, ODOM_FRAME, GoalOutcome, Pose2D
 from btcore_scene import Area, Frame, Grid, MovingScene, Poses, StaticScene
 
 MAX_PARTICLES = 250

@@ -4,7 +4,8 @@ import logging
 from dataclasses import dataclass
 
 from btcore.clock import NS_PER_S
-from btcore_robot.robot import LaserScan, Robot
+from btcore_navigation.error_codes import Nav2ErrorCode
+from btcore_robot.robot import BASE_FRAME, LaserScan, Robot
 from btcore_robot.time_limits import (
     MAX_LASER_FRAME_AGE_S,
     MAX_ODOMETRY_AGE_S,
@@ -12,7 +13,7 @@ from btcore_robot.time_limits import (
     MAX_SCAN_AGE_S,
     is_stale,
 )
-from btcore_robot.transforms import BASE_FRAME, ExtrapolationError, TransformError, TransformTree
+from btcore_robot.transforms import ExtrapolationError, TransformError, TransformTree
 
 log = logging.getLogger(__name__)
 
@@ -43,6 +44,11 @@ class Outage:
         duration = f"{seconds:.1f}" if seconds < 10.0 else f"{seconds:.0f}"
         detail = f" ({self.detail})" if self.detail else ""
         return f"no {self.sensor} for {duration} s{detail}: the robot stands until it arrives again"
+
+    def error_code(self, tf_error: Nav2ErrorCode) -> Nav2ErrorCode:
+        """Return the error code of goals that fail by the outage; *tf_error* is that of missing poses."""
+        # CONTROLLER_TIMED_OUT is Nav2's code for a costmap without new observations.
+        return tf_error if self.is_transform else Nav2ErrorCode.CONTROLLER_TIMED_OUT
 
     def exceeds_patience(self, now: int) -> bool:
         """Return whether goals that wait for the readings fail at *now* (ns)."""

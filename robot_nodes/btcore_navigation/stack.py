@@ -3,7 +3,6 @@
 import logging
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -16,13 +15,13 @@ from btcore_navigation.behaviours import (
     SpinBehaviour,
     WaitBehaviour,
 )
-from btcore_navigation.clearance import laser_pose
+from btcore_navigation.clearance import ClearanceGrid, laser_pose
 from btcore_navigation.controller import ControllerServer
 from btcore_navigation.costmap import GlobalCostmap, LocalCostmap
 from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_navigation.localiser import Localiser
 from btcore_navigation.navigator import NavigateGoal, NavigateHandle, Navigator, navigation_nodes, tree_file
-from btcore_navigation.parameters import CostmapParameters, NavigationParameters, NavigatorParameters
+from btcore_navigation.parameters import NavigationParameters, NavigatorParameters
 from btcore_navigation.planner import Planner, PlannerServer
 from btcore_navigation.scene import NavigationScene
 from btcore_navigation.sensor_watch import SensorWatch
@@ -30,8 +29,8 @@ from btcore_navigation.servers import PoseSource, Servers
 from btcore_navigation.smoother import SmootherServer
 from btcore_robot.errors import RobotError
 from btcore_robot.occupancy_map import OccupancyMap
-from btcore_robot.robot import CMD_VEL, GoalOutcome, Phase, Pose2D, Robot, Waypoints
-from btcore_robot.transforms import MAP_FRAME, ODOM_FRAME, FrameBroadcaster, TransformError, TransformTree
+from btcore_robot.robot import CMD_VEL, MAP_FRAME, ODOM_FRAME, GoalOutcome, Phase, Pose2D, Robot, Waypoints
+from btcore_robot.transforms import FrameBroadcaster, TransformError, TransformTree
 from btcore_scene import MovingScene, StaticScene
 
 __all__ = ["Navigation", "missing_trees"]
@@ -125,13 +124,8 @@ class Navigation:
         self.localiser = self._create_localiser(random)
         self.is_localising = True
         self.global_costmap = self._create_global_costmap()
-        local_parameters = parameters.local_costmap
-        self.local_costmap = LocalCostmap(
-            **costmap_arguments(local_parameters),
-            size=local_parameters.width,
-            resolution=local_parameters.resolution,
-            keepout=map.keepout,
-        )
+        self.local_costmap = LocalCostmap(parameters.local_costmap, map.keepout)
+        self._clearance = ClearanceGrid(self.local_costmap)
         planner = Planner(
             self.global_costmap,
             radius=parameters.global_costmap.robot_radius,
@@ -155,10 +149,11 @@ class Navigation:
         self._scene = NavigationScene(self.servers, self._outcomes)
         self._scan_seen = {ODOM_FRAME: -1, MAP_FRAME: -1}
         self._processed_scans = 0
-        self._was_confident = self._was_searching = False
-        self._searched = 0
-        """The time (ns) of the present search, without outages of sensors."""
+        self._was_confident = False
+        self._searched: int | None = None
+        """The time (ns) of the present search, without outages of sensors; None without a search."""
         self._gave_up: int | None = None
+        """The time (ns) at which the robot gave up the present search."""
         self._odometry_was_missing = False
         self._wire(frames)
 
@@ -213,36 +208,26 @@ class Navigation:
 
     def _create_global_costmap(self) -> GlobalCostmap:
         """Create the costmap for planning."""
-        parameters = self.parameters.global_costmap
-        track_unknown = parameters.track_unknown_space
-        return GlobalCostmap(self.map, **costmap_arguments(parameters), track_unknown=track_unknown)
+        return GlobalCostmap(self.map, self.parameters.global_costmap)
 
     def _create_servers(self, planner: Planner) -> Servers:
         """Create the servers of all actions but those of the navigators."""
-        robot, tree, costmap, parameters = self.robot, self.transforms, self.local_costmap, self.parameters
-        sensors, radius = self.sensors, parameters.local_costmap.robot_radius
-        motion = robot, tree, costmap, parameters.behaviours, sensors, radius
+        robot, tree, parameters = self.robot, self.transforms, self.parameters
+        motion = robot, tree, self._clearance, self.sensors
+        recovery = *motion, parameters.behaviours
         return Servers(
             robot,
             tree,
             self.localiser,
             self.global_costmap,
-            costmap,
+            self.local_costmap,
             PlannerServer(planner, self.estimate),
-            ControllerServer(
-                robot,
-                tree,
-                costmap,
-                parameters.controller,
-                hold=self.must_wait,
-                sensors=sensors,
-                robot_radius=radius,
-            ),
-            SpinBehaviour(*motion),
-            BackUpBehaviour(*motion),
-            DriveOnHeadingBehaviour(*motion),
+            ControllerServer(*motion, parameters.controller, self.must_wait),
+            SpinBehaviour(*recovery),
+            BackUpBehaviour(*recovery),
+            DriveOnHeadingBehaviour(*recovery),
             WaitBehaviour(),
-            AssistedTeleopBehaviour(*motion),
+            AssistedTeleopBehaviour(*recovery),
             SmootherServer(planner),
             parameters.navigator.goal_reached_tol,
         )
@@ -301,10 +286,7 @@ class Navigation:
         now = self.robot.clock.now()
         outage = self.sensors.outage(now)
         if outage is not None and outage.exceeds_patience(now):
-            # CONTROLLER_TIMED_OUT is Nav2's code for a costmap without new observations.
-            is_transform = outage.is_transform
-            code = Nav2ErrorCode.NAVIGATE_TF_ERROR if is_transform else Nav2ErrorCode.CONTROLLER_TIMED_OUT
-            return code, outage.message(now)
+            return outage.error_code(Nav2ErrorCode.NAVIGATE_TF_ERROR), outage.message(now)
         if self._gave_up is None:
             return None
         if began <= self._gave_up:
@@ -344,7 +326,7 @@ class Navigation:
         if self.localiser.is_searching and self.is_localising:
             self._look_around(now)
         else:
-            self._gave_up = None
+            self._searched = self._gave_up = None
         if is_confident and not self._was_confident:
             # Obstacles that were observed at a wrong pose are at wrong places in the map.
             self.global_costmap.clear()
@@ -355,12 +337,11 @@ class Navigation:
         elif self._was_confident and not is_confident:
             self.navigate_to_pose.restart_goal()
             self.navigate_through_poses.restart_goal()
-        self._was_searching = self.localiser.is_searching
         self._was_confident = is_confident
 
     def _look_around(self, now: int) -> None:
         """Turn the robot while its pose is searched for; give up after `SEARCH_LIMIT_S` with readings."""
-        if not self._was_searching:
+        if self._searched is None:
             log.warning("the robot's pose is unknown: the robot stops and looks around")
             self._searched = 0
         if self._gave_up is not None or self.sensors.outage(now) is not None:
@@ -398,19 +379,7 @@ class Navigation:
         except TransformError:
             return
         self._scan_seen[frame] = scan.stamp
-        costmap.observe(self.servers.follow_path.clearance.smoother.smooth(scan), laser)
-
-
-def costmap_arguments(parameters: CostmapParameters) -> dict[str, Any]:
-    """Return the constructor arguments that global and local costmaps share, with values of *parameters*."""
-    return {
-        "radius": parameters.robot_radius,
-        "inflation_radius": parameters.inflation_radius,
-        "scaling": parameters.cost_scaling_factor,
-        "obstacle_min_range": parameters.obstacle_min_range,
-        "obstacle_max_range": parameters.obstacle_max_range,
-        "raytrace_range": parameters.raytrace_max_range,
-    }
+        costmap.observe(self._clearance.smoother.smooth(scan), laser)
 
 
 def missing_trees(parameters: NavigatorParameters, trees: Path) -> list[str]:

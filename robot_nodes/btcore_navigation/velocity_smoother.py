@@ -36,10 +36,18 @@ class VelocityLimits:
 
 
 class VelocitySmoother:
-    """A sender of velocity commands whose changes stay within the limits."""
+    """A sender of velocity commands whose changes stay within the limits.
 
-    def __init__(self, robot: Robot, limits: VelocityLimits) -> None:
+    Args:
+        robot: The robot.
+        limits: The limits.
+        period: The time (s) between two commands. If more time has passed, the command changes only as much
+            as it may change in this time.
+    """
+
+    def __init__(self, robot: Robot, limits: VelocityLimits, period: float) -> None:
         self._robot = robot
+        self._period = period
         self.limits = limits
         self.v = 0.0
         """The last commanded speed (m/s)."""
@@ -59,43 +67,36 @@ class VelocitySmoother:
             self.w = _clamp(twist.w, -self.limits.w, self.limits.w)
             self._stamp = None
 
-    def reachable_speed(self, v: float, seconds: float) -> float:
-        """Return the speed (m/s) nearest to a target that can be reached within the limits.
+    def reachable_speed(self, v: float) -> float:
+        """Return the speed (m/s) nearest to the target *v* (m/s) that can be reached within a period."""
+        return self._speed_after(v, self._period)
 
-        Args:
-            v: The target speed (m/s).
-            seconds: The time (s) since the last command.
-        """
+    def _speed_after(self, v: float, seconds: float) -> float:
         limits = self.limits
         return _next(self.v, _clamp(v, -limits.v, limits.v), limits.v_up * seconds, limits.v_down * seconds)
 
-    def send_command(self, v: float, w: float, now: int, period: float) -> None:
+    def send_command(self, v: float, w: float, now: int) -> None:
         """Command the velocity nearest to the target that is reachable since the last command.
 
         Args:
             v: The target speed (m/s).
             w: The target turning rate (rad/s).
             now: The time (ns).
-            period: The time (s) between two commands. If more time has passed, the command changes only as
-                much as it may change in this time.
         """
-        seconds = period if self._stamp is None else min(max((now - self._stamp) / NS_PER_S, 0.0), period)
+        seconds = self._period
+        if self._stamp is not None:
+            seconds = min(max((now - self._stamp) / NS_PER_S, 0.0), seconds)
         limits = self.limits
-        self.v = self.reachable_speed(v, seconds)
+        self.v = self._speed_after(v, seconds)
         self.w = _next(self.w, _clamp(w, -limits.w, limits.w), limits.w_up * seconds, limits.w_down * seconds)
         self._stamp = now
         self._robot.drive(self.v, self.w)
 
-    def slow_to_stop(self, now: int, period: float) -> None:
-        """Brake step by step, unless another source commands the robot. Call this repeatedly.
-
-        Args:
-            now: The time (ns).
-            period: The time (s) between two commands, as in `send_command`.
-        """
+    def slow_to_stop(self, now: int) -> None:
+        """Brake step by step at *now* (ns), unless another source commands the robot. Call it repeatedly."""
         if (self.v, self.w) != (0.0, 0.0):
             if self._robot.commanded_velocity() == Twist2D(self.v, self.w):
-                self.send_command(0.0, 0.0, now, period)
+                self.send_command(0.0, 0.0, now)
             else:
                 self.v = self.w = 0.0
 

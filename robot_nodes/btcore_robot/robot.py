@@ -25,6 +25,9 @@ from numpy.typing import NDArray
 from btcore.errors import BtcoreError
 from btcore.typed_data import Positive
 
+MAP_FRAME, ODOM_FRAME, BASE_FRAME = "map", "odom", "base_footprint"
+"""The frames of the map, of odometry, and of the robot."""
+
 CMD_VEL = 10
 """The priority of a tree's velocity commands, as in the twist_mux configuration of Tiago."""
 

@@ -11,11 +11,9 @@ import numpy as np
 
 from btcore.clock import NS_PER_S
 from btcore_robot.rigid_transform import wrap_angle
-from btcore_robot.robot import LaserScan, Phase, Robot, TransformStamped, Twist2D
+from btcore_robot.robot import BASE_FRAME, LaserScan, Phase, Robot, TransformStamped, Twist2D
 
 __all__ = ["check_robot"]
-
-FOOTPRINT = "base_footprint"
 
 
 def check_robot(make_robot: Callable[[], Robot], *, drives: bool = True) -> None:
@@ -114,8 +112,8 @@ def check_frames(robot: Robot) -> None:
         chain = [child]
         while chain[-1] in parents and len(chain) <= len(parents):
             chain.append(parents[chain[-1]])
-        assert chain[-1] == FOOTPRINT, (
-            f"the chain of parents of frame '{child}' ends at '{chain[-1]}', not at {FOOTPRINT}"
+        assert chain[-1] == BASE_FRAME, (
+            f"the chain of parents of frame '{child}' ends at '{chain[-1]}', not at {BASE_FRAME}"
         )
     for frame in frames:
         check_frame(frame, robot.clock.now())

@@ -9,13 +9,13 @@ from btcore.clock import NS_PER_S
 from btcore.suggestions import did_you_mean
 from btcore_robot.errors import RobotError
 from btcore_robot.rigid_transform import Transform as Transform  # also public here
+from btcore_robot.robot import BASE_FRAME as BASE_FRAME  # these are also public here
+from btcore_robot.robot import MAP_FRAME as MAP_FRAME
+from btcore_robot.robot import ODOM_FRAME as ODOM_FRAME
 from btcore_robot.robot import Robot, TransformStamped
 
 CACHE_TIME = 10 * NS_PER_S
 """The time (ns) for which poses of a moving frame are kept: tf2's default. Static frames are kept forever."""
-
-MAP_FRAME, ODOM_FRAME, BASE_FRAME = "map", "odom", "base_footprint"
-"""The frames of the map, of odometry, and of the robot."""
 
 _LENGTH_TOLERANCE = 1e-3  # of a unit quaternion
 

@@ -15,6 +15,12 @@ if TYPE_CHECKING:
 CHECK_NS: Final = NS_PER_S
 """The time (ns) between two checks for entities without a user."""
 
+SETTLING_NS: Final = NS_PER_S // 10
+"""The time (ns) between the creation of a client, or the appearance of its server, and the first message.
+
+The server has to find the client, too: its answer to an earlier message would be lost.
+"""
+
 
 class SharedEntity:
     """An action client, service client, publisher or subscription, and its users.
@@ -22,21 +28,31 @@ class SharedEntity:
     Attributes:
         entity: The entity, or an object whose attribute `parts` has the entities of which it consists.
         users: The leaves, and the goals in progress, that use the entity. They are not kept alive.
-        unsettled: The time (ns, `time.monotonic_ns`) of the creation, or at which a server was last missing.
         is_destroyed: Whether the entity was destroyed.
     """
 
     def __init__(self, entity: Any) -> None:
         self.entity = entity
         self.users: WeakSet[object] = WeakSet()
-        self.unsettled = time.monotonic_ns()
         self.is_destroyed = False
+        self._unsettled = time.monotonic_ns()  # the creation, or when a server was last missing
         self._was_unused = False
 
     def add(self, user: object) -> None:
         """Add a user."""
         self.users.add(user)
         self._was_unused = False
+
+    def settling_time(self, *, is_visible: bool) -> int:
+        """Return for how long (ns) the first message has to wait, because the server may not know the client.
+
+        Args:
+            is_visible: Whether the server is visible.
+        """
+        now = time.monotonic_ns()
+        if not is_visible:
+            self._unsettled = now
+        return max(0, self._unsettled + SETTLING_NS - now)
 
     def check_unused(self) -> bool:
         """Return whether there is no user, and was none in the check before."""

@@ -10,12 +10,10 @@ from collections.abc import Sequence
 
 from btcore.suggestions import did_you_mean
 from btcore_robot.rigid_transform import Transform, from_rpy
-from btcore_robot.robot import TransformStamped
+from btcore_robot.robot import BASE_FRAME, TransformStamped
 from btcore_robot.urdf import Urdf, read_urdf
 from btcore_sim.errors import SimError
 from btcore_sim.robot_description import FixedFrame, Point, RobotDescription
-
-FOOTPRINT = "base_footprint"
 
 _QUARTER = math.pi / 2
 OPTICAL: Point = (-_QUARTER, 0.0, -_QUARTER)
@@ -35,10 +33,10 @@ class Kinematics:
 
     def __init__(self, description: RobotDescription) -> None:
         urdf = _read(description)
-        if (urdf.root == FOOTPRINT) != (description.height == 0.0):
+        if (urdf.root == BASE_FRAME) != (description.height == 0.0):
             raise SimError(
                 f"robot '{description.name}': 'height' is {description.height:g}, and the root link is "
-                f"'{urdf.root}': write the height of the root above the floor, and none for '{FOOTPRINT}'"
+                f"'{urdf.root}': write the height of the root above the floor, and none for '{BASE_FRAME}'"
             )
         still = [(frame.name, frame.parent, Transform(frame.position)) for frame in _base(description, urdf)]
         joints = [joint for joint in urdf.joints if joint.child not in description.wheels.ground]
@@ -82,7 +80,7 @@ class Kinematics:
             if frame.child in parents:
                 raise SimError(f"robot '{description.name}': there are two frames '{frame.child}'")
             parents[frame.child] = frame.parent
-        known = [FOOTPRINT, *parents]
+        known = [BASE_FRAME, *parents]
         for child, parent in parents.items():
             if parent not in known:
                 raise SimError(
@@ -121,9 +119,9 @@ def _read(description: RobotDescription) -> Urdf:
 
 def _base(description: RobotDescription, urdf: Urdf) -> list[FixedFrame]:
     """Return the frame of the root link above `base_footprint`, or nothing if that is the root."""
-    if urdf.root == FOOTPRINT:
+    if urdf.root == BASE_FRAME:
         return []
-    return [FixedFrame(urdf.root, FOOTPRINT, (0.0, 0.0, description.height), (0.0, 0.0, 0.0))]
+    return [FixedFrame(urdf.root, BASE_FRAME, (0.0, 0.0, description.height), (0.0, 0.0, 0.0))]
 
 
 def _mounted(description: RobotDescription) -> list[FixedFrame]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore_robot.rigid_transform import Transform, from_rpy
-from btcore_robot.robot import TransformStamped
+from btcore_robot.robot import MAP_FRAME, TransformStamped
 from btcore_scene import UPRIGHT, Box, Color, Cylinder, Frame, Mesh, Part, Place, Sphere
 from btcore_sim.errors import SimError
 from btcore_sim.looks import LookPart, look_parts
@@ -34,7 +34,7 @@ def world_parts(world: World) -> list[Part]:
     x0, y0, x1, y1 = world_extent(world.description)
     floor = Box(
         name=f"{world.description.name}/floor",
-        frame="map",
+        frame=MAP_FRAME,
         size=(x1 - x0, y1 - y0, 0.01),
         position=((x0 + x1) / 2, (y0 + y1) / 2, -0.005),
         quaternion=UPRIGHT,
@@ -137,10 +137,12 @@ def frames(world: World, physics_body: PhysicsBody) -> list[Frame]:
         The poses of links and objects in the frame `map`. The pose of the laser is in the frame of the link
         on which it is mounted.
     """
-    links = [Frame(name, "map", *physics_body.link_pose(link)) for name, link in physics_body.links.items()]
+    links = [
+        Frame(name, MAP_FRAME, *physics_body.link_pose(link)) for name, link in physics_body.links.items()
+    ]
     for number in world.movable:
         place = pybullet.getBasePositionAndOrientation(number, physicsClientId=world.client)
-        links.append(Frame(world.bodies[number].name, "map", *place))
+        links.append(Frame(world.bodies[number].name, MAP_FRAME, *place))
     mount = physics_body.description.laser
     return [*links, Frame(mount.info.frame, mount.link, mount.position, UPRIGHT)]
 
@@ -173,7 +175,7 @@ def _prism(description: str, item: WorldObject) -> Mesh:
     x, y, z = item.position
     turned = (0.0, 0.0, math.sin(item.yaw / 2), math.cos(item.yaw / 2))
     placed = Transform((x, y, z + item.size[2] / 2), turned).apply(np.array(corners))
-    return _flat_mesh(f"{description}/{item.name}", "map", item.color, placed[indices].reshape(-1, 3, 3))
+    return _flat_mesh(f"{description}/{item.name}", MAP_FRAME, item.color, placed[indices].reshape(-1, 3, 3))
 
 
 def _flat_mesh(name: str, frame: str, color: Color, triangles: NDArray[np.float64]) -> Mesh:
@@ -211,7 +213,7 @@ def _looks(item: WorldObject) -> list[LookPart]:
 def _look_place(item: WorldObject) -> tuple[str, Transform]:
     """Return the frame of an object's look, and the pose of the middle of the object's underside in it."""
     if item.is_static:
-        return "map", Transform(item.position, from_rpy((0.0, 0.0, item.yaw)))
+        return MAP_FRAME, Transform(item.position, from_rpy((0.0, 0.0, item.yaw)))
     return item.name, Transform((0.0, 0.0, -item.size[2] / 2))
 
 
@@ -241,7 +243,11 @@ def _wall_parts(world: World) -> list[Part]:
     """Return the walls of a world that was made from a map."""
     if world.description.walls is None:
         return []
-    where: dict[str, Any] = {"name": f"{world.description.name}/wall", "frame": "map", "quaternion": UPRIGHT}
+    where: dict[str, Any] = {
+        "name": f"{world.description.name}/wall",
+        "frame": MAP_FRAME,
+        "quaternion": UPRIGHT,
+    }
     return [
         Box(**where, size=size, position=middle, color=WALL_COLOR)
         for size, middle in world.description.walls.boxes()
@@ -254,7 +260,7 @@ def _object_part(description: str, item: WorldObject) -> Part:
     still = item.is_static
     where: dict[str, Any] = {
         "name": f"{description}/{item.name}",
-        "frame": "map" if still else item.name,
+        "frame": MAP_FRAME if still else item.name,
         "position": (x, y, z + height / 2) if still else (0.0, 0.0, 0.0),
         "quaternion": (0.0, 0.0, math.sin(item.yaw / 2), math.cos(item.yaw / 2)) if still else UPRIGHT,
         "color": item.color,

@@ -12,6 +12,7 @@ from btcore_robot.command_multiplexer import CommandMultiplexer
 from btcore_robot.rigid_transform import wrap_angle
 from btcore_robot.robot import (
     CMD_VEL,
+    MAP_FRAME,
     BaseInfo,
     BatteryState,
     CameraImage,
@@ -348,7 +349,7 @@ class SimulatedRobot(Robot):
             links = self.physics_body.links
             self._camera_frames = scene_messages.frame_chain(lens.frame, self.frames(), links)
         return StaticScene(
-            frame="map",
+            frame=MAP_FRAME,
             parts=scene_messages.world_parts(self.world)
             + scene_messages.robot_parts(self.world, self.physics_body),
             meshes=scene_messages.world_meshes(self.world)

@@ -8,9 +8,10 @@ from typing import Any
 import pytest
 
 from btcore_robot.errors import RobotError
+from btcore_robot.robot import BASE_FRAME
 from btcore_robot.testing import wait
 from btcore_sim.errors import SimError
-from btcore_sim.kinematics import FOOTPRINT, complete_urdf
+from btcore_sim.kinematics import complete_urdf
 from btcore_sim.robot_description import RobotDescription, load_robot_description
 
 HAT = b"v 0 0 0\nv 0.1 0 0\nv 0 0.1 0\nv 0 0 0.1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n"
@@ -82,7 +83,7 @@ def mesh_in(package: Path) -> None:
 def test_root_stands_on_floor_and_base_link_at_joint(tmp_path: Path, robot_at: Any, capfd: Any) -> None:
     mesh_in(tmp_path / "trolley")
     robot = robot_at(description=trolley(tmp_path / "trolley/urdf"))
-    heights = {frame.child: frame.position[2] for frame in robot.frames() if frame.parent == FOOTPRINT}
+    heights = {frame.child: frame.position[2] for frame in robot.frames() if frame.parent == BASE_FRAME}
     assert heights == {"base_link": pytest.approx(0.06)}
     assert robot.physics_body.pose()[0][2] == pytest.approx(0.0, abs=0.005)
     start = robot.true_pose()
@@ -91,7 +92,7 @@ def test_root_stands_on_floor_and_base_link_at_joint(tmp_path: Path, robot_at: A
         wait(robot, 0.1)
     assert robot.true_pose().x - start.x == pytest.approx(0.9, abs=0.15)
     assert robot.physics_body.pose()[0][2] == pytest.approx(0.0, abs=0.005)
-    assert complete_urdf(robot.description).count(f'name="{FOOTPRINT}"') == 1
+    assert complete_urdf(robot.description).count(f'name="{BASE_FRAME}"') == 1
     assert "inertial" not in capfd.readouterr().out
 
 

@@ -12,8 +12,9 @@ import pytest
 
 from btcore.clock import NS_PER_S
 from btcore_robot.rigid_transform import Transform, from_rpy
+from btcore_robot.robot import BASE_FRAME
 from btcore_sim.errors import SimError
-from btcore_sim.kinematics import FOOTPRINT, Kinematics, complete_urdf
+from btcore_sim.kinematics import Kinematics, complete_urdf
 from btcore_sim.robot_description import TIAGO, load_robot_description
 from tests.sim.conftest import RobotAt, Steer
 
@@ -179,6 +180,6 @@ def test_complete_urdf_has_a_link_for_each_frame() -> None:
         for joint in robot.iterfind("joint")
     }
     assert {frame.child: frame.parent for frame in frames}.items() <= parents.items()
-    assert {link.get("name") for link in robot.iterfind("link")} == {FOOTPRINT, *parents}
+    assert {link.get("name") for link in robot.iterfind("link")} == {BASE_FRAME, *parents}
     turning = robot.iterfind("joint[@type='revolute']/child")
     assert {child.get("link") for child in turning} < kinematics.moving_frames

@@ -14,7 +14,7 @@ from btcore_navigation.mapping.map_quality import MapQuality
 from btcore_navigation.mapping.mapper import Mapper
 from btcore_navigation.parameters import NavigationParameters
 from btcore_navigation.servers import PoseSource
-from btcore_navigation.stack import Navigation, costmap_arguments
+from btcore_navigation.stack import Navigation
 from btcore_robot.occupancy_map import OccupancyMap, Rectangle, save_map
 from btcore_robot.robot import Pose2D, Robot
 
@@ -147,9 +147,7 @@ class Exploration(Navigation):
         )
 
     def _create_global_costmap(self) -> GlobalCostmap:
-        parameters = self.parameters.global_costmap
-        track_unknown = parameters.track_unknown_space
-        costmap = GrowingCostmap(self.map, **costmap_arguments(parameters), track_unknown=track_unknown)
+        costmap = GrowingCostmap(self.map, self.parameters.global_costmap)
         costmap.lower_bound = costmap.map_costs = None
         return costmap
 

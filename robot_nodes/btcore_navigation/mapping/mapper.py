@@ -25,10 +25,10 @@ from btcore_navigation.mapping.pose_arrays import (
 from btcore_navigation.mapping.pose_graph import PoseGraph
 from btcore_robot.occupancy_map import OccupancyMap, Rectangle
 from btcore_robot.rigid_transform import Transform
-from btcore_robot.robot import LaserScan, Pose2D, Robot, TransformStamped
+from btcore_robot.robot import BASE_FRAME, MAP_FRAME, ODOM_FRAME, LaserScan, Pose2D, Robot, TransformStamped
 from btcore_robot.time_limits import MAP_TRANSFORM_VALIDITY_S, MAX_ODOMETRY_AGE_S, is_stale
 from btcore_robot.transform_filter import TransformFilter
-from btcore_robot.transforms import BASE_FRAME, MAP_FRAME, ODOM_FRAME, TransformTree
+from btcore_robot.transforms import TransformTree
 
 __all__ = ["Mapper"]
 

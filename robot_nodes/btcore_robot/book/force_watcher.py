@@ -11,8 +11,7 @@ from btcore_robot.book.top_view import TopView
 from btcore_robot.book.trail import scan_points_in
 from btcore_robot.components.component import Component, ComponentContext
 from btcore_robot.components.messages import Arrow, Arrows
-from btcore_robot.robot import Phase, Pose2D
-from btcore_robot.transforms import BASE_FRAME
+from btcore_robot.robot import BASE_FRAME, Phase, Pose2D
 from btcore_scene import MovingScene, SceneSource
 
 REACH = 2.0

@@ -10,8 +10,8 @@ from btcore_robot.book.trail import Trail
 from btcore_robot.components.component import Component, ComponentContext
 from btcore_robot.components.messages import Arrow, Arrows
 from btcore_robot.perception.obstacle_detector import OBSTACLE_FRAME
-from btcore_robot.robot import Twist2D
-from btcore_robot.transforms import ODOM_FRAME, TransformError
+from btcore_robot.robot import ODOM_FRAME, Twist2D
+from btcore_robot.transforms import TransformError
 from btcore_scene import MovingScene, SceneSource
 
 _KEY_VEL = "/key_vel"

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 from btcore_robot.book.top_view import Colour, TopView
 from btcore_robot.components.component import ComponentContext
 from btcore_robot.rigid_transform import Transform
-from btcore_robot.robot import LaserScan, Phase, Pose2D
+from btcore_robot.robot import ODOM_FRAME, LaserScan, Phase, Pose2D
 from btcore_robot.transform_filter import TransformFilter
-from btcore_robot.transforms import ODOM_FRAME, TransformError
+from btcore_robot.transforms import TransformError
 
 RATE = 10.0
 """The rate (Hz) of the record."""

@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from btcore_robot.components.component import Component, ComponentContext, ComponentOptions
 from btcore_robot.components.messages import BLUE, GREEN, RED, Arrow, Arrows, Colour
-from btcore_robot.robot import LaserScan, Twist2D
+from btcore_robot.robot import BASE_FRAME, LaserScan, Twist2D
 from btcore_robot.time_limits import MAX_BOOK_SCAN_AGE_S, is_stale
-from btcore_robot.transforms import BASE_FRAME
 
 __all__ = [
     "Avoidance",

@@ -6,7 +6,7 @@ from typing import Annotated, Final
 from btcore import ConversionError, Registry
 from btcore.values.types import ValueType, mismatch
 from btcore_robot.rigid_transform import wrap_angle
-from btcore_robot.robot import Pose2D
+from btcore_robot.robot import MAP_FRAME, Pose2D
 
 NAV2_PARTS: Final = 9
 """The number of parts of a pose in Nav2's format: `stamp;frame;x;y;z;qx;qy;qz;qw`."""
@@ -30,7 +30,7 @@ def pose_from_text(text: str) -> Pose2D:
     parts = [part.strip() for part in text.split(";")]
     if len(parts) == NAV2_PARTS:
         frame, parts = parts[1], parts[2:]
-        if frame.strip("/") not in ("", "map"):
+        if frame.strip("/") not in ("", MAP_FRAME):
             raise ConversionError(f"'{text}' is a pose in the frame '{frame}', but poses must be in map")
     try:
         numbers = [float(part) for part in parts]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from btcore_robot.components.lifecycle import Lifecycle
 from btcore_robot.perception.colour import WOOD, ColourRange, colour_mask
 from btcore_robot.rigid_transform import Transform
-from btcore_robot.robot import CameraImage, CameraInfo, Phase, Robot
+from btcore_robot.robot import MAP_FRAME, CameraImage, CameraInfo, Phase, Robot
 from btcore_robot.transform_filter import TransformFilter
 from btcore_robot.transforms import TransformTree
 from btcore_scene import BoundingBox, MovingScene, SceneSource
@@ -132,7 +132,7 @@ class ObjectLocator(Lifecycle, SceneSource):
         frame: The frame of the results.
     """
 
-    def __init__(self, robot: Robot, transforms: TransformTree, frame: str = "map") -> None:
+    def __init__(self, robot: Robot, transforms: TransformTree, frame: str = MAP_FRAME) -> None:
         super().__init__()
         self.robot = robot
         self.transforms = transforms

@@ -7,8 +7,8 @@ import math
 
 from btcore_robot.components.component import Component, ComponentContext, ComponentOptions
 from btcore_robot.components.messages import RED, Arrow, Arrows, Colour
-from btcore_robot.robot import LaserScan, TransformStamped
-from btcore_robot.transforms import BASE_FRAME, ODOM_FRAME, Transform, TransformError
+from btcore_robot.robot import BASE_FRAME, ODOM_FRAME, LaserScan, TransformStamped
+from btcore_robot.transforms import Transform, TransformError
 
 __all__ = [
     "Displacement",

@@ -1,12 +1,10 @@
 """The ROS entity of a leaf: an action client, a service client, a publisher or a subscription."""
 
 import functools
-import time
 from collections.abc import Callable
 from typing import Any, Final, Generic, TypeVar
 
 from btcore import NodeError, TreeNode
-from btcore.clock import NS_PER_S
 from btcore.engine.node import read_clock
 from btcore_robot.schedule import SimulatedSchedule
 from btcore_ros2.interfaces import InterfaceError, InterfaceKind, load_interface
@@ -17,13 +15,6 @@ Entity = TypeVar("Entity")
 
 PLACEHOLDER: Final = "__default__placeholder__"
 """The text that stands for the default in BehaviorTree.ROS2, as an empty text does. Groot may write it."""
-
-
-SETTLING_NS: Final = NS_PER_S // 10
-"""The time (ns) between the creation of a client, or the appearance of its server, and the first message.
-
-The server has to find the client, too: its answer to an earlier message would be lost.
-"""
 
 
 class Endpoint(Generic[Entity]):
@@ -86,18 +77,11 @@ class Endpoint(Generic[Entity]):
         return entity
 
     def settling_time(self, *, is_visible: bool) -> int:
-        """Return for how long (ns) the first message has to wait, because the server may not know the client.
-
-        Args:
-            is_visible: Whether the server is visible.
-        """
+        """Return for how long (ns) the first message has to wait; see `SharedEntity.settling_time`."""
         shared = self._shared
         if shared is None or isinstance(self._session.clock, SimulatedSchedule):
             return 0  # a wait in real time would let an unpredictable simulated time pass
-        now = time.monotonic_ns()
-        if not is_visible:
-            shared.unsettled = now
-        return max(0, shared.unsettled + SETTLING_NS - now)
+        return shared.settling_time(is_visible=is_visible)
 
     def _open(self, value: str) -> SharedEntity:
         from rclpy.exceptions import NameValidationException

@@ -3,6 +3,7 @@
 import logging
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any, cast
 
 from btcore import Clock
@@ -65,7 +66,7 @@ class Nav2Client(NavigationServers):
         self.clock: Clock = session.clock
         self._session = session
         self.discovery_ns = _discovery_ms(session.node) * NS_PER_MS
-        self._clients: dict[tuple[Any, str], NamedClient] = {}
+        self._clients: dict[tuple[str, Any, str], NamedClient] = {}
         self._last_goals: dict[str, AnyGoalHandle] = {}
         self._listener = PoseListener(session)
         self._messages: dict[str, object] = {}
@@ -85,15 +86,7 @@ class Nav2Client(NavigationServers):
         try:
             if converter is None:
                 raise RosError(f"there is no client of the action {action}")
-            action_type = converter.type
-            named = self._clients.get((action_type, server))
-            if named is None:
-                client = ActionClient(
-                    self._session.node, action_type, server, callback_group=self._session.callback_group
-                )
-                named = self._clients[action_type, server] = NamedClient(
-                    client, server, client.server_is_ready, self.discovery_ns
-                )
+            named = self._client("action", converter.type, server, partial(ActionClient, self._session.node))
             handle: AnyGoalHandle = Nav2GoalHandle(self._session, named, goal, converter)
         except RosError as error:
             handle = GoalHandle(goal)
@@ -185,15 +178,17 @@ class Nav2Client(NavigationServers):
 
     def _call(self, service_type: Any, name: str, request: object, message: Any) -> AnyGoalHandle:
         self._session.refresh()
-        named = self._clients.get((service_type, name))
-        if named is None:
-            client = self._session.node.create_client(
-                service_type, name, callback_group=self._session.callback_group
-            )
-            named = self._clients[service_type, name] = NamedClient(
-                client, name, client.service_is_ready, self.discovery_ns
-            )
+        named = self._client("service", service_type, name, self._session.node.create_client)
         return Nav2RequestHandle(self._session, named, request, message)
+
+    def _client(self, kind: str, interface: Any, name: str, create: Callable[..., Any]) -> NamedClient:
+        """Return the client of the server *name*, which leaves for ROS 2 use, too."""
+        key = (kind, interface, name)
+        if key not in self._clients:
+            create = partial(create, interface, name, callback_group=self._session.callback_group)
+            shared = self._session.entities.use(self, key, create)
+            self._clients[key] = NamedClient(shared, name, self.discovery_ns)
+        return self._clients[key]
 
     def _newest(
         self, topic: str, message_class: Any, read: Callable[[Any], object], *, latched: bool = False

@@ -36,8 +36,7 @@ from btcore_navigation.navigation_servers import SmoothedPath, SmoothPathGoal
 from btcore_navigation.path import NavPath
 from btcore_navigation.planner import ComputePathGoal
 from btcore_navigation.waypoint_follower import FollowWaypointsGoal, MissedWaypoint
-from btcore_robot.robot import Pose2D
-from btcore_robot.transforms import MAP_FRAME
+from btcore_robot.robot import MAP_FRAME, Pose2D
 from btcore_ros2.errors import RosError
 from btcore_ros2.nav2.nodes import ComputedRoute, ComputeRouteGoal, Route
 

@@ -7,43 +7,42 @@ from typing import Any
 from btcore_navigation.action import ActionResult, GoalHandle, GoalStatus
 from btcore_navigation.error_codes import Nav2ErrorCode
 from btcore_ros2.errors import RosError
-from btcore_ros2.leaves.endpoint import SETTLING_NS
 from btcore_ros2.leaves.goal import ClientGoal
 from btcore_ros2.leaves.visible_names import hint_for_action, hint_for_service
 from btcore_ros2.nav2.conversions import ActionConverter
 from btcore_ros2.nav2.service_requests import read_response
 from btcore_ros2.session import RosSession
+from btcore_ros2.shared_entities import SharedEntity
 
 
 class NamedClient:
     """An rclpy client and the name of its server.
 
     Attributes:
-        client: The client.
+        client: The client of an action or of a service.
         name: The name of the server.
         created: The time (ns, of `time.monotonic_ns`) when this object was created.
-        is_visible: Returns whether the server is visible.
         discovery_ns: The time (ns) in which the server may appear. Afterwards, a server that is missing
             counts as absent, and only the time-out of the node remains.
     """
 
-    def __init__(self, client: Any, name: str, is_visible: Callable[[], bool], discovery_ns: int) -> None:
-        self.client = client
+    def __init__(self, shared: SharedEntity, name: str, discovery_ns: int) -> None:
+        self.client = shared.entity
         self.name = name
         self.created = time.monotonic_ns()
-        self.is_visible = is_visible
         self.discovery_ns = discovery_ns
-        self._appeared: int | None = None
+        self._shared = shared
+
+    def is_visible(self) -> bool:
+        """Return whether the server is visible."""
+        client = self.client
+        is_action = hasattr(client, "server_is_ready")
+        return bool(client.server_is_ready() if is_action else client.service_is_ready())
 
     def is_ready(self) -> bool:
-        """Return whether the server has been visible for `SETTLING_NS`."""
-        if not self.is_visible():
-            self._appeared = None
-            return False
-        now = time.monotonic_ns()
-        if self._appeared is None:
-            self._appeared = now
-        return now - self._appeared >= SETTLING_NS
+        """Return whether the server is visible, and has had the time to find the client."""
+        is_visible = self.is_visible()
+        return not self._shared.settling_time(is_visible=is_visible) and is_visible
 
 
 class _SessionHandle(GoalHandle[Any, Any, Any]):

@@ -35,8 +35,8 @@ from btcore_navigation.parameters import CostmapParameters
 from btcore_navigation.path import NavPath
 from btcore_navigation.stack import Navigation
 from btcore_robot.occupancy_map import Grid, OccupancyMap
-from btcore_robot.robot import Phase, Pose2D, Robot
-from btcore_robot.transforms import BASE_FRAME, MAP_FRAME, ODOM_FRAME, TransformError
+from btcore_robot.robot import BASE_FRAME, MAP_FRAME, ODOM_FRAME, Phase, Pose2D, Robot
+from btcore_robot.transforms import TransformError
 from btcore_ros2.errors import RosError
 from btcore_ros2.interfaces import load_interface
 from btcore_ros2.nav2.conversions import (

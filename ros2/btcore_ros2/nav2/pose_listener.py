@@ -3,8 +3,8 @@
 import logging
 from typing import Any
 
-from btcore_robot.robot import Pose2D
-from btcore_robot.transforms import MAP_FRAME, TransformError, TransformTree
+from btcore_robot.robot import MAP_FRAME, Pose2D
+from btcore_robot.transforms import TransformError, TransformTree
 from btcore_ros2.errors import RosError
 from btcore_ros2.interfaces import MissingPackageError
 from btcore_ros2.nav2.conversions import pose_from_message

@@ -23,8 +23,7 @@ from btcore_navigation.stack import Navigation
 from btcore_navigation.waypoint_follower import WaypointFollower
 from btcore_robot.errors import RobotError
 from btcore_robot.occupancy_map import MapError, MapImageError, load_map
-from btcore_robot.robot import Phase, Twist2D
-from btcore_robot.transforms import MAP_FRAME
+from btcore_robot.robot import MAP_FRAME, Phase, Twist2D
 from btcore_ros2.errors import RosError
 from btcore_ros2.nav2.client import Nav2Client
 from btcore_ros2.nav2.conversions import ACTIONS, nav2_type, path_from_message, pose_from_stamped

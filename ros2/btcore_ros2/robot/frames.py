@@ -5,9 +5,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from btcore_robot.rigid_transform import Transform
-from btcore_robot.robot import TransformStamped
-
-FOOTPRINT = "base_footprint"
+from btcore_robot.robot import BASE_FRAME, TransformStamped
 
 
 class FrameStore:
@@ -92,7 +90,7 @@ class FrameStore:
         return True
 
     def _frame(self, child: str, parent: str, pose: Transform, stamp: int) -> TransformStamped:
-        child, parent = (FOOTPRINT if name == self._base else name for name in (child, parent))
+        child, parent = (BASE_FRAME if name == self._base else name for name in (child, parent))
         return TransformStamped(child, parent, pose.position, pose.quaternion, stamp)
 
 

@@ -3,10 +3,8 @@
 from collections.abc import Sequence
 
 from btcore_robot.rigid_transform import Transform
-from btcore_robot.robot import CameraImage, CameraInfo, Robot
+from btcore_robot.robot import BASE_FRAME, MAP_FRAME, ODOM_FRAME, CameraImage, CameraInfo, Robot
 from btcore_robot.scene_messages import camera_message, laser_message, picture_message, scan_message
-from btcore_robot.transforms import MAP_FRAME, ODOM_FRAME
-from btcore_ros2.robot.frames import FOOTPRINT
 from btcore_scene import UPRIGHT, Cylinder, Frame, MovingScene, Part, StaticScene
 
 BODY_HEIGHT = 0.3
@@ -35,7 +33,7 @@ class RobotScene:
         self._last_picture, self._is_placed = None, False
         robot, battery = self._robot, self._robot.battery()
         body = Cylinder(
-            frame=FOOTPRINT,
+            frame=BASE_FRAME,
             radius=robot.base_info.radius,
             length=BODY_HEIGHT,
             position=(0.0, 0.0, BODY_HEIGHT / 2),
@@ -62,7 +60,7 @@ class RobotScene:
         is_new = picture is not None and picture is not self._last_picture
         self._last_picture = picture
         place = Transform.from_pose(odometry.pose)
-        frames = [Frame(FOOTPRINT, ODOM_FRAME, place.position, place.quaternion), *links]
+        frames = [Frame(BASE_FRAME, ODOM_FRAME, place.position, place.quaternion), *links]
         if not self._is_placed:
             self._is_placed = True
             frames.append(Frame(ODOM_FRAME, MAP_FRAME, (0.0, 0.0, 0.0), UPRIGHT))

@@ -11,6 +11,7 @@ from btcore.clock import NS_PER_S
 from btcore_robot.errors import RobotError
 from btcore_robot.rigid_transform import Transform
 from btcore_robot.robot import (
+    BASE_FRAME,
     CMD_VEL,
     BaseInfo,
     BatteryState,
@@ -40,7 +41,7 @@ from btcore_ros2.robot.conversions import (
     sonar_of,
 )
 from btcore_ros2.robot.description import RosRobotDescription
-from btcore_ros2.robot.frames import FOOTPRINT, FrameStore, pose_of
+from btcore_ros2.robot.frames import FrameStore, pose_of
 from btcore_ros2.robot.scene import RobotScene
 from btcore_ros2.robot.stamps import LateMessageError, StampConverter
 from btcore_ros2.robot.velocity import VelocityCommands, check_finite
@@ -301,13 +302,13 @@ class TopicRobot(Robot):
             urdf = Urdf((), (), ())
         self._model_joints = urdf.joints
         self._shapes = [
-            replace(part, frame=FOOTPRINT) if part.frame == base else part for part in urdf.shapes
+            replace(part, frame=BASE_FRAME) if part.frame == base else part for part in urdf.shapes
         ]
 
     def _drawn_frames(self) -> list[Frame]:
         """Return the frames, and the links of the model whose poses are on no topic, such as wheels."""
         frames = [Frame(link.child, link.parent, link.position, link.quaternion) for link in self.frames()]
-        placed = {frame.child for frame in frames} | {FOOTPRINT, self.description.base_frame}
+        placed = {frame.child for frame in frames} | {BASE_FRAME, self.description.base_frame}
         for joint in self._model_joints:
             if joint.child not in placed:
                 pose = (
@@ -315,7 +316,7 @@ class TopicRobot(Robot):
                     if joint.is_movable
                     else joint.origin
                 )
-                parent = FOOTPRINT if joint.parent == self.description.base_frame else joint.parent
+                parent = BASE_FRAME if joint.parent == self.description.base_frame else joint.parent
                 frames.append(Frame(joint.child, parent, pose.position, pose.quaternion))
         return frames
 
@@ -401,7 +402,7 @@ class TopicRobot(Robot):
         name = self._raw_scan[0].header.frame_id.lstrip("/")
         parents = {frame.child: frame for frame in self._frames.frames(0)}
         pose = Transform()
-        while name != FOOTPRINT:
+        while name != BASE_FRAME:
             frame = parents.get(name)
             if frame is None:
                 return None

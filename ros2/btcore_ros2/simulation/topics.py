@@ -17,9 +17,9 @@ from trajectory_msgs.msg import JointTrajectory
 
 from btcore.clock import NS_PER_S
 from btcore_robot.rigid_transform import Transform
-from btcore_robot.robot import CameraImage, Phase, TransformStamped
+from btcore_robot.robot import BASE_FRAME, ODOM_FRAME, CameraImage, Phase, TransformStamped
 from btcore_ros2.session import RosSession
-from btcore_sim.kinematics import FOOTPRINT, Kinematics, complete_urdf
+from btcore_sim.kinematics import Kinematics, complete_urdf
 from btcore_sim.simulated_robot import SimulatedRobot
 
 try:
@@ -199,8 +199,8 @@ class RobotTopics:
     def _publish_motion(self, now: int) -> None:
         odometry = self._robot.odometry()
         if self._take_if_new(self._odometry, odometry.stamp):
-            message = Odometry(child_frame_id=FOOTPRINT)
-            self._set_header(message, odometry.stamp, "odom")
+            message = Odometry(child_frame_id=BASE_FRAME)
+            self._set_header(message, odometry.stamp, ODOM_FRAME)
             place = Transform.from_pose(odometry.pose)
             _set_xyz(message.pose.pose.position, place.position)
             _set_quaternion(message.pose.pose.orientation, place.quaternion)
@@ -209,7 +209,7 @@ class RobotTopics:
             self._odometry.publish(message)
         if self._tf is not None and self._take_if_new(self._tf, now):
             place = Transform.from_pose(odometry.pose)
-            base = TransformStamped(FOOTPRINT, "odom", place.position, place.quaternion, odometry.stamp)
+            base = TransformStamped(BASE_FRAME, ODOM_FRAME, place.position, place.quaternion, odometry.stamp)
             self._tf.publish(self._transforms([base, *self._frames(moving=True)]))
         if self._take_if_new(self._joints, now):
             positions = self._robot.joint_positions()

@@ -17,11 +17,17 @@ from btcore_navigation.behaviours import (
     SpinBehaviour,
     WaitBehaviour,
 )
-from btcore_navigation.clearance import laser_pose, smooth_scan
+from btcore_navigation.clearance import ClearanceGrid, laser_pose, smooth_scan
 from btcore_navigation.controller import ControllerServer
 from btcore_navigation.costmap import LocalCostmap
-from btcore_navigation.parameters import ControllerParameters
+from btcore_navigation.parameters import (
+    BehaviourParameters,
+    ControllerParameters,
+    LocalCostmapParameters,
+    min_clearance,
+)
 from btcore_navigation.path import NavPath
+from btcore_navigation.sensor_watch import SensorWatch
 from btcore_robot.robot import (
     CMD_VEL,
     BaseInfo,
@@ -217,20 +223,22 @@ class NavigationRig:
     def __init__(self, robot: Robot, parameters: ControllerParameters | None = None) -> None:
         self.robot = robot
         self.transforms = TransformTree()
-        self.costmap = LocalCostmap()
+        radius = min_clearance(robot.base_info, 0.0)
+        self.costmap = LocalCostmap(LocalCostmapParameters(robot_radius=radius))
         self.held = False  # whether the controller keeps the robot still
         self.map_at((0.0, 0.0, 0.0))
         broadcaster = FrameBroadcaster(robot, self.transforms)
         broadcaster.step(robot.clock.now())
         parameters = parameters or ControllerParameters()
-        self.follow_path = ControllerServer(
-            robot, self.transforms, self.costmap, parameters, hold=lambda: self.held
-        )
-        self.spin = SpinBehaviour(robot, self.transforms, self.costmap)
-        self.back_up = BackUpBehaviour(robot, self.transforms, self.costmap)
-        self.drive_on_heading = DriveOnHeadingBehaviour(robot, self.transforms, self.costmap)
+        sensors = SensorWatch(robot, self.transforms, parameters.scan_timeout, parameters.odometry_timeout)
+        motion = robot, self.transforms, ClearanceGrid(self.costmap), sensors
+        recovery = *motion, BehaviourParameters()
+        self.follow_path = ControllerServer(*motion, parameters, lambda: self.held)
+        self.spin = SpinBehaviour(*recovery)
+        self.back_up = BackUpBehaviour(*recovery)
+        self.drive_on_heading = DriveOnHeadingBehaviour(*recovery)
         self.wait = WaitBehaviour()
-        self.assisted_teleop = AssistedTeleopBehaviour(robot, self.transforms, self.costmap)
+        self.assisted_teleop = AssistedTeleopBehaviour(*recovery)
         add_task = robot.schedule.add_task
         add_task(50.0, Phase.TRANSFORMS, broadcaster.step)
         add_task(5.0, Phase.COSTMAPS, self._update_costmap)

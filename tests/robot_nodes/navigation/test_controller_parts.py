@@ -59,8 +59,8 @@ def make_grid() -> Callable[..., Any]:
     """Return the function that makes a grid with a wall 1 m ahead, and the obstacles of a costmap."""
 
     def make(costmap: LocalCostmap | None = None):
-        grid = ClearanceGrid()
-        grid.update(scan_of(wall_ahead(1.0)), Pose2D(0.0, 0.0, 0.0), costmap or LocalCostmap())
+        grid = ClearanceGrid(costmap or LocalCostmap())
+        grid.update(scan_of(wall_ahead(1.0)), Pose2D(0.0, 0.0, 0.0))
         return grid
 
     return make

@@ -13,6 +13,7 @@ from scipy.ndimage import distance_transform_edt
 from btcore_navigation.costmap import FREE, INSCRIBED, LETHAL, UNKNOWN, Costmap, GlobalCostmap, LocalCostmap
 from btcore_navigation.costmap_layers import InflationLayer, ObstacleLayer
 from btcore_navigation.mapping.exploration import OBSTACLE_MEMORY_NS, GrowingCostmap
+from btcore_navigation.parameters import GlobalCostmapParameters
 from btcore_robot.occupancy_map import OccupancyMap
 from btcore_robot.robot import LaserScan, Pose2D
 
@@ -95,7 +96,7 @@ def test_unknown_cells_stay_unknown_except_within_the_inscribed_radius() -> None
 
 
 def test_unknown_cells_can_be_treated_as_free() -> None:
-    assert not GlobalCostmap(floor(cells=-1), track_unknown=False).costs.any()
+    assert not GlobalCostmap(floor(cells=-1), GlobalCostmapParameters(track_unknown_space=False)).costs.any()
 
 
 def test_occupancies_below_100_are_free() -> None:
@@ -131,7 +132,7 @@ def test_readings_that_mark_no_obstacle(reading: float) -> None:
 
 
 def test_readings_mark_obstacles_from_the_minimum_range_on() -> None:
-    costmap = GlobalCostmap(floor(), obstacle_min_range=0.5)
+    costmap = GlobalCostmap(floor(), GlobalCostmapParameters(obstacle_min_range=0.5))
     costmap.observe(scan(0.45), HERE)
     costmap.update(0)
     assert not costmap.costs.any()

@@ -329,7 +329,8 @@ def test_goal_whose_acceptance_was_lost_is_cancelled(
     leaf = leaf_of(tree)
     while leaf._goal is None:
         assert tree.tick_once() is R
-    leaf._goal._acceptance = Future()  # as if ROS had dropped the answer
+    (_, read_acceptance), *_ = leaf._goal._open
+    leaf._goal._open = [(Future(), read_acceptance)]  # as if ROS had dropped the answer
     assert tree.tick_while_running(period=0.01) is F
     assert leaf.errors == [ActionErrorCode.SEND_GOAL_TIMEOUT]
     assert session.wait_for(lambda: "canceled" in server.of(tag), LIMIT_S)
