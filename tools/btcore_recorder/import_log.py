@@ -246,7 +246,8 @@ class _Import:
         state = capture(logged.tree, logged.boards, Encoder(lambda name, description: None).encode)
         begin = [NodeState(uid, status, IDLE, {}) for uid, status in sorted(shape.begin.items()) if status]
         state = state._replace(nodes=(*state.nodes, *begin))
-        self._head = self._head._replace(state=state)
+        paths = tuple(node.path for node in logged.tree.nodes)
+        self._head = self._head._replace(state=state, paths=paths)
         logged.restore(state)
         numbered = enumerate(shape.nodes, 1)
         logged.add_callbacks(uid for uid, node in numbered if node.type is NodeType.SUBTREE and uid > 1)

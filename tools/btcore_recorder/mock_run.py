@@ -45,7 +45,7 @@ from btcore_recorder.mock_leaves import (
     ticks_its_children,
 )
 from btcore_recorder.moments import Moments, input_values
-from btcore_recorder.recorder import Recorder
+from btcore_recorder.recorder import Recorder, RecorderOptions
 from btcore_recorder.saved_tests import source_of_test
 from btcore_recorder.values import Encoder
 from btcore_recorder.what_if import run_changed
@@ -124,7 +124,7 @@ class MockRun(Moments):
     def __init__(self, plans: Plans, period_s: float = DEFAULT_PERIOD_S) -> None:
         self._source = tree = instantiate(plans, (), None, SimClock())
         types: dict[str, Any] = {}
-        recorder = Recorder(tree, lambda step: None, types.__setitem__)
+        recorder = Recorder(tree, lambda step: None, types.__setitem__, RecorderOptions())
         recorder.close()
         self._growing: list[Step] = []
         super().__init__(RunRecording(recorder.head._replace(types=types), self._growing))
@@ -175,7 +175,7 @@ class MockRun(Moments):
 
     def recording_text(self) -> str:
         """Return the recording so far in the text form."""
-        return recording_text(self.recording, [node.path for node in self.tree.nodes])
+        return recording_text(self.recording)
 
     def test_text(self, name: str, tree: str) -> str:
         """Return the source code of a test that runs the tree again, with the answers of this run.
