@@ -97,7 +97,7 @@ def import_log(log: Recording) -> RunRecording:
     for attempt in range(_MAX_ATTEMPTS + 1):
         is_last = not by_engine or attempt == _MAX_ATTEMPTS
         try:
-            return _Import(log, shape, frozenset(() if is_last else by_engine), must_succeed=is_last).run()
+            return _run(log, shape, frozenset(() if is_last else by_engine), must_succeed=is_last)
         except _ContradictionError as contradiction:
             by_engine -= {shape.nearest(uid, by_engine) for uid in contradiction.uids}
         except BtcoreError as error:
@@ -211,81 +211,77 @@ def _ports(node: RecordedNode) -> Mapping[str, str]:
     return {name: text for name, text in node.ports.items() if not name.startswith("_")}
 
 
-class _Import:
-    """An attempt, in which the engine runs the nodes *by_engine*, by their numbers.
+def _run(log: Recording, shape: _Shape, by_engine: frozenset[int], must_succeed: bool) -> RunRecording:
+    """Return the recording of an attempt, in which the engine runs the nodes *by_engine*, by their numbers.
 
     With *must_succeed*, there is no contradiction: transitions that do not follow from the log's are kept.
+
+    Raises:
+        _ContradictionError: The engine does what is not in the log.
     """
+    classes: dict[str, RecordedClass] = {}
+    replaced: dict[int, RecordedClass] = {}
+    for number, node in enumerate(shape.nodes, 1):
+        if number in by_engine or node.type is NodeType.SUBTREE:
+            continue
+        if shape.is_built_in(node):
+            replaced[number] = _class(node, ())
+        else:
+            classes[node.id] = _class(node, classes[node.id].ports if node.id in classes else ())
+    head = Head(
+        shape.main_id,
+        shape.format,
+        ((log.path.name, shape.document(), False),),
+        {},
+        {},
+        tuple(classes.values()),
+        replaced,
+        ((False, {}),),
+        TreeState((), ({},), (), 0),
+        0,
+        log.start,
+        {"btcore": btcore.__version__, RECONSTRUCTED: log.path.name},
+    )
+    logged = _LoggedTree(head, log, shape, must_succeed)
+    state = capture(logged.tree, logged.boards, Encoder(lambda name, description: None).encode)
+    begin = [NodeState(uid, status, IDLE, {}) for uid, status in sorted(shape.begin.items()) if status]
+    state = state._replace(nodes=(*state.nodes, *begin))
+    logged.restore(state)
+    numbered = enumerate(shape.nodes, 1)
+    logged.add_callbacks(uid for uid, node in numbered if node.type is NodeType.SUBTREE and uid > 1)
+    head = head._replace(state=state, paths=tuple(node.path for node in logged.tree.nodes))
+    return RunRecording(head, tuple(_steps(logged, log)), (), log.damage)
 
-    def __init__(self, log: Recording, shape: _Shape, by_engine: frozenset[int], must_succeed: bool) -> None:
-        self._log = log
-        classes: dict[str, RecordedClass] = {}
-        replaced: dict[int, RecordedClass] = {}
-        for number, node in enumerate(shape.nodes, 1):
-            if number in by_engine or node.type is NodeType.SUBTREE:
-                continue
-            if shape.is_built_in(node):
-                replaced[number] = _class(node, ())
+
+def _steps(logged: "_LoggedTree", log: Recording) -> Iterator[Step]:
+    tree, follower = logged.tree, _Follower(logged)
+    tree.subscribe(follower)
+    before: list[Input] = []
+    while (first := logged.next) is not None or before:
+        logged.begin_step()
+        if first is not None and logged.is_decided_subtree(1, first):
+            logged.force(first)
+            before += logged.events
+            continue
+        is_halt = tree.root._status is not IDLE and logged.resets(1)
+        status = IDLE
+        try:
+            if is_halt:
+                tree.halt()
             else:
-                classes[node.id] = _class(node, classes[node.id].ports if node.id in classes else ())
-        self._head = Head(
-            shape.main_id,
-            shape.format,
-            ((log.path.name, shape.document(), False),),
-            {},
-            {},
-            tuple(classes.values()),
-            replaced,
-            ((False, {}),),
-            TreeState((), ({},), (), 0),
-            0,
-            log.start,
-            {"btcore": btcore.__version__, RECONSTRUCTED: log.path.name},
-        )
-        self._logged = logged = _LoggedTree(self._head, log, shape, must_succeed)
-        state = capture(logged.tree, logged.boards, Encoder(lambda name, description: None).encode)
-        begin = [NodeState(uid, status, IDLE, {}) for uid, status in sorted(shape.begin.items()) if status]
-        state = state._replace(nodes=(*state.nodes, *begin))
-        paths = tuple(node.path for node in logged.tree.nodes)
-        self._head = self._head._replace(state=state, paths=paths)
-        logged.restore(state)
-        numbered = enumerate(shape.nodes, 1)
-        logged.add_callbacks(uid for uid, node in numbered if node.type is NodeType.SUBTREE and uid > 1)
-        self._follower = _Follower(logged)
-        logged.tree.subscribe(self._follower)
-
-    def run(self) -> RunRecording:
-        return RunRecording(self._head, tuple(self._steps()), (), self._log.damage)
-
-    def _steps(self) -> Iterator[Step]:
-        logged, tree = self._logged, self._logged.tree
-        before: list[Input] = []
-        while (first := logged.next) is not None or before:
+                status = tree.tick_exactly_once()
+        except TickInterrupt:
+            pass
+        is_unexplained = first is not None and logged.next is first
+        logged.check(first if is_unexplained else None)
+        stamp = log.end if first is None else first.stamp
+        number, time = (0, -1) if is_halt else (tree.ticks, stamp - log.start)
+        yield Step(number, time, tuple(before), tuple(logged.events), status, follower.checksum)
+        before.clear()
+        if first is not None and is_unexplained:
             logged.begin_step()
-            if first is not None and logged.is_decided_subtree(1, first):
-                logged.force(first)
-                before += logged.events
-                continue
-            is_halt = tree.root._status is not IDLE and logged.resets(1)
-            status = IDLE
-            try:
-                if is_halt:
-                    tree.halt()
-                else:
-                    status = tree.tick_exactly_once()
-            except TickInterrupt:
-                pass
-            is_unexplained = first is not None and logged.next is first
-            logged.check(first if is_unexplained else None)
-            stamp = self._log.end if first is None else first.stamp
-            number, time = (0, -1) if is_halt else (tree.ticks, stamp - self._log.start)
-            checksum = self._follower.checksum
-            yield Step(number, time, tuple(before), tuple(logged.events), status, checksum)
-            before.clear()
-            if first is not None and is_unexplained:
-                logged.begin_step()
-                logged.force(first)
-                before += logged.events
+            logged.force(first)
+            before += logged.events
 
 
 class _Follower(Observer):
