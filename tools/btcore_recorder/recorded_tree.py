@@ -246,22 +246,22 @@ class RecordedTree:
         self._inputs.clear()
         self._inputs.extend(inputs)
 
-    def _next_events(self, now: str) -> Iterator[Input]:
-        """Yield the next inputs; *now* is what happens meanwhile."""
+    def _next_events(self, node: TreeNode, action: str) -> Iterator[Input]:
+        """Yield the next inputs, while *node* is "ticked" or "halted"."""
         while self._inputs:
             yield self._inputs.popleft()
-        self._differ("the end of the step", now)
+        self._differ("the end of the step", f"'{node.path}' is {action}")
 
     def _tick_events(self, node: TreeNode) -> Iterator[Input]:
         """Yield what the tick of an external node does, up to its result or exception."""
-        return self._next_events(f"'{node.path}' is ticked")
+        return self._next_events(node, "ticked")
 
     def _halt_events(self, node: TreeNode) -> Iterator[Input]:
         """Yield what the halt of an external node does, up to its end; nothing if it only becomes IDLE."""
         head = self._inputs[0] if self._inputs else None
         if isinstance(head, ExternalHaltBegan) and head.uid == node.config.uid:
             self._inputs.popleft()
-            yield from self._next_events(f"'{node.path}' is halted")
+            yield from self._next_events(node, "halted")
 
     def _tick_external(self, node: TreeNode) -> Status:
         self._external = node
