@@ -11,7 +11,7 @@ from btcore.tree.drawing import Fragment
 from btcore.tree.tree import Tree
 from btcore_proof.exploration import Explorer
 from btcore_proof.model_leaves import Choices, LeafEvent, RecordableUnknownValue, UnknownValue
-from btcore_proof.state_graph import Moment
+from btcore_proof.state_graph import TickMoment
 from btcore_proof.tick_runner import run_tick
 from btcore_proof.tick_times import (
     FIRST_PENDING_NS,
@@ -153,7 +153,7 @@ LeafResults = list[tuple[str, Status]]
 
 
 def times_of(
-    explorer: Explorer, moments: Sequence[Moment]
+    explorer: Explorer, moments: Sequence[TickMoment]
 ) -> tuple[list[list[int]] | None, list[LeafResults]]:
     """Return times (ns) at which the timers expire as in these ticks, and what the leaves do in each tick.
 
@@ -168,7 +168,7 @@ def times_of(
 
 
 def _deadlines_of(
-    explorer: Explorer, moments: Sequence[Moment], results: list[LeafResults]
+    explorer: Explorer, moments: Sequence[TickMoment], results: list[LeafResults]
 ) -> list[Deadline]:
     """Return the deadlines that are set in these ticks, and add what the leaves do in each tick to *results*.
 

@@ -28,11 +28,11 @@ from btcore_proof.state_graph import (
     RAISED,
     UNKNOWN,
     Edge,
-    Moment,
     Signals,
     StateGraph,
     StateTable,
     Step,
+    TickMoment,
     Violation,
 )
 from btcore_proof.tick_progress import TickProgress
@@ -106,7 +106,7 @@ class Explorer:
         self._open: list[tuple[int, int]] = []
         self.counted = [node for node in tree.nodes if tick_counts_of(node) is not None]
         # The tick that is being run: where it began, and the vertex that it has reached.
-        self._moment = Moment(0, 0, ())
+        self._moment = TickMoment(0, 0, ())
         self._advance = Advance((), ())
         self._vertex = 0
         self._choice: int | None = None
@@ -150,7 +150,7 @@ class Explorer:
         self.choices.watcher = self._decide
         try:
             for index, advance in enumerate(advances):
-                self._run_tick(state, advance, Moment(number, index, ()), number, None)
+                self._run_tick(state, advance, TickMoment(number, index, ()), number, None)
                 while self._open:
                     if self.is_out_of_time():
                         self._open.clear()
@@ -170,7 +170,7 @@ class Explorer:
                 self.graph.bounds.setdefault(reason, None)
 
     def _run_tick(
-        self, state: TreeState, advance: Advance, moment: Moment, vertex: int, choice: int | None
+        self, state: TreeState, advance: Advance, moment: TickMoment, vertex: int, choice: int | None
     ) -> None:
         """Run a tick that passes a vertex, and record what follows the vertex.
 
@@ -249,7 +249,7 @@ class Explorer:
                 return None
         return tick.result, self._runner.so_far()
 
-    def run_moment(self, moment: Moment) -> Tick:
+    def run_moment(self, moment: TickMoment) -> Tick:
         """Run a whole tick again."""
         state = self.table.state(moment.state)
         self.keeper.restore(state, self.keeper.advances(state)[moment.advance])
@@ -292,7 +292,7 @@ class Explorer:
         self._open += [(number, option) for option in range(options - 1, 0, -1)]
         self._vertex, self._choice = number, 0
 
-    def _present(self) -> Moment:
+    def _present(self) -> TickMoment:
         return self._moment._replace(choices=tuple([chosen for chosen, _ in self.choices.made]))
 
     def _moment_of(self, leaf: TreeNode | None) -> tuple[TreeState, Hashable]:

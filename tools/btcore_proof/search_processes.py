@@ -21,7 +21,7 @@ from btcore.engine.node import start_tick_counts
 from btcore.values.types import ValueType
 from btcore_proof.exploration import Explorer
 from btcore_proof.model_leaves import UnknownValue
-from btcore_proof.state_graph import Edge, Moment, StateTable, Step, Violation
+from btcore_proof.state_graph import Edge, StateTable, Step, TickMoment, Violation
 from btcore_proof.tree_state import Identity
 
 CAN_FORK: Final = sys.platform == "linux"
@@ -41,7 +41,7 @@ class _Keys(NamedTuple):
 class _Vertex(NamedTuple):
     """A vertex that a process has found: its moment if it is a decision, and how it was found."""
 
-    moment: Moment | None
+    moment: TickMoment | None
     parent: Step | None
 
 

@@ -41,7 +41,7 @@ Step = tuple[int, Edge]
 """A vertex and one of its edges."""
 
 
-class Moment(NamedTuple):
+class TickMoment(NamedTuple):
     """A moment within a tick.
 
     Attributes:
@@ -58,7 +58,7 @@ class Moment(NamedTuple):
 class WholeTick(NamedTuple):
     """A tick of a run: the moment before its end, and the target of its last edge."""
 
-    moment: Moment
+    moment: TickMoment
     target: int
 
 
@@ -102,7 +102,7 @@ class StateGraph:
     edges: list[list[Edge]] = field(default_factory=list)
     parents: list[Step | None] = field(default_factory=list)
     depths: list[int] = field(default_factory=list)
-    decisions: dict[int, Moment] = field(default_factory=dict)
+    decisions: dict[int, TickMoment] = field(default_factory=dict)
     violations: dict[str, Violation] = field(default_factory=dict)
     bounds: dict[str, Step | None] = field(default_factory=dict)
     expanded: int = 0
@@ -124,7 +124,7 @@ class StateGraph:
         self.parents.append(parent)
         self.depths.append(0 if parent is None else self.depths[parent[0]] + 1)
 
-    def add_decision(self, parent: Step, moment: Moment) -> None:
+    def add_decision(self, parent: Step, moment: TickMoment) -> None:
         """Add a decision, which was found by *parent*."""
         self.decisions[len(self.edges)] = moment
         self.edges.append([])
@@ -199,10 +199,10 @@ class StateGraph:
     def whole_ticks(self, steps: Sequence[Step]) -> list[WholeTick]:
         """Return the ticks that *steps* consist of; the first step begins a tick, and the last ends one."""
         ticks: list[WholeTick] = []
-        moment = Moment(0, 0, ())
+        moment = TickMoment(0, 0, ())
         for vertex, edge in steps:
             if edge.choice is None:
-                moment = Moment(vertex, edge.advance, ())
+                moment = TickMoment(vertex, edge.advance, ())
             else:
                 moment = moment._replace(choices=(*moment.choices, edge.choice))
             if self.ends_tick(edge):

@@ -435,7 +435,7 @@ class CauseFinder:
 
     def path_of(self, entry: EntryName) -> str:
         """Return the key of an entry, in a subtree after the path of the subtree."""
-        board = self._replay.external.boards[entry.scope]
+        board = self._replay.boards[entry.scope]
         subtrees = self._replay.tree.subtrees
         path = next((each.path for each in subtrees if each.blackboard is board), "")
         return f"{path}/{entry.key}" if path else entry.key
@@ -456,7 +456,7 @@ class CauseFinder:
         if count:
             return earlier[count - 1].value
         self.seek(at)
-        held = self._replay.external.boards[entry.scope].local_entries().get(entry.key)
+        held = self._replay.boards[entry.scope].local_entries().get(entry.key)
         return None if held is None else held.value
 
     def _other_values(self, tick: int, read: Read, before: object, others: Sequence[object]) -> list[Change]:

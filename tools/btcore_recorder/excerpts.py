@@ -41,7 +41,7 @@ class _Rerun(Replay):
         """Run *steps* from the start up to the first failure, and return it."""
         self.steps = tuple(steps)
         self._states = {0: self._states[0]}
-        self._go_back(0)
+        self._go_back(0, *self._states[0])
         self.done.clear()
         self.cost = 0
         self.failures.reset()
@@ -52,7 +52,7 @@ class _Rerun(Replay):
     def step(self) -> bool:
         """Run the next step."""
         has_run = super().step()
-        self.cost += 1 + self.external.repetitions // ITEMS_PER_STEP
+        self.cost += 1 + self._repetitions // ITEMS_PER_STEP
         return has_run
 
     def _compare(

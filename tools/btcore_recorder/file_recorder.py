@@ -17,7 +17,7 @@ from btcore.tree.tree import Tree
 from btcore_recorder.files import RecordingFiles, encoder_for
 from btcore_recorder.inputs import Head, TreeState
 from btcore_recorder.lines import WrittenLine, head_lines, segment_lines
-from btcore_recorder.recorder import NO_OPTIONS, RawStep, Recorder, RecorderOptions
+from btcore_recorder.recorder import RawStep, Recorder, RecorderOptions
 
 WRITE_INTERVAL_S: Final = 0.5
 """The time (s, wall clock) between two writes: what a process that is killed may lose."""
@@ -57,20 +57,6 @@ class _SegmentBegun(NamedTuple):
     begins_file: bool
 
 
-class Rotation(NamedTuple):
-    """When a recording continues in a new file.
-
-    Attributes:
-        next_file: Returns the path of the new file. A thread calls it.
-        max_bytes: The size at which a new file begins; None = any.
-        max_duration_s: The time (s of the tree's clock) after which a new file begins; None = any.
-    """
-
-    next_file: Callable[[], Path]
-    max_bytes: float | None = None
-    max_duration_s: float | None = None
-
-
 class FileRecorder:
     """Records the ticks and halts of a tree until it is closed.
 
@@ -79,41 +65,30 @@ class FileRecorder:
 
     Args:
         tree: As in `record`, which creates the recorder.
-        path: As in `record`.
-        rotation: When the recording continues in a new file.
-        exclude: As in `record`.
-        options: What is recorded besides what the ticks depend on.
+        files: The files.
+        options: What is recorded.
 
     Attributes:
         path: The file, or the last of several.
         is_incomplete: Whether steps are missing.
     """
 
-    def __init__(
-        self,
-        tree: Tree,
-        path: str | os.PathLike[str],
-        rotation: Rotation,
-        exclude: Sequence[str] = (),
-        options: RecorderOptions = NO_OPTIONS,
-    ) -> None:
-        self.path = Path(path)
-        self._rotation = rotation
+    def __init__(self, tree: Tree, files: RecordingFiles, options: RecorderOptions) -> None:
+        self._files = files
+        self.path = files.next(tree.id)
         self._encoder = encoder_for(self.path)
         self.is_incomplete = False
-        self._tree = tree
         self._queue: SimpleQueue[RawStep | _TypeFound | _SegmentBegun] = SimpleQueue()
         self._added_values = 0
         self._encoded_values = 0
         self._written_values = 0
         self._is_rotating = False  # whether the first segment of another file is in the queue
         self._loss = ""  # why steps are being lost
-        self._recorder = Recorder(tree, self._add_step, self._add_type, exclude, options)
+        self._recorder = Recorder(tree, self._add_step, self._add_type, options)
         self._types: dict[str, Any] = {}  # found since the last step
         self._head = head = self._recorder.head
         self._segment_time = self._file_time = head.time
-        self._paths = [node.path for node in tree.nodes]
-        self._encoder.add(head_lines(head, self._paths), head.wall_time)
+        self._encoder.add(head_lines(head), head.wall_time)
         data = self._encoder.take()
         try:
             self._file = create(self.path, data)
@@ -158,9 +133,9 @@ class FileRecorder:
             self._begin_segment(loss, step.time)
 
     def _is_full(self, time: int) -> bool:
-        rotation, duration_s = self._rotation, (time - self._file_time) / NS_PER_S
-        is_long = rotation.max_duration_s is not None and duration_s >= rotation.max_duration_s
-        is_large = rotation.max_bytes is not None and self._size >= rotation.max_bytes
+        files, duration_s = self._files, (time - self._file_time) / NS_PER_S
+        is_long = files.max_duration_s is not None and duration_s >= files.max_duration_s
+        is_large = files.max_bytes is not None and self._size >= files.max_bytes
         return (is_long or is_large) and not self._is_rotating
 
     def _begin_segment(self, gap: str, time: int, begins_file: bool = False) -> None:
@@ -213,9 +188,9 @@ class FileRecorder:
             return False
         self._head = self._head._replace(state=segment.state)
         try:
-            path = self._rotation.next_file()
+            path = self._files.next(self._head.tree_id)
             encoder = encoder_for(path)
-            encoder.add(head_lines(self._head, self._paths), self._head.wall_time_at(segment.time))
+            encoder.add(head_lines(self._head), self._head.wall_time_at(segment.time))
             data = encoder.take()
             file = create(path, data)
         except LogError as error:
@@ -259,7 +234,6 @@ class KeptSteps(NamedTuple):
     """What a `RingRecorder` has kept. Any thread may write it, also while the tree is ticked."""
 
     head: Head
-    paths: Sequence[str]
     segments: Sequence[_Segment]
     lines: Callable[[RawStep], list[WrittenLine]]
 
@@ -270,7 +244,7 @@ class KeptSteps(NamedTuple):
             LogError: The file cannot be written.
         """
         encoder, head, first = encoder_for(path), self.head, self.segments[0]
-        encoder.add(head_lines(head._replace(state=first.state), self.paths), head.wall_time)
+        encoder.add(head_lines(head._replace(state=first.state)), head.wall_time)
         for segment in self.segments:
             if segment is not first:
                 encoder.add(segment_lines("", segment.state), head.wall_time_at(segment.time))
@@ -288,10 +262,8 @@ class RingRecorder:
     Args:
         tree: The tree, between two ticks.
         path: The file to which `save` writes, `….btrec.txt` or `….mcap`.
-        exclude: Patterns of keys; the values of these entries are not recorded.
+        options: What is recorded.
         on_halt: Called after each halt of the whole tree that is not a part of a tick.
-        gives_way: Whether another recorder of the tree ends this recording.
-        options: As in `FileRecorder`.
 
     Attributes:
         path: The file.
@@ -306,10 +278,8 @@ class RingRecorder:
         self,
         tree: Tree,
         path: str | os.PathLike[str],
-        exclude: Sequence[str] = (),
+        options: RecorderOptions,
         on_halt: Callable[[], object] = lambda: None,
-        gives_way: bool = False,
-        options: RecorderOptions = NO_OPTIONS,
     ) -> None:
         self.path = Path(path)
         encoder_for(self.path)  # checks the name
@@ -318,11 +288,9 @@ class RingRecorder:
         if is_new:
             self.path.unlink()
         self.is_halted = False
-        self._tree = tree
         self._on_halt = on_halt
         self._types: dict[str, Any] = {}
-        self._recorder = Recorder(tree, self._add_step, self._types.__setitem__, exclude, options)
-        self._recorder.gives_way = gives_way
+        self._recorder = Recorder(tree, self._add_step, self._types.__setitem__, options)
         head = self._recorder.head
         self._value_count = 0
         self._segments = deque([_Segment(head.state, head.time)])
@@ -359,8 +327,7 @@ class RingRecorder:
     def _kept_steps(self) -> KeptSteps:
         head = self._recorder.head
         head = head._replace(types={**head.types, **self._types})
-        paths = [node.path for node in self._tree.nodes]
-        return KeptSteps(head, paths, self._segments, self._recorder.lines)
+        return KeptSteps(head, self._segments, self._recorder.lines)
 
     def _add_step(self, step: RawStep) -> None:
         segments, last = self._segments, self._segments[-1]
@@ -429,11 +396,5 @@ def record(
         >>> replay.verify(), replay.tree.blackboard["near"]
         (None, 1.0)
     """
-    files = RecordingFiles(Path(path))
-    return FileRecorder(
-        tree,
-        files.next(tree.id),
-        Rotation(lambda: files.next(tree.id), max_bytes, max_duration_s),
-        exclude,
-        RecorderOptions(keeps_transitions),
-    )
+    files = RecordingFiles(Path(path), max_bytes, max_duration_s)
+    return FileRecorder(tree, files, RecorderOptions(exclude, keeps_transitions))

@@ -107,27 +107,27 @@ def describe_reconstruction(head: Head) -> str:
     )
 
 
-def save_recording(path: Path, recording: RunRecording, paths: Iterable[str]) -> None:
-    """Write a recording; *paths* are the paths of its nodes, for readers.
+def save_recording(path: Path, recording: RunRecording) -> None:
+    """Write a recording.
 
     Raises:
         LogError: The extension is not that of a recording, or the file cannot be written.
     """
     try:
-        write_file(path, _encode(recording, paths, encoder_for(path)))
+        write_file(path, _encode(recording, encoder_for(path)))
     except OSError as error:
         raise LogError(f"{path}: cannot write the recording: {error.strerror or error}") from None
 
 
-def recording_text(recording: RunRecording, paths: Iterable[str]) -> str:
-    """Return the text form of a recording; *paths* are the paths of its nodes, for readers."""
-    return _encode(recording, paths, TextEncoder()).decode("utf-8", "surrogatepass")
+def recording_text(recording: RunRecording) -> str:
+    """Return the text form of a recording."""
+    return _encode(recording, TextEncoder()).decode("utf-8", "surrogatepass")
 
 
-def _encode(recording: RunRecording, paths: Iterable[str], encoder: RecordingEncoder) -> bytes:
+def _encode(recording: RunRecording, encoder: RecordingEncoder) -> bytes:
     head = recording.head
     time = head.time
-    for lines in recording_lines(recording, paths):
+    for lines in recording_lines(recording):
         time = next((line[2] for line in lines if line[0] == "tick"), time)
         encoder.add(lines, head.wall_time_at(time))
     return encoder.take_end()
@@ -140,19 +140,25 @@ def local_file(name: str) -> Path | None:
 
 
 class RecordingFiles:
-    """The names of the recordings of a run.
+    """The files of the recordings of a run: their names, and when a recording continues in a new file.
 
     Args:
         path: A file, to which numbered files are added, as `run.2.btrec.txt`; or a folder, which exists
             already, or whose name has no extension: there a name consists of the time and the tree.
+        max_bytes: The size at which a new file begins; None = any.
+        max_duration_s: The time (s of the tree's clock) after which a new file begins; None = any.
 
     Attributes:
         is_folder: Whether *path* is a folder.
         count: The number of names that were given.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(
+        self, path: Path, max_bytes: float | None = None, max_duration_s: float | None = None
+    ) -> None:
         self.is_folder = path.is_dir() or not path.suffix
+        self.max_bytes = max_bytes
+        self.max_duration_s = max_duration_s
         self.count = 0
         self._path = path
 

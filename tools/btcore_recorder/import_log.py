@@ -44,8 +44,8 @@ from btcore_recorder.inputs import (
     Step,
     TreeState,
 )
-from btcore_recorder.recorded_tree import ExternalCode, Inputs, StepClock, load_recorded
-from btcore_recorder.tree_state import capture, restore_nodes
+from btcore_recorder.recorded_tree import RecordedTree
+from btcore_recorder.tree_state import capture
 from btcore_recorder.values import Encoder
 
 _ENGINE_NODES: Final = frozenset(
@@ -97,7 +97,7 @@ def import_log(log: Recording) -> RunRecording:
     for attempt in range(_MAX_ATTEMPTS + 1):
         is_last = not by_engine or attempt == _MAX_ATTEMPTS
         try:
-            return _Import(log, shape, frozenset(() if is_last else by_engine), must_succeed=is_last).run()
+            return _run(log, shape, frozenset(() if is_last else by_engine), must_succeed=is_last)
         except _ContradictionError as contradiction:
             by_engine -= {shape.nearest(uid, by_engine) for uid in contradiction.uids}
         except BtcoreError as error:
@@ -211,104 +211,98 @@ def _ports(node: RecordedNode) -> Mapping[str, str]:
     return {name: text for name, text in node.ports.items() if not name.startswith("_")}
 
 
-class _Import:
-    """An attempt, in which the engine runs the nodes *by_engine*, by their numbers.
+def _run(log: Recording, shape: _Shape, by_engine: frozenset[int], must_succeed: bool) -> RunRecording:
+    """Return the recording of an attempt, in which the engine runs the nodes *by_engine*, by their numbers.
 
     With *must_succeed*, there is no contradiction: transitions that do not follow from the log's are kept.
+
+    Raises:
+        _ContradictionError: The engine does what is not in the log.
     """
+    classes: dict[str, RecordedClass] = {}
+    replaced: dict[int, RecordedClass] = {}
+    for number, node in enumerate(shape.nodes, 1):
+        if number in by_engine or node.type is NodeType.SUBTREE:
+            continue
+        if shape.is_built_in(node):
+            replaced[number] = _class(node, ())
+        else:
+            classes[node.id] = _class(node, classes[node.id].ports if node.id in classes else ())
+    head = Head(
+        shape.main_id,
+        shape.format,
+        ((log.path.name, shape.document(), False),),
+        {},
+        {},
+        tuple(classes.values()),
+        replaced,
+        ((False, {}),),
+        TreeState((), ({},), (), 0),
+        0,
+        log.start,
+        {"btcore": btcore.__version__, RECONSTRUCTED: log.path.name},
+    )
+    logged = _LoggedTree(head, log, shape, must_succeed)
+    state = capture(logged.tree, logged.boards, Encoder(lambda name, description: None).encode)
+    begin = [NodeState(uid, status, IDLE, {}) for uid, status in sorted(shape.begin.items()) if status]
+    state = state._replace(nodes=(*state.nodes, *begin))
+    logged.restore(state)
+    numbered = enumerate(shape.nodes, 1)
+    logged.add_callbacks(uid for uid, node in numbered if node.type is NodeType.SUBTREE and uid > 1)
+    head = head._replace(state=state, paths=tuple(node.path for node in logged.tree.nodes))
+    return RunRecording(head, tuple(_steps(logged, log)), (), log.damage)
 
-    def __init__(self, log: Recording, shape: _Shape, by_engine: frozenset[int], must_succeed: bool) -> None:
-        self._log = log
-        self._code = _LoggedCode(log, shape, must_succeed)
-        classes: dict[str, RecordedClass] = {}
-        replaced: dict[int, RecordedClass] = {}
-        for number, node in enumerate(shape.nodes, 1):
-            if number in by_engine or node.type is NodeType.SUBTREE:
-                continue
-            if shape.is_built_in(node):
-                replaced[number] = _class(node, ())
+
+def _steps(logged: "_LoggedTree", log: Recording) -> Iterator[Step]:
+    tree, follower = logged.tree, _Follower(logged)
+    tree.subscribe(follower)
+    before: list[Input] = []
+    while (first := logged.next) is not None or before:
+        logged.begin_step()
+        if first is not None and logged.is_decided_subtree(1, first):
+            logged.force(first)
+            before += logged.events
+            continue
+        is_halt = tree.root._status is not IDLE and logged.resets(1)
+        status = IDLE
+        try:
+            if is_halt:
+                tree.halt()
             else:
-                classes[node.id] = _class(node, classes[node.id].ports if node.id in classes else ())
-        self._head = Head(
-            shape.main_id,
-            shape.format,
-            ((log.path.name, shape.document(), False),),
-            {},
-            {},
-            tuple(classes.values()),
-            replaced,
-            ((False, {}),),
-            TreeState((), ({},), (), 0),
-            0,
-            log.start,
-            {"btcore": btcore.__version__, RECONSTRUCTED: log.path.name},
-        )
-        tree = self._tree = load_recorded(self._head, self._code, StepClock())
-        encode = Encoder(lambda name, description: None).encode
-        state = capture(tree, self._code.boards, encode)
-        begin = [NodeState(uid, status, IDLE, {}) for uid, status in sorted(shape.begin.items()) if status]
-        state = state._replace(nodes=(*state.nodes, *begin))
-        self._head = self._head._replace(state=state)
-        restore_nodes(state, tree, (), self._code.decode)
-        for number, node in enumerate(shape.nodes, 1):
-            if node.type is NodeType.SUBTREE and number > 1:
-                tree.nodes[number - 1].set_pre_tick_function(self._code.pre_tick)
-        self._follower = _Follower(self._code)
-        tree.subscribe(self._follower)
-
-    def run(self) -> RunRecording:
-        return RunRecording(self._head, tuple(self._steps()), (), self._log.damage)
-
-    def _steps(self) -> Iterator[Step]:
-        code, tree = self._code, self._tree
-        before: list[Input] = []
-        while (first := code.next) is not None or before:
-            code.begin_step()
-            if first is not None and code.is_decided_subtree(1, first):
-                code.force(first)
-                before += code.events
-                continue
-            is_halt = tree.root._status is not IDLE and code.resets(1)
-            status = IDLE
-            try:
-                if is_halt:
-                    tree.halt()
-                else:
-                    status = tree.tick_exactly_once()
-            except TickInterrupt:
-                pass
-            is_unexplained = first is not None and code.next is first
-            code.check(first if is_unexplained else None)
-            stamp = self._log.end if first is None else first.stamp
-            number, time = (0, -1) if is_halt else (tree.ticks, stamp - self._log.start)
-            checksum = self._follower.checksum
-            yield Step(number, time, tuple(before), tuple(code.events), status, checksum)
-            before.clear()
-            if first is not None and is_unexplained:
-                code.begin_step()
-                code.force(first)
-                before += code.events
+                status = tree.tick_exactly_once()
+        except TickInterrupt:
+            pass
+        is_unexplained = first is not None and logged.next is first
+        logged.check(first if is_unexplained else None)
+        stamp = log.end if first is None else first.stamp
+        number, time = (0, -1) if is_halt else (tree.ticks, stamp - log.start)
+        yield Step(number, time, tuple(before), tuple(logged.events), status, follower.checksum)
+        before.clear()
+        if first is not None and is_unexplained:
+            logged.begin_step()
+            logged.force(first)
+            before += logged.events
 
 
 class _Follower(Observer):
     """Follows the transitions of the engine in the log."""
 
-    def __init__(self, code: "_LoggedCode") -> None:
-        self._code = code
+    def __init__(self, logged: "_LoggedTree") -> None:
+        self._logged = logged
         self.checksum = 0
 
     def transition(self, change: Transition) -> None:
-        self._code.follow(change)
+        self._logged.follow(change)
 
     def transitions(self, changes: Transitions) -> None:
         self.checksum = changes.checksum(self.checksum)
 
 
-class _LoggedCode(ExternalCode):
-    """Does what external nodes must have done, so that the transitions of a log follow."""
+class _LoggedTree(RecordedTree):
+    """External nodes do what they must have done, so that the transitions of a log follow."""
 
-    def __init__(self, log: Recording, shape: _Shape, must_succeed: bool) -> None:
-        super().__init__(Inputs(), {})
+    def __init__(self, head: Head, log: Recording, shape: _Shape, must_succeed: bool) -> None:
+        super().__init__(head)
         self._transitions = log.transitions
         self._shape = shape
         self._must_succeed = must_succeed
@@ -373,11 +367,11 @@ class _LoggedCode(ExternalCode):
     def _set(self, uid: int, status: Status) -> None:
         self.events.append(StatusSet(uid, status))
         if status is IDLE:
-            reset_status(self.nodes[uid - 1])
+            reset_status(self.tree.nodes[uid - 1])
         else:
-            self.nodes[uid - 1].set_status(status)
+            self.tree.nodes[uid - 1].set_status(status)
 
-    def tick(self, node: TreeNode) -> Status:
+    def _tick_external(self, node: TreeNode) -> Status:
         uid = node.config.uid
         self._stop_at_contradiction()
         status = self._tick_children(node) if node.children else self._leaf_result(node)
@@ -420,29 +414,29 @@ class _LoggedCode(ExternalCode):
                 self._reset(child, number)
             elif self.is_decided_subtree(child, change):
                 self._set(child, change.status)
-            elif child in ticked and self.nodes[child - 1]._status is RUNNING:
+            elif child in ticked and self.tree.nodes[child - 1]._status is RUNNING:
                 break
             else:
                 ticked.add(child)
                 self.events.append(ChildTicked(child))
-                execute_tick(self.nodes[child - 1])
+                execute_tick(self.tree.nodes[child - 1])
             self._check_progress(change, position)
         return node._status
 
     def is_decided_subtree(self, uid: int, change: LoggedTransition) -> bool:
         """Return whether *uid* is a SubTree node that is not ticked, because its pre-condition decides."""
-        node = self.nodes[uid - 1]
+        node = self.tree.nodes[uid - 1]
         is_result = self._number(change) == uid and change.status not in (IDLE, RUNNING)
         return is_result and node.type is NodeType.SUBTREE and node._status is IDLE
 
-    def pre_tick(self, node: TreeNode) -> Status:
+    def _pre_tick(self, node: TreeNode) -> Status:
         change = self.next
         if change is None or not self.is_decided_subtree(node.config.uid, change):
             return SKIPPED
         self.events.append(StatusForced(node.config.uid, True, change.status))
         return change.status
 
-    def halt(self, node: TreeNode) -> None:
+    def _halt_external(self, node: TreeNode) -> None:
         uid = node.config.uid
         if not node.children:
             reset_status(node)
@@ -461,9 +455,9 @@ class _LoggedCode(ExternalCode):
 
     def _reset(self, child: int, number: int) -> None:
         """Halt *child* if it is running and is reset now; otherwise reset the node *number* in it."""
-        if self.nodes[child - 1]._status is RUNNING and self.resets(child):
+        if self.tree.nodes[child - 1]._status is RUNNING and self.resets(child):
             self.events.append(ChildHalted(child))
-            halt_node(self.nodes[child - 1])
+            halt_node(self.tree.nodes[child - 1])
         else:
             self._set(number, IDLE)
 

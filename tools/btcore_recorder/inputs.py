@@ -145,6 +145,7 @@ class Head(NamedTuple):
         wall_time: The same moment in ns since 1970.
         versions: What recorded the run: "btcore", "build" and "python".
         facts: Facts about the run.
+        paths: The paths of the nodes, for people who read the file. A replay does not need them.
     """
 
     tree_id: str
@@ -160,6 +161,7 @@ class Head(NamedTuple):
     wall_time: int
     versions: Mapping[str, str]
     facts: Facts = Facts()
+    paths: tuple[str, ...] = ()
 
     def wall_time_at(self, time: int) -> int:
         """Return the time (ns since 1970) at a time (ns) of the tree's clock."""

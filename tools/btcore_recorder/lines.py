@@ -85,8 +85,8 @@ def encode_text(text: str) -> bytes:
     return text.encode("utf-8", "surrogatepass")
 
 
-def head_lines(head: Head, paths: Iterable[str]) -> Iterator[Line]:
-    """Yield the lines of the head; *paths* are the paths of the nodes, for readers."""
+def head_lines(head: Head) -> Iterator[Line]:
+    """Yield the lines of the head."""
     yield ["btrec", FORMAT]
     yield ["tree", head.tree_id, head.format]
     yield ["clock", head.time, head.wall_time]
@@ -103,7 +103,7 @@ def head_lines(head: Head, paths: Iterable[str]) -> Iterator[Line]:
         yield ["class", *recorded]
     for uid, recorded in head.replaced.items():
         yield ["replaced", uid, *recorded]
-    for uid, path in enumerate(paths, start=1):
+    for uid, path in enumerate(head.paths, start=1):
         yield ["node", uid, path]
     for outer in head.outer:
         yield ["outer", *outer]
@@ -133,9 +133,9 @@ def step_lines(step: Step) -> Iterator[Line]:
     yield ["end", step.status.name, step.checksum]
 
 
-def recording_lines(recording: RunRecording, paths: Iterable[str] = ()) -> Iterator[list[Line]]:
+def recording_lines(recording: RunRecording) -> Iterator[list[Line]]:
     """Yield the lines of a recording: those of the head, and of each segment and step, together."""
-    yield list(head_lines(recording.head, paths))
+    yield list(head_lines(recording.head))
     segments = {segment.position: segment for segment in recording.segments}
     for position, step in enumerate(recording.steps):
         if position in segments:
@@ -286,6 +286,7 @@ class _Reader:
         types: dict[str, Any] = {}
         classes: list[RecordedClass] = []
         replaced: dict[int, RecordedClass] = {}
+        paths: list[str] = []
         state = _StateReader()
         outer: list[tuple[bool, Mapping[str, str]]] = []
         while True:
@@ -308,8 +309,8 @@ class _Reader:
                     classes.append(_class(values))
                 case "replaced", [int(uid), *values]:
                     replaced[uid] = _class(values)
-                case "node", [int(), str()]:
-                    pass  # for people who read the file
+                case "node", [int(), str(path)]:
+                    paths.append(path)
                 case "outer", values:
                     outer.append(_converter(tuple[bool, Mapping[str, str]])(values))
                 case "head", []:
@@ -334,6 +335,7 @@ class _Reader:
             *clock,
             versions,
             facts,
+            tuple(paths),
         )
 
     def _segment(self, gap: str) -> Segment:

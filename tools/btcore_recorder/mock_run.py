@@ -7,26 +7,34 @@ is run up to it. The time is simulated.
 """
 
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
 from btcore.blackboard.ports import Output
 from btcore.clock import NS_PER_S, SimClock
 from btcore.engine.node import TreeNode
-from btcore.engine.recorded_events import Raised, RecordedError, Written
-from btcore.errors import BtcoreError, ConversionError, TickInterrupt
+from btcore.engine.recorded_events import (
+    ChildHalted,
+    ChildTicked,
+    ExternalHaltBegan,
+    ExternalHaltEnded,
+    Raised,
+    RecordedError,
+    StatusSet,
+    Written,
+)
+from btcore.errors import BtcoreError, ConversionError, NodeExecutionError, TickInterrupt
 from btcore.loading.instantiate import instantiate
 from btcore.logs.moments import Explanation, Moment, Values
 from btcore.registry.outcome_grammar import LETTERS, Outcome, parse_outcomes
-from btcore.status import IDLE, RUNNING, SKIPPED, NodeType, Status
+from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeType
 from btcore.suggestions import did_you_mean
 from btcore.xml.plan.plan import Plans
 from btcore_recorder.files import TEXT, recording_text
-from btcore_recorder.inputs import UNKNOWN_CHECKSUM, Input, Result, RunRecording, Step, is_external
-from btcore_recorder.mock_code import (
+from btcore_recorder.inputs import UNKNOWN_CHECKSUM, Input, Result, RunRecording, Step, TreeState, is_external
+from btcore_recorder.mock_leaves import (
     Answer,
-    GrowingReplay,
     LeafAsked,
     LeafPlan,
     MockLeaf,
@@ -37,7 +45,7 @@ from btcore_recorder.mock_code import (
     ticks_its_children,
 )
 from btcore_recorder.moments import Moments, input_values
-from btcore_recorder.recorder import Recorder
+from btcore_recorder.recorder import Recorder, RecorderOptions
 from btcore_recorder.saved_tests import source_of_test
 from btcore_recorder.values import Encoder
 from btcore_recorder.what_if import run_changed
@@ -49,6 +57,8 @@ MAX_ANSWERS: Final = 200_000
 """Maximum number of answers in a run."""
 MAX_OUTPUT: Final = 10_000
 """Maximum number of characters of an output."""
+_STATE_INTERVAL: Final = 50
+"""The number of steps between two states that are kept of a run."""
 
 Target = Literal["tick", "into", "over", "out"]
 """Where `MockRun.advance` goes: to the end of a tick, or to a moment within it."""
@@ -72,7 +82,7 @@ class Question(NamedTuple):
     can_run: bool
 
 
-class MockRun:
+class MockRun(Moments):
     """A run of a tree with mock leaves.
 
     It satisfies the protocol of the entry point group `btcore.runs`, which the studio declares.
@@ -82,9 +92,8 @@ class MockRun:
         period_s: The simulated time between two ticks (s).
 
     Attributes:
-        position: The number of steps before the present moment.
-        event: The number of begins and ends of nodes in the step up to this moment; 0 if it is between two
-            steps.
+        event: The number of begins and ends of nodes in the step up to the present moment; 0 if it is between
+            two steps.
         question: The leaf that is ticked now and has no answer, or None.
         problem: Why the tick cannot be run further, or "".
 
@@ -113,52 +122,31 @@ class MockRun:
     """
 
     def __init__(self, plans: Plans, period_s: float = DEFAULT_PERIOD_S) -> None:
-        self.position = self.event = 0
+        self._source = tree = instantiate(plans, (), None, SimClock())
+        types: dict[str, Any] = {}
+        recorder = Recorder(tree, lambda step: None, types.__setitem__, RecorderOptions())
+        recorder.close()
+        self._growing: list[Step] = []
+        super().__init__(RunRecording(recorder.head._replace(types=types), self._growing))
+        self.event = 0
         self.question: Question | None = None
         self.problem = ""
-        self._source = tree = instantiate(plans, (), None, SimClock())
         self._period = max(1, round(period_s * NS_PER_S))
-        self._types: dict[str, Any] = {}
-        recorder = Recorder(tree, lambda step: None, self._types.__setitem__)
-        recorder.close()
-        self._head = recorder.head._replace(types=self._types)
-        self._encoder = Encoder(self._types.__setitem__)
-        self._replay = replay = GrowingReplay(self._head)
-        self._moments = Moments(replay)
-        self._cursor = TickCursor(replay.tree)
-        self._code = replay.code
-        self._code.events_of = self._events_of
+        self._output_encoder = Encoder(types.__setitem__)
+        self._cursor = TickCursor(self.tree)
         self._leaves = {
             node.config.uid: MockLeaf(path, node.type is NodeType.CONDITION)
-            for path, node in replay.tree.nodes_by_path().items()
+            for path, node in self.tree.nodes_by_path().items()
             if is_external(type(node)) and not ticks_its_children(node)
         }
+        self._before: tuple[TreeState, int] | None = None  # before a step that was run in part
+        self._log: list[Input] | None = None  # of a new step, while it is run
         self._given: list[Answer] = []  # of the tick that has not ended
         self._used = 0  # the number of those that were used, while the tick is run
         self._answer_count = 0
         self._is_wanted: StopCondition | None = None
 
     # --- the recording so far
-
-    @property
-    def plans(self) -> Plans:
-        """The plans of the tree."""
-        return self._moments.plans
-
-    @property
-    def count(self) -> int:
-        """The number of steps that have ended."""
-        return self._moments.count
-
-    @property
-    def roots(self) -> Sequence[Status]:
-        """The result of each step."""
-        return self._moments.roots
-
-    @property
-    def warnings(self) -> Sequence[str]:
-        """What the recording lacks: nothing."""
-        return ()
 
     @property
     def stopped_at(self) -> int:
@@ -175,11 +163,6 @@ class MockRun:
         """The answers of each mock leaf so far, by its number."""
         return {uid: [each.outcome for each in leaf.answers] for uid, leaf in self._leaves.items()}
 
-    @property
-    def recording(self) -> RunRecording:
-        """The recording so far."""
-        return RunRecording(self._head, tuple(self._replay.growing))
-
     def why(self, uid: int, position: int, limit_s: float = math.inf) -> Explanation:
         """Explain what a node did, as `Moments.why`.
 
@@ -188,11 +171,11 @@ class MockRun:
         """
         if position > MAX_TESTED_TICKS:
             raise BtcoreError(f"only the first {MAX_TESTED_TICKS:,} ticks of a run are explained")
-        return self._moments.why(uid, position, limit_s)
+        return super().why(uid, position, limit_s)
 
     def recording_text(self) -> str:
         """Return the recording so far in the text form."""
-        return recording_text(self.recording, [node.path for node in self._replay.tree.nodes])
+        return recording_text(self.recording)
 
     def test_text(self, name: str, tree: str) -> str:
         """Return the source code of a test that runs the tree again, with the answers of this run.
@@ -224,11 +207,10 @@ class MockRun:
         """
         position = max(0, min(position, self.count))
         if event > 0:
-            self.position = position
-            return self._run_step(lambda count, uid, is_end: count >= event)
-        moment = self._moments.at(position, limit)
-        self.position, self.event, self.question, self.problem = moment.position, 0, None, ""
-        return moment
+            self.seek(position)
+            return self._go_on(lambda count, uid, is_end: count >= event)
+        self.event, self.question, self.problem = 0, None, ""
+        return super().at(position, limit)
 
     def advance(self, target: Target, breakpoints: Collection[int] = ()) -> Moment:
         """Go on to the end of a tick, or to a moment within it, or to the next question or breakpoint.
@@ -240,13 +222,13 @@ class MockRun:
         """
         is_target, now = self._find_target(target), self.event
         if not breakpoints:
-            return self._run_step(is_target)
+            return self._go_on(is_target)
 
         def is_wanted(count: int, uid: int, is_end: bool) -> bool:
             is_breakpoint = count > now and not is_end and uid in breakpoints
             return is_breakpoint or (is_target is not None and is_target(count, uid, is_end))
 
-        return self._run_step(is_wanted)
+        return self._go_on(is_wanted)
 
     def _find_target(self, target: Target) -> StopCondition | None:
         """Return whether an event is the wanted moment, or None for the end of the tick."""
@@ -261,7 +243,7 @@ class MockRun:
 
     def _parent_of(self, uid: int) -> int:
         """Return the number of the parent of a node; 0 for the root."""
-        nodes = self._replay.tree.nodes
+        nodes = self.tree.nodes
         parents = {child.config.uid: node.config.uid for node in nodes for child in node.children}
         return parents.get(uid, 0)
 
@@ -286,16 +268,16 @@ class MockRun:
                 raise BtcoreError(f"'{question.path}' has no output port '{name}'{did_you_mean(name, names)}")
             if len(text) > MAX_OUTPUT:
                 raise BtcoreError(f"port [{name}]: a value has at most {MAX_OUTPUT:,} characters")
-        node = self._replay.tree.nodes[question.uid - 1]
+        node = self.tree.nodes[question.uid - 1]
         outcome = Outcome(letter, tuple(outputs.items()))
         list(self._events(node, outcome))  # converts the texts
         self._give(node, outcome)
-        moment = self._run_step(self._is_wanted)
+        moment = self._go_on(self._is_wanted)
         if self.problem and self._used == len(self._given) and self._given[-1].outcome is outcome:
             # An entry does not take the value.
             problem = self.problem
             self._take_back()
-            self._run_step(self._is_wanted)
+            self._go_on(self._is_wanted)
             raise BtcoreError(problem)
         return moment
 
@@ -314,8 +296,8 @@ class MockRun:
             starts = parse_outcomes(outcomes) if outcomes else ()
         except ValueError as error:
             raise BtcoreError(str(error)) from None
-        node = self._replay.tree.nodes[uid - 1]
-        manifest = self._source.registry.get(node.config.id, self._head.format)
+        node = self.tree.nodes[uid - 1]
+        manifest = self._source.registry.get(node.config.id, self.recording.head.format)
         known = [] if manifest is None else [name for name, port in manifest.ports.items() if port.writes]
         for outcome in (outcome for start in starts for outcome in start):
             for name, _ in outcome.outputs:
@@ -328,9 +310,11 @@ class MockRun:
         """Let a leaf do next what it did in another run, before it follows its plan."""
         self._leaves[uid].repeated.extend(answers)
 
-    def cut(self) -> None:
+    def forget_later_steps(self) -> None:
         """Forget what follows the last step before the present moment, so that leaves can do otherwise."""
-        self._replay.cut_at(self.position)
+        self.seek(self.position)
+        del self._growing[self.position :]
+        self._states = {at: state for at, state in self._states.items() if at <= self.position}
         self._given.clear()
         for leaf in self._leaves.values():
             leaf.repeated.clear()
@@ -339,26 +323,39 @@ class MockRun:
 
     # --- running a step
 
-    def _run_step(self, is_wanted: StopCondition | None) -> Moment:
+    def seek(self, position: int | None = None, **others: Any) -> bool:
+        """Go to a moment, also from within a step; see `Replay.seek`."""
+        if self._before is not None:
+            self._go_back(self.position, *self._before)
+            self._before = None
+        return super().seek(position, **others)
+
+    def _go_on(self, is_wanted: StopCondition | None) -> Moment:
         """Run the step after `position` up to the wanted moment, or to a question."""
-        replay, code = self._replay, self._code
         self._is_wanted = is_wanted
         self.question, self.problem = None, ""
-        replay.seek(self.position)
-        if is_wanted is None and self.position < self.count:
+        self.seek(self.position)
+        is_new = self.position == self.count
+        if is_wanted is None and not is_new:
             return self.at(self.position + 1)
         if self.position >= MAX_TICKS:
             self.event = 0
             self.problem = f"a run has at most {MAX_TICKS:,} ticks"
-            return self._moments.current()
-        is_new = self.position == self.count
-        step = self._next_step() if is_new else replay.growing[self.position]
-        replay.begin_step()
+            return self.current()
+        step = self._next_step() if is_new else self._growing[self.position]
+        self._before = self._states.get(self.position) or (self._capture(), self._checksum.value)
+        if self.position % _STATE_INTERVAL == 0:
+            self._states[self.position] = self._before
         self._cursor.begin(is_wanted)
         self._used = 0
-        code.is_observing, code.is_new = True, is_new
+        self._is_observing = True
+        log: list[Input] = []
+        self._log = log if is_new else None
+        status = IDLE
         try:
-            status = replay.run_step(step)
+            status = self.run_step(step)
+        except NodeExecutionError:
+            pass
         except TickInterrupt as interrupt:
             self.event = len(self._cursor.events)
             if isinstance(interrupt, LeafAsked):
@@ -367,32 +364,76 @@ class MockRun:
                 self.problem = str(interrupt)
             return self._moment_within(step)
         finally:
-            code.is_observing = code.is_new = False
+            self._is_observing, self._log = False, None
             self._cursor.end()
-        inputs = tuple(code.log)
-        checksum = replay.end_step()
+        self._before = None
+        self.position, self.event = self.position + 1, 0
         if is_new:
-            replay.growing.append(step._replace(inputs=inputs, status=status, checksum=checksum))
+            checksum = self._checksum.value
+            self._growing.append(step._replace(inputs=tuple(log), status=status, checksum=checksum))
             self._given.clear()
-        self.position, self.event = replay.position, 0
-        return self._moments.current()
+        return self.current()
 
     def _moment_within(self, step: Step) -> Moment:
         """Return the moment of a step that was run in part."""
-        moment = self._moments.current()
+        moment = self.current()
         statuses = list(moment.statuses)
         uid, result = self._cursor.events[-1] if self._cursor.events else (0, None)
         if result not in (None, SKIPPED):
             statuses[uid - 1] = result  # it is stored after the end of the node
-        time = step.time - self._head.time
+        time = step.time - self.recording.head.time
         return moment._replace(tick=step.tick, time=time, root=statuses[0], statuses=tuple(statuses))
 
     def _next_step(self) -> Step:
-        steps = self._replay.growing
-        time = steps[-1].time + self._period if steps else self._head.time
-        return Step(self._replay.tree.ticks + 1, time, (), (), IDLE, UNKNOWN_CHECKSUM)
+        steps = self._growing
+        time = steps[-1].time + self._period if steps else self.recording.head.time
+        return Step(self.tree.ticks + 1, time, (), (), IDLE, UNKNOWN_CHECKSUM)
 
-    def _events_of(self, node: TreeNode) -> Iterator[Input]:
+    def _tick_events(self, node: TreeNode) -> Iterator[Input]:
+        if self._log is None:
+            return super()._tick_events(node)
+        events = self._ticks_of_children(node) if ticks_its_children(node) else self._next_answer(node)
+        return self._logged_events(self._log, events)
+
+    def _halt_events(self, node: TreeNode) -> Iterator[Input]:
+        if self._log is None or not node.children:
+            return super()._halt_events(node)
+        uid = node.config.uid
+        self._log.append(ExternalHaltBegan(uid))
+        halts = [ChildHalted(child.config.uid) for child in node.children]
+        return self._logged_events(self._log, (*halts, StatusSet(uid, IDLE), ExternalHaltEnded(uid, None)))
+
+    def _logged_events(self, log: list[Input], events: Iterable[Input]) -> Iterator[Input]:
+        for event in events:
+            log.append(event)
+            yield event
+
+    def _differ(self, recorded: str, now: str) -> None:
+        if self._log is not None:  # a value cannot be written
+            raise TickImpossible(now)
+        super()._differ(recorded, now)
+
+    def _ticks_of_children(self, node: TreeNode) -> Iterator[Input]:
+        """Yield what a control or decorator without code does: as `MockControl` and `MockDecorator`."""
+        uid, status = node.config.uid, SUCCESS
+        yield StatusSet(uid, RUNNING)
+        statuses = [child.status for child in node.children]
+        has_skipped_all = SUCCESS not in statuses
+        first = statuses.index(RUNNING) if RUNNING in statuses else 0
+        for child in node.children[first:]:
+            yield ChildTicked(child.config.uid)
+            if self._child_error is not None:
+                yield Raised(uid, RecordedError("NodeExecutionError", ""))
+            status = self._child_result
+            has_skipped_all = has_skipped_all and status is SKIPPED
+            if status not in (SUCCESS, SKIPPED):
+                break
+        if status is not RUNNING:
+            status = SKIPPED if has_skipped_all else FAILURE if status is FAILURE else SUCCESS
+            yield from (ChildHalted(child.config.uid) for child in node.children)
+        yield Result(uid, status)
+
+    def _next_answer(self, node: TreeNode) -> Iterator[Input]:
         """Yield what a leaf does in the new tick."""
         if self._used == len(self._given):
             uid = node.config.uid
@@ -435,7 +476,7 @@ class MockRun:
             output = self._source.nodes[uid - 1].config.outputs.get(name)
             if output is None or output.key is None:
                 continue  # as `MockAction`
-            scope = self._code.boards.index(node.config.outputs[name].blackboard)
+            scope = self.boards.index(node.config.outputs[name].blackboard)
             declared = None if output.type.strong else output.type.name
             yield Written(scope, output.key, self._encode(output, text), declared)
         if outcome.letter == "X":
@@ -445,7 +486,7 @@ class MockRun:
 
     def _encode(self, output: Output, text: str) -> Any:
         try:
-            return self._encoder.encode(output.type.from_text(text, self._head.format))
+            return self._output_encoder.encode(output.type.from_text(text, self.recording.head.format))
         except ConversionError as error:
             if output.type.python_type is object:
                 return {"__text": text}  # the value of a type whose code is not there

@@ -3,9 +3,9 @@
 import math
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import islice
-from typing import Any, Final
+from typing import Final
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.engine.node import TreeNode
@@ -14,10 +14,8 @@ from btcore.errors import BtcoreError
 from btcore.logs.moments import Explanation, LeafTick, Moment, Values
 from btcore.status import IDLE, RUNNING, Status
 from btcore.xml.plan.key_uses import READING, WRITING, find_name_uses
-from btcore.xml.plan.plan import Plans
 from btcore_recorder.files import describe_reconstruction
-from btcore_recorder.inputs import Input, RunRecording, is_external
-from btcore_recorder.recorded_tree import ExternalCode, Inputs
+from btcore_recorder.inputs import Input, RunRecording, Step, is_external
 from btcore_recorder.replay import STATE_INTERVAL, Replay
 from btcore_recorder.tick_trace import scripts_of
 from btcore_recorder.values import MAX_SHOWN, value_text
@@ -30,79 +28,13 @@ _MAX_OBSERVATIONS: Final = 10_000
 """Maximum number of ticks of leaves in a step that are observed: a tick may repeat a leaf very often."""
 
 
-class ObservedCode(ExternalCode):
-    """Observes the ticks of leaves, while *is_observing*."""
-
-    def __init__(self, inputs: Inputs, types: Mapping[str, Any]) -> None:
-        super().__init__(inputs, types)
-        self.is_observing = False
-        self.leaves: dict[int, LeafTick] = {}
-        self._messages: list[str] = []
-        self._count = 0
-
-    def begin_step(self) -> None:
-        """Begin a step, without observations."""
-        super().begin_step()
-        self.leaves.clear()
-        self._count = 0
-
-    def tick(self, node: TreeNode) -> Status:
-        """Do what the tick of *node* did, and observe it."""
-        if node.children or not self._count_observation():
-            return super().tick(node)
-        before = input_values(node)
-        self._messages.clear()
-        numbers = {name: _entry_number(node, output.key) for name, output in node.config.outputs.items()}
-        try:
-            status = super().tick(node)
-        except Exception as error:
-            self._add(node, IDLE, before, self._logged(), str(error)[:MAX_SHOWN])
-            raise
-        written = {
-            name: text
-            for name, text in _output_values(node).items()
-            if _entry_number(node, node.config.outputs[name].key) != numbers[name]
-        }
-        self._add(node, status, before, {**written, **self._logged()})
-        return status
-
-    def apply(self, event: Input | None, now: str) -> None:
-        """Do what *event* says, and keep what it logs."""
-        if isinstance(event, MessageLogged) and len(self._messages) < _MAX_MESSAGES:
-            self._messages.append(event.text)
-        super().apply(event, now)
-
-    def _logged(self) -> Values:
-        return {"logged": "; ".join(self._messages)[:MAX_SHOWN]} if self._messages else {}
-
-    def post_tick(self, node: TreeNode, status: Status) -> Status:
-        """Observe the tick of a built-in leaf."""
-        if not node.children and not is_external(type(node)) and self._count_observation():
-            read, written = _script_values(node)
-            self._add(node, status, {**input_values(node), **read}, {**_output_values(node), **written})
-        return super().post_tick(node, status)
-
-    def _count_observation(self) -> bool:
-        """Count an observation; return whether it has to be made."""
-        self._count += 1
-        return self.is_observing and self._count <= _MAX_OBSERVATIONS
-
-    def _add(self, node: TreeNode, status: Status, inputs: Values, outputs: Values, error: str = "") -> None:
-        uid = node.config.uid
-        self.leaves.pop(uid, None)  # the order is that of the last ticks
-        self.leaves[uid] = LeafTick(uid, node.path, status, inputs, outputs, error)
-
-
-class Moments:
+class Moments(Replay):
     """The moments of a recording, in any order.
 
     It satisfies the protocol of the entry point group `btcore.recordings`, which the studio declares.
 
     Args:
-        recording: The recording, the path of its file, or a replay with an `ObservedCode`.
-
-    Attributes:
-        replay: The replay that computes them.
+        recording: The recording, or the path of its file.
 
     Raises:
         LogError: The file cannot be read, or the recording is invalid.
@@ -121,36 +53,31 @@ class Moments:
         (1, 'FAILURE', (('', 'tries', '1'),))
     """
 
-    def __init__(self, recording: RunRecording | str | os.PathLike[str] | Replay) -> None:
-        self.replay = recording if isinstance(recording, Replay) else Replay(recording, ObservedCode)
-        code = self.replay.external
-        assert isinstance(code, ObservedCode)
-        self._code = code
-        for node in self.replay.tree.nodes:
-            if not node.children and not is_external(type(node)):
-                node.set_post_tick_function(code.post_tick)
+    def __init__(self, recording: RunRecording | str | os.PathLike[str]) -> None:
+        super().__init__(recording)
         self._reached = 0
+        self._is_observing = False
+        self._leaf_ticks: dict[int, LeafTick] = {}  # the last tick of each leaf in the step
+        self._messages: list[str] = []
+        self._tick_count = 0  # of leaves in the step
+        for node in self.tree.nodes:
+            if not node.children and not is_external(type(node)):
+                node.set_post_tick_function(self._post_tick)
 
     @property
     def count(self) -> int:
         """The number of steps: the last moment."""
-        return len(self.replay.steps)
-
-    @property
-    def plans(self) -> Plans:
-        """The plans of the recorded tree."""
-        assert self._code.plans is not None
-        return self._code.plans
+        return len(self.steps)
 
     @property
     def roots(self) -> Sequence[Status]:
         """The recorded result of each step; IDLE for a halt."""
-        return [step.status for step in self.replay.steps]
+        return [step.status for step in self.steps]
 
     @property
     def warnings(self) -> Sequence[str]:
         """What the recording lacks, as sentences."""
-        recording = self.replay.recording
+        recording = self.recording
         return [*filter(None, (recording.damage, describe_reconstruction(recording.head)))]
 
     def at(self, position: int, limit: float = math.inf) -> Moment:
@@ -161,22 +88,21 @@ class Moments:
             limit: The time (s) after which the moment that was reached is returned instead. It counts only
                 while the replay reaches this part of the recording for the first time.
         """
-        replay = self.replay
         position = max(0, min(position, self.count))
         deadline = time.monotonic() + limit
-        while self._reached < position - 1 and replay.seek(min(position - 1, self._reached + STATE_INTERVAL)):
-            self._reached = replay.position
+        while self._reached < position - 1 and self.seek(min(position - 1, self._reached + STATE_INTERVAL)):
+            self._reached = self.position
             if time.monotonic() > deadline:
                 break
         else:
-            replay.seek(max(0, position - 1))
-        self._code.is_observing = True
+            self.seek(max(0, position - 1))
+        self._is_observing = True
         if position:
-            replay.step()
+            self.step()
         else:
-            self._code.leaves.clear()
-        self._code.is_observing = False
-        self._reached = max(self._reached, replay.position)
+            self._leaf_ticks.clear()
+        self._is_observing = False
+        self._reached = max(self._reached, self.position)
         return self.current()
 
     def why(self, uid: int, position: int, limit_s: float = math.inf) -> Explanation:
@@ -192,24 +118,23 @@ class Moments:
         """
         from btcore_recorder.why import Explainer  # most users of moments do not need it
 
-        recording = self.replay.recording
+        recording = self.recording
         step = recording.tick_at(min(position, self.count) - 1) if position > 0 else None
         if step is None:
             raise BtcoreError("there is no tick yet that could be explained")
-        uids = {path: node.config.uid for path, node in self.replay.tree.nodes_by_path().items()}
+        uids = {path: node.config.uid for path, node in self.tree.nodes_by_path().items()}
         answer = Explainer(recording, limit_s).why(list(uids)[uid - 1], step.tick)
         links = ((uids.get(link.node, 0), link.tick, link.because, link.tried) for link in answer.chain)
         return Explanation(answer.question, answer.answer, tuple(links))
 
     def current(self) -> Moment:
         """Return the moment of the replay."""
-        replay = self.replay
-        tree, position = replay.tree, replay.position
-        tick = replay.steps[position - 1].tick if position else 0
+        tree, position = self.tree, self.position
+        tick = self.steps[position - 1].tick if position else 0
         return Moment(
             position,
             tick,
-            replay.recording.time_at(position - 1),
+            self.recording.time_at(position - 1),
             tree.status,
             tuple(node._status for node in tree.nodes),
             tuple(_result(node) for node in tree.nodes),
@@ -218,9 +143,60 @@ class Moments:
                 for part in tree.subtrees
                 for key, entry in islice(sorted(part.blackboard.local_entries().items()), MAX_ENTRIES)
             )[:MAX_ENTRIES],
-            tuple(self._code.leaves.values())[:MAX_LEAVES],
-            "" if replay.difference is None else str(replay.difference),
+            tuple(self._leaf_ticks.values())[:MAX_LEAVES],
+            "" if self.difference is None else str(self.difference),
         )
+
+    # --- observing leaves
+
+    def run_step(self, step: Step) -> Status:
+        """Run a step; see `RecordedTree.run_step`."""
+        self._leaf_ticks.clear()
+        self._tick_count = 0
+        return super().run_step(step)
+
+    def _tick_external(self, node: TreeNode) -> Status:
+        if node.children or not self._count_observation():
+            return super()._tick_external(node)
+        before = input_values(node)
+        self._messages.clear()
+        numbers = {name: _entry_number(node, output.key) for name, output in node.config.outputs.items()}
+        try:
+            status = super()._tick_external(node)
+        except Exception as error:
+            self._add(node, IDLE, before, self._logged(), str(error)[:MAX_SHOWN])
+            raise
+        written = {
+            name: text
+            for name, text in _output_values(node).items()
+            if _entry_number(node, node.config.outputs[name].key) != numbers[name]
+        }
+        self._add(node, status, before, {**written, **self._logged()})
+        return status
+
+    def _apply(self, event: Input, now: str) -> None:
+        if isinstance(event, MessageLogged) and len(self._messages) < _MAX_MESSAGES:
+            self._messages.append(event.text)
+        super()._apply(event, now)
+
+    def _logged(self) -> Values:
+        return {"logged": "; ".join(self._messages)[:MAX_SHOWN]} if self._messages else {}
+
+    def _post_tick(self, node: TreeNode, status: Status) -> Status:
+        if not node.children and not is_external(type(node)) and self._count_observation():
+            read, written = _script_values(node)
+            self._add(node, status, {**input_values(node), **read}, {**_output_values(node), **written})
+        return super()._post_tick(node, status)
+
+    def _count_observation(self) -> bool:
+        """Count an observation; return whether it has to be made."""
+        self._tick_count += 1
+        return self._is_observing and self._tick_count <= _MAX_OBSERVATIONS
+
+    def _add(self, node: TreeNode, status: Status, inputs: Values, outputs: Values, error: str = "") -> None:
+        uid = node.config.uid
+        self._leaf_ticks.pop(uid, None)  # the order is that of the last ticks
+        self._leaf_ticks[uid] = LeafTick(uid, node.path, status, inputs, outputs, error)
 
 
 def _result(node: TreeNode) -> Status:

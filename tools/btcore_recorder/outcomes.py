@@ -13,7 +13,6 @@ from btcore.registry.outcome_grammar import LETTERS, Outcome
 from btcore.status import IDLE, RUNNING
 from btcore.tree.tree import Tree
 from btcore_recorder.inputs import Input, Result, Step
-from btcore_recorder.recorded_tree import ExternalCode
 from btcore_recorder.replay import Replay
 from btcore_recorder.values import NotReplayable
 
@@ -34,13 +33,13 @@ def read_outcomes(file: Path) -> tuple[list[TickOutcomes], dict[str, str]]:
         TreeError: The recorded tree cannot be loaded.
     """
     replay = Replay(file)
-    external, state = replay.external, replay.recording.head.state
+    state = replay.recording.head.state
     main = state.scopes[0]
-    values = {key: external.decode(state.entries[index].value) for key, index in main.items()}
+    values = {key: replay.decode(state.entries[index].value) for key, index in main.items()}
     entries = {key: _text(value) for key, value in values.items() if value is not None}
     names = _names(replay.tree)
     ticks = [
-        (_times(step, replay.recording.head.time), _outcomes(step.inputs, external, names))
+        (_times(step, replay.recording.head.time), _outcomes(step.inputs, replay, names))
         for step in replay.steps
         if step.tick
     ]
@@ -62,7 +61,7 @@ def _times(step: Step, start: int) -> list[float]:
     return [(time - start) / NS_PER_S for time in times]
 
 
-def _outcomes(inputs: Iterable[Input], external: ExternalCode, names: list[str]) -> dict[str, str]:
+def _outcomes(inputs: Iterable[Input], replay: Replay, names: list[str]) -> dict[str, str]:
     """Return the outcomes of the leaves in a tick, by name."""
     found: dict[str, str] = {}
     written: dict[tuple[int, str], str] = {}
@@ -79,13 +78,13 @@ def _outcomes(inputs: Iterable[Input], external: ExternalCode, names: list[str])
                 ticked.add(uid)
                 written.clear()
             case Written(scope, key, value, _):
-                written[scope, key] = _text(external.decode(value))
+                written[scope, key] = _text(replay.decode(value))
             case Result(uid, status) if status is not IDLE and not halts:
-                node, name = external.nodes[uid - 1], names[uid - 1]
+                node, name = replay.tree.nodes[uid - 1], names[uid - 1]
                 passed = ticked & {child.config.uid for child in node.children}
                 if not passed and (not node.children or status is RUNNING):
                     outputs = tuple(
-                        (_port(node, external.boards[scope], key), text)
+                        (_port(node, replay.boards[scope], key), text)
                         for (scope, key), text in written.items()
                     )
                     found[name] = found.get(name, "") + str(Outcome(_LETTER_OF[status], outputs))

@@ -97,7 +97,9 @@ class TreeRecordings:
         self._settings = settings
         self._run = uuid4().hex  # the same for all trees of the run
         self._report = report
-        self._files = RecordingFiles(settings.record)
+        self._files = files = RecordingFiles(settings.record, max_duration_s=settings.record_max_time)
+        max_size = settings.record_max_size or (MAX_FILE_SIZE if files.is_folder else None)
+        files.max_bytes = max_size and max_size * 1e6
         self._file_recorder: FileRecorder | None = None
         self._ring: RingRecorder | None = None
         self._tree: Tree | None = None
@@ -112,21 +114,16 @@ class TreeRecordings:
         Raises:
             BtcoreError: The tree cannot be recorded, or the file cannot be written.
         """
-        from btcore_recorder.file_recorder import FileRecorder, RingRecorder, Rotation
+        from btcore_recorder.file_recorder import FileRecorder, RingRecorder
         from btcore_recorder.recorder import RecorderOptions
 
         self._tree = tree
         settings, files = self._settings, self._files
-        file, exclude = files.next(tree.id), settings.record_exclude
-        options = RecorderOptions(settings.record_transitions, self._run)
+        options = RecorderOptions(settings.record_exclude, settings.record_transitions, self._run)
         if settings.record_on == "always":
-            max_size = settings.record_max_size or (MAX_FILE_SIZE if files.is_folder else None)
-            rotation = Rotation(
-                lambda: files.next(tree.id), max_size and max_size * 1e6, settings.record_max_time
-            )
-            self._file_recorder = FileRecorder(tree, file, rotation, exclude, options)
+            self._file_recorder = FileRecorder(tree, files, options)
         else:
-            self._ring = RingRecorder(tree, file, exclude, self._note_halt, options=options)
+            self._ring = RingRecorder(tree, files.next(tree.id), options, self._note_halt)
 
     def replace_tree(self, tree: Tree) -> None:
         """End the recording, and record *tree* to a file with the next number in its name.

@@ -23,6 +23,7 @@ _RINGS = pytest.StashKey[list["RingRecorder"]]()
 def pytest_btcore_tree(request: pytest.FixtureRequest, tree: Tree) -> None:
     """Record *tree* in memory, unless it cannot be recorded."""
     from btcore_recorder.file_recorder import RingRecorder
+    from btcore_recorder.recorder import RecorderOptions
 
     rings = request.node.stash.setdefault(_RINGS, [])
     folder = request.getfixturevalue("tmp_path_factory").getbasetemp() / "recordings"
@@ -30,7 +31,8 @@ def pytest_btcore_tree(request: pytest.FixtureRequest, tree: Tree) -> None:
     test = re.sub(r"[^\w-]+", "_", request.node.nodeid)[-100:]
     number = f".{len(rings) + 1}" if rings else ""
     try:
-        ring = RingRecorder(tree, folder / f"{test}{number}.btrec.txt", gives_way=True)
+        file = folder / f"{test}{number}.btrec.txt"
+        ring = RingRecorder(tree, file, RecorderOptions(gives_way=True))
     except BtcoreError:  # the test records the tree itself
         return
     rings.append(ring)

@@ -62,18 +62,19 @@ class RawStep(NamedTuple):
 
 
 class RecorderOptions(NamedTuple):
-    """What a `Recorder` records besides what the ticks depend on.
+    """What a `Recorder` records.
 
     Attributes:
+        exclude: Patterns of keys; the values of these entries are not recorded.
         keeps_transitions: Whether it records all transitions, besides their checksum.
         run: Identifies the run in all recordings of its trees; "" = a new run.
+        gives_way: Whether another recorder of the tree ends the recording.
     """
 
+    exclude: Sequence[str] = ()
     keeps_transitions: bool = False
     run: str = ""
-
-
-NO_OPTIONS: Final = RecorderOptions()
+    gives_way: bool = False
 
 
 class _LogRecordFactory:
@@ -123,13 +124,11 @@ class Recorder(Observer):
         tree: The tree, between two ticks.
         deliver: Called with each step, on the thread that ticks. `lines` converts it, on any thread.
         found: Called with the name and description of each user's type that is met later than in the head.
-        exclude: Patterns of keys; the values of these entries are not recorded.
-        options: What is recorded besides what the ticks depend on.
+        options: What is recorded.
 
     Attributes:
         head: The head of the recording.
         has_failed: Whether the last tick ended in FAILURE, or raised an exception.
-        gives_way: Whether another recorder of the tree ends this recording.
 
     Raises:
         BtcoreError: The tree is in a tick, is being recorded, or is not from a document, or the substitution
@@ -141,23 +140,20 @@ class Recorder(Observer):
         tree: Tree,
         deliver: Callable[[RawStep], object],
         found: Callable[[str, Any], object],
-        exclude: Sequence[str] = (),
-        options: RecorderOptions = NO_OPTIONS,
+        options: RecorderOptions,
     ) -> None:
+        self._options = options
         if tree._is_in_tick:
             raise BtcoreError(f"tree '{tree.id}' is in a tick: begin to record it between two ticks")
-        self.gives_way = False
         observers = tree.context.observers
         for other in () if observers is None else observers.observers:
-            if isinstance(other, Recorder) and other.gives_way:
+            if isinstance(other, Recorder) and other._options.gives_way:
                 other.close()
         if tree.context.journal is not None:
             raise BtcoreError(f"tree '{tree.id}' is being recorded already")
         self._tree = tree
-        self._exclude = exclude
         self._deliver = deliver
         self._transitions = _TransitionList() if options.keeps_transitions else None
-        self._run = options.run or uuid4().hex
         types: dict[str, Any] = {}
         self._encoder = Encoder(types.__setitem__)
         self._boards = scopes_of(tree)
@@ -216,12 +212,12 @@ class Recorder(Observer):
         return state._replace(entries=tuple(entries))
 
     def _encode(self, board: Blackboard, key: str, value: object) -> object:
-        excludes = self._exclude and self._is_excluded(key, board)
+        excludes = self._options.exclude and self._is_excluded(key, board)
         return EXCLUDED if excludes else self._encoder.encode(value)
 
     def _is_excluded(self, key: str, board: Blackboard | None = None) -> bool:
         """Return whether the entry of a key is excluded, by the key or by a key that *board* remaps it to."""
-        while not any(fnmatchcase(key.removeprefix("@"), pattern) for pattern in self._exclude):
+        while not any(fnmatchcase(key.removeprefix("@"), pattern) for pattern in self._options.exclude):
             if board is None:
                 return False
             key, board = board.remappings().get(key, key).strip("{}"), board.parent
@@ -257,7 +253,8 @@ class Recorder(Observer):
             tree.clock.now(),
             time.time_ns(),
             {"btcore": btcore.__version__, "build": active_build(), "python": platform.python_version()},
-            collect_facts(self._run, tree.documents, manifests),
+            collect_facts(self._options.run or uuid4().hex, tree.documents, manifests),
+            tuple(node.path for node in tree.nodes),
         )
 
     def _find_replaced(self) -> dict[int, RecordedClass]:

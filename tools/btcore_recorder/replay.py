@@ -1,7 +1,7 @@
 """Runs a recording again: the engine ticks the recorded tree, whose external nodes do what was recorded."""
 
 import os
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from itertools import zip_longest
 from pathlib import Path
 from typing import Final, NamedTuple
@@ -9,6 +9,7 @@ from typing import Final, NamedTuple
 from btcore.clock import NS_PER_S
 from btcore.engine.node import TreeNode
 from btcore.engine.observers import Observer
+from btcore.engine.recorded_events import StatusForced
 from btcore.engine.transition_records import Transitions
 from btcore.errors import BtcoreError, NodeExecutionError, TickInterrupt
 from btcore.logs.files import LogError
@@ -16,15 +17,8 @@ from btcore.status import FAILURE, IDLE, SUCCESS, Status
 from btcore.tree.tree import Tree
 from btcore_recorder.files import read_recording
 from btcore_recorder.inputs import UNKNOWN_CHECKSUM, RunRecording, Segment, Step, TreeState
-from btcore_recorder.recorded_tree import (
-    ExternalCode,
-    Inputs,
-    RecordedTimes,
-    StepClock,
-    add_callbacks,
-    load_recorded,
-)
-from btcore_recorder.tree_state import capture, describe_difference, restore_entries, restore_nodes
+from btcore_recorder.recorded_tree import RecordedTree
+from btcore_recorder.tree_state import capture, describe_difference
 from btcore_recorder.values import Encoder
 
 STATE_INTERVAL: Final = 250
@@ -84,7 +78,7 @@ class _Ends(Observer):
             self.count += change.uid == self._uid and change.status in (SUCCESS, FAILURE)
 
 
-class Replay:
+class Replay(RecordedTree):
     """A recording that is run again, step by step.
 
     The leaves return, write and raise what was recorded; the engine computes everything else. Neither a robot
@@ -92,7 +86,6 @@ class Replay:
 
     Args:
         recording: A recording, or the path of its file.
-        external_class: What stands for the code of external nodes, for `btcore_recorder.what_if`.
 
     Attributes:
         recording: The recording.
@@ -100,7 +93,6 @@ class Replay:
         position: The number of steps that have been run.
         tree: The tree, after these steps.
         difference: The first difference between the recording and the replay, or None.
-        external: What stands for the code of external nodes.
 
     Raises:
         LogError: The file cannot be read, or the recording is invalid.
@@ -118,27 +110,19 @@ class Replay:
         (True, <Status.FAILURE: 3>)
     """
 
-    def __init__(
-        self,
-        recording: RunRecording | str | os.PathLike[str],
-        external_class: type[ExternalCode] = ExternalCode,
-    ) -> None:
+    def __init__(self, recording: RunRecording | str | os.PathLike[str]) -> None:
         if not isinstance(recording, RunRecording):
             recording = read_recording(Path(recording))
         head, steps = recording.head, recording.steps
+        super().__init__(head)
         self.recording = recording
         self.steps = steps
         self.difference: Difference | None = None
         self.position = 0
-        self._start_time = head.time
-        self._inputs = Inputs()
-        self.external = external = external_class(self._inputs, head.types)
-        self._stamps = StepClock()
-        self.tree = load_recorded(head, external, self._stamps)
-        _check_numbers(recording, len(external.nodes), len(external.boards))
+        _check_numbers(recording, len(self.tree.nodes), len(self.boards))
         self._checksum = _Checksum()
         self.tree.subscribe(self._checksum)
-        self._restore(head.state)
+        self.restore(head.state)
         self._encoder = Encoder(lambda name, description: None)  # the types are those of the recording
         self._segments = {segment.position: segment for segment in recording.segments}
         # The states from which `seek` starts, with the checksums. A recording of BehaviorTree.CPP has no
@@ -146,20 +130,10 @@ class Replay:
         self._states = {0: (self._capture(), 0)} | {
             position: (segment.state, 0) for position, segment in self._segments.items() if not segment.gap
         }
-        self._times = RecordedTimes(self._inputs)
-        self.tree.context.clock = self._times
-        add_callbacks(external, steps, {node.config.uid: node.config.uid for node in external.nodes})
+        self.add_callbacks({event.uid for event in forced_statuses(steps)})
 
     def _capture(self) -> TreeState:
-        return capture(self.tree, self.external.boards, self._encoder.encode)
-
-    def _save_state(self) -> None:
-        self._states[self.position] = self._capture(), self._checksum.value
-
-    def _restore(self, state: TreeState) -> None:
-        external = self.external
-        entries = restore_entries(state, external.boards, external.entry)
-        restore_nodes(state, self.tree, entries, external.decode)
+        return capture(self.tree, self.boards, self._encoder.encode)
 
     def step(self) -> bool:
         """Run the next step. Return False if there is none, or if it differs from the recording."""
@@ -170,53 +144,26 @@ class Replay:
             if self.difference is not None:
                 return False
         elif self.position % STATE_INTERVAL == 0 and self.position not in self._states:
-            self._save_state()
+            self._states[self.position] = self._capture(), self._checksum.value
         step = self.steps[self.position]
         self.position += 1
         self._checksum.changes = None if step.transitions is None else []
-        external = self.external
         status = IDLE
         error: NodeExecutionError | None = None
         try:
-            status = self._execute(step)
+            status = self.run_step(step)
         except NodeExecutionError as raised:
             error = raised
         except TickInterrupt:
             pass
-        left = self._inputs.next
-        node = None if external.difference is None else external.node
-        transition = 0
-        if external.difference is None:
-            if left is not None:
-                external.difference = external.words(left), "the step ends"
-            else:
-                external.difference = self._compare(step, status, error)
-            if external.difference is not None and step.transitions is not None:
-                transition, node = self._find_transition(step.transitions)
-        if external.difference is not None:
-            self.difference = self._describe(step.tick, *external.difference, node, transition)
+        if self._mismatch is not None:
+            self.difference = self._describe(step.tick, *self._mismatch, self._external)
+        else:
+            left = self._inputs
+            end = (self._words(left[0]), "the step ends") if left else self._compare(step, status, error)
+            if end is not None:
+                self.difference = self._find_transition(step) or self._describe(step.tick, *end, None)
         return self.difference is None
-
-    def _execute(self, step: Step) -> Status:
-        """Do what happened before a step, and run the step. Return its result.
-
-        Raises:
-            NodeExecutionError: A node raised.
-            TickInterrupt: The step differs from the recording.
-        """
-        inputs, external = self._inputs, self.external
-        external.begin_step()
-        inputs.begin(step.before)
-        while (event := inputs.take()) is not None:
-            external.apply(event, "nothing happens between two steps")
-        inputs.begin(step.inputs)
-        self._times.begin(step.time)
-        self._stamps.time = max(step.time, 0)
-        if step.tick:
-            self.tree.ticks = step.tick - 1
-            return self.tree.tick_exactly_once()
-        self.tree.halt()
-        return IDLE
 
     def _compare(
         self, step: Step, status: Status, error: NodeExecutionError | None
@@ -239,26 +186,25 @@ class Replay:
         places = node.path, node.config.where, "" if code is None else code.place
         return Difference(self.position, tick, recorded, now, *places, transition)
 
-    def _find_transition(self, recorded: Sequence[tuple[int, Status]]) -> tuple[int, TreeNode | None]:
-        """Describe the first transition of the step that differs; return its number and its node."""
-        pairs = zip_longest(recorded, self._checksum.changes or ())
+    def _find_transition(self, step: Step) -> Difference | None:
+        """Return the difference at the first transition that differs, if the transitions are recorded."""
+        pairs = zip_longest(step.transitions or (), self._checksum.changes or ())
         for number, pair in enumerate(pairs, start=1):
             if pair[0] != pair[1]:
                 nodes = [None if change is None else self.tree.nodes[change[0] - 1] for change in pair]
-                texts = [
+                recorded, now = [
                     "no further transition"
                     if change is None or node is None
                     else f"'{node.path}' becomes {change[1].name}"
                     for change, node in zip(pair, nodes, strict=True)
                 ]
-                self.external.difference = texts[0], texts[1]
-                return number, nodes[0] or nodes[1]
-        return 0, None
+                return self._describe(step.tick, recorded, now, nodes[0] or nodes[1], number)
+        return None
 
     def _begin_segment(self, segment: Segment) -> None:
         self._checksum.value = 0
         if segment.gap:
-            self._restore(segment.state)
+            self.restore(segment.state)
             return
         state = self._capture()
         if state != segment.state:
@@ -297,7 +243,7 @@ class Replay:
             return False
         start = max(known for known in self._states if known <= position)
         if position < self.position or self.position < start:
-            self._go_back(start)
+            self._go_back(start, *self._states[start])
         while self.position < position and self.step():
             pass
         return self.position == position and self.difference is None
@@ -347,10 +293,9 @@ class Replay:
         Returns:
             The index of the step.
         """
-        boards = self.external.boards
 
         def count() -> int:
-            entry = boards[scope].local_entries().get(key)
+            entry = self.boards[scope].local_entries().get(key)
             return -1 if entry is None else entry.sequence_id
 
         return self._find_change(count, position)
@@ -392,27 +337,27 @@ class Replay:
         return next((index for index, step in enumerate(self.steps, 1) if step.tick == tick), -1)
 
     def _find_time(self, seconds: float) -> int:
-        time = self._start_time + round(seconds * NS_PER_S)
+        time = self.recording.head.time + round(seconds * NS_PER_S)
         return next((index for index, step in enumerate(self.steps) if step.time > time), len(self.steps))
 
-    def _go_back(self, position: int) -> None:
-        state, checksum = self._states[position]
+    def _go_back(self, position: int, state: TreeState, checksum: int) -> None:
+        """Go to a state that was saved after *position* steps."""
         self.position = position
-        self.difference = self.external.difference = None
-        self._restore(state)
+        self.difference = self._mismatch = None
+        self.restore(state)
         self.tree.status = self.steps[position - 1].status if position else self.tree.root.status
         self._checksum.value = checksum
-
-    @property
-    def has_unreplayable_values(self) -> bool:
-        """Whether one of the values so far was recorded as text; see `NotReplayable`."""
-        return self.external.has_unreplayable_values
 
     def verify(self) -> Difference | None:
         """Run all steps, and return the first difference, or None."""
         while self.step():
             pass
         return self.difference
+
+
+def forced_statuses(steps: Iterable[Step]) -> Iterator[StatusForced]:
+    """Yield the statuses that callbacks forced in *steps*."""
+    return (event for step in steps for event in step.inputs if isinstance(event, StatusForced))
 
 
 def _check_numbers(recording: RunRecording, node_count: int, board_count: int) -> None:

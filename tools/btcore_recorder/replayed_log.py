@@ -17,9 +17,11 @@ from btcore.logs.recording import LoggedTransition, parse_nodes
 from btcore.status import IDLE, Transition
 from btcore.tree.tree import Tree
 from btcore_bags.log import BagLog, read_bag
-from btcore_recorder.file_recorder import FileRecorder, Rotation
+from btcore_recorder.file_recorder import FileRecorder
+from btcore_recorder.files import RecordingFiles
 from btcore_recorder.inputs import RunRecording
 from btcore_recorder.moments import Moments
+from btcore_recorder.recorder import RecorderOptions
 from btcore_recorder.replay import Replay
 
 MAX_MOMENTS: Final = 20_000
@@ -106,7 +108,7 @@ class _RecordingLog(FileRecorder):
 
 def write_recording(tree: Tree, path: Path) -> Log:
     """Record *tree* to a file, as a log of it is written."""
-    return cast(Log, _RecordingLog(tree, path, Rotation(lambda: path)))
+    return cast(Log, _RecordingLog(tree, RecordingFiles(path), RecorderOptions()))
 
 
 FORMAT: Final = LogFormat(write_recording, read_as_log)

@@ -1,25 +1,21 @@
 """What if: a recorded run with another tree, or with other inputs.
 
-The external nodes do what they did in the recorded run, matched by path. What a node did is divided into
-activations, each from a start to its end or its halt, which are taken in their order. An activation that
-begins in another tick than the recorded one is an assumption: the robot might have behaved differently.
+The external nodes do what they did in the recorded run, matched by path: each takes the recorded calls of its
+code in their order, and a start takes the next start. If that was in another tick, it is an assumption: the
+robot might have behaved differently.
 """
 
 import os
 from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from itertools import cycle, zip_longest
 from typing import Any, Literal, NamedTuple
 
 from btcore.blackboard.ports import Port
-from btcore.engine.node import TreeNode, reset_status
+from btcore.engine.node import TreeNode
 from btcore.engine.observers import Observer
 from btcore.engine.recorded_events import (
-    ExternalHaltBegan,
-    ExternalHaltEnded,
     Paused,
-    Raised,
     ScriptRun,
     StatusForced,
     TimeRead,
@@ -35,17 +31,9 @@ from btcore.tree.tree import Tree, scopes_of
 from btcore.xml.models.model_file import collect_ports
 from btcore.xml.read.read import parse_file, parse_text, read
 from btcore_recorder.failures import Failure, FailureObserver
-from btcore_recorder.inputs import Head, Input, RecordedClass, Result, RunRecording, is_external
-from btcore_recorder.recorded_tree import (
-    ExternalCode,
-    Inputs,
-    RecordedTimes,
-    StepClock,
-    add_callbacks,
-    load_recorded,
-)
-from btcore_recorder.replay import Replay
-from btcore_recorder.tree_state import restore_entries, restore_nodes
+from btcore_recorder.inputs import Head, Input, RecordedClass, Result, RunRecording, Step, is_external
+from btcore_recorder.recorded_tree import RecordedTree
+from btcore_recorder.replay import Replay, forced_statuses
 
 File = str | os.PathLike[str]
 EndReason = Literal["the tree ended", "no result is recorded", "a node raised"]
@@ -162,13 +150,18 @@ class ChangedRun(NamedTuple):
         return self._asdict() | own
 
 
-@dataclass
-class _Activation:
-    """What an external node did from a start on: the inputs of each tick, and of its halt."""
+class _Call(NamedTuple):
+    """A call of the code of an external node in a recorded run.
+
+    Attributes:
+        tick: The number of the tick; of a halt between two ticks, that of the tick before.
+        kind: A tick of a node that was not RUNNING, a tick of one that was, or a halt.
+        events: What it did, up to its result.
+    """
 
     tick: int
-    ticks: list[list[Input]] = field(default_factory=list)
-    halt: list[Input] = field(default_factory=list)
+    kind: Literal["start", "tick", "halt"]
+    events: list[Input]
 
 
 class _PathTransition(NamedTuple):
@@ -194,215 +187,30 @@ class PathTransitions(Observer):
         self.found.append(_PathTransition(change.tick, self._paths[change.uid - 1], change.status))
 
 
-class _Tracer(ExternalCode):
-    """Does what external nodes have done, and collects their activations, by UID."""
+class _TracedReplay(Replay):
+    """Collects the calls of external nodes, by UID. A halt in which a node only becomes IDLE is no call."""
 
-    def __init__(self, inputs: Inputs, types: Mapping[str, Any]) -> None:
-        super().__init__(inputs, types)
-        self.activations: dict[int, list[_Activation]] = defaultdict(list)
-        self.present_tick = 0
-        self._taken: list[list[Input]] = []  # what each external node that is being ticked has taken
+    def __init__(self, recording: RunRecording) -> None:
+        super().__init__(recording)
+        self.calls: dict[int, list[_Call]] = defaultdict(list)
 
-    def tick(self, node: TreeNode) -> Status:
-        known = self.activations[node.config.uid]
-        if node.status is not RUNNING or not known:
-            known.append(_Activation(self.present_tick))
-        known[-1].ticks.append([])
-        self._taken.append(known[-1].ticks[-1])
-        try:
-            return super().tick(node)
-        finally:
-            self._taken.pop()
+    def _tick_events(self, node: TreeNode) -> Iterator[Input]:
+        call = _Call(self.tree.ticks, "tick" if node.status is RUNNING else "start", [])
+        return self._trace(node, call, super()._tick_events(node))
 
-    def halt(self, node: TreeNode) -> None:
-        known = self.activations[node.config.uid]
-        head = self._inputs.next
-        is_recorded = isinstance(head, ExternalHaltBegan) and head.uid == node.config.uid
-        if not known and (is_recorded or node.status is RUNNING):  # since before the recording
-            known.append(_Activation(self.present_tick))
-        self._taken.append(known[-1].halt if known else [])
-        try:
-            super().halt(node)
-        finally:
-            self._taken.pop()
+    def _halt_events(self, node: TreeNode) -> Iterator[Input]:
+        return self._trace(node, _Call(self.tree.ticks, "halt", []), super()._halt_events(node))
 
-    def take(self) -> Input | None:
-        event = super().take()
-        if event is not None:
-            self._taken[-1].append(event)
-        return event
+    def _trace(self, node: TreeNode, call: _Call, events: Iterator[Input]) -> Iterator[Input]:
+        for event in events:
+            if not call.events:
+                self.calls[node.config.uid].append(call)
+            call.events.append(event)
+            yield event
 
 
 class _NoResultError(TickInterrupt):
-    """Ends a changed run at a node for which no activation is left."""
-
-
-class _Activations(ExternalCode):
-    """Does what external nodes have done, in another order if the tree demands it.
-
-    Args:
-        types: The descriptions of the recorded types.
-        activations: What each node did, by its path in the changed tree.
-        results: The changed results, by tick and path.
-        outcomes: Outcomes of nodes for which no activation is left, by path, as in `parse_outcomes`.
-        missing: The result of other nodes for which no activation is left; None = the run ends there.
-    """
-
-    def __init__(
-        self,
-        types: Mapping[str, Any],
-        activations: Mapping[str, Sequence[_Activation]],
-        results: Mapping[tuple[int, str], Status],
-        outcomes: Mapping[str, str],
-        missing: Status | None = None,
-    ) -> None:
-        super().__init__(Inputs(), types)
-        self.held: list[HoldEntry] = []
-        self.used: set[tuple[int, str]] = set()  # the nodes that were ticked, by tick
-        self.invented: list[str] = []  # the nodes that had *missing* as their result
-        self._missing = missing
-        self._outcomes = {path: cycle(parse_outcomes(text)) for path, text in outcomes.items()}
-        self._mocked: dict[str, Iterator[Outcome]] = {}
-        self.present_tick = 0
-        self.assumed_from: int | None = None
-        self.uids: Mapping[int, int] = {}  # of the recorded tree → of the changed tree
-        self._paths: Sequence[str] = ()
-        self._scopes: Mapping[int, int] = {}
-        self._forced_statuses: dict[tuple[int, bool], Status] = {}
-        self._pauses: set[tuple[int, int]] = set()
-        self._left = {path: deque(known) for path, known in activations.items()}
-        self._results = results
-        self._present: dict[str, tuple[_Activation, int]] = {}
-
-    def match_nodes(
-        self, recorded_paths: Sequence[str], paths: Sequence[str], scopes: Mapping[int, int]
-    ) -> None:
-        """Match the nodes of the recorded tree with nodes of the same path, and its scopes with *scopes*."""
-        uids = {path: uid for uid, path in enumerate(paths, start=1)}
-        self.uids = {uid: uids[path] for uid, path in enumerate(recorded_paths, start=1) if path in uids}
-        self._paths, self._scopes = paths, scopes
-
-    def begin_inputs(self, inputs: Iterable[Input]) -> None:
-        """Take the statuses that callbacks force, and the pauses, from the inputs of a step."""
-        known = [event for event in inputs if getattr(event, "uid", 0) in self.uids]
-        self._forced_statuses = {
-            (self.uids[event.uid], event.is_pre_tick): event.status
-            for event in known
-            if isinstance(event, StatusForced)
-        }
-        self._pauses = {
-            (self.uids[event.uid], event.repetitions) for event in known if isinstance(event, Paused)
-        }
-
-    def assume(self) -> None:
-        """Note that the run rests on an assumption from the present tick on."""
-        if self.assumed_from is None:
-            self.assumed_from = self.present_tick
-
-    def tick(self, node: TreeNode) -> Status:
-        path = self._paths[node.config.uid - 1]
-        if node.status is not RUNNING or path not in self._present:
-            left = self._left.get(path)
-            if not left:
-                return self._tick_unrecorded(node, path)
-            activation = left.popleft()
-            self._present[path] = activation, 0
-            if activation.tick != self.present_tick:
-                self.assume()
-        activation, index = self._present[path]
-        last: Input | None = None
-        if index == len(activation.ticks):  # the node was halted here, or the recording ended
-            self.assume()
-        else:
-            self._present[path] = activation, index + 1
-            *events, last = activation.ticks[index]
-            for event in events:
-                self.apply(event, "")
-        changed = self._changed_result(path)
-        if changed is not None:
-            return changed
-        if isinstance(last, Raised):
-            self.raise_error(last.error)
-        return last.status if isinstance(last, Result) else RUNNING
-
-    def _tick_unrecorded(self, node: TreeNode, path: str) -> Status:
-        """Tick a node for which no activation is left."""
-        self.node = node
-        changed = self._changed_result(path)
-        if changed is not None or path in self._outcomes:
-            self.assume()
-            return self._tick_mock(node, path) if changed is None else changed
-        if self._missing is None:
-            raise _NoResultError
-        self.assume()
-        if node.status is RUNNING:  # it was halted here, or the recording ended
-            return RUNNING
-        self.invented.append(path)
-        is_invalid = self._missing is RUNNING and node.spec.must_complete
-        return SUCCESS if is_invalid else self._missing
-
-    def _tick_mock(self, node: TreeNode, path: str) -> Status:
-        """Do the next outcome of a node for which no activation is left."""
-        if node.status is not RUNNING or path not in self._mocked:
-            self._mocked[path] = iter(next(self._outcomes[path]))
-        outcome = next(self._mocked[path], Outcome("R"))
-        for port, text in outcome.outputs:
-            node.set_output(port, text)
-        if outcome.letter == "X":
-            raise MockLeafError("the outcome is X")
-        return LETTERS[outcome.letter]
-
-    def _changed_result(self, path: str) -> Status | None:
-        """Return the result of `SetResult` for the present tick of a node, or None."""
-        self.used.add((self.present_tick, path))
-        return self._results.get((self.present_tick, path))
-
-    def halt(self, node: TreeNode) -> None:
-        path = self._paths[node.config.uid - 1]
-        present = self._present.pop(path, None)
-        activation = None if present is None else present[0]
-        left = self._left.get(path)
-        if activation is None and left and not left[0].ticks:
-            is_due = node.status is RUNNING or left[0].tick == self.present_tick
-            activation = left.popleft() if is_due else None
-        for event in () if activation is None else activation.halt:
-            if isinstance(event, ExternalHaltEnded):
-                if event.error is not None:
-                    self.raise_error(event.error)
-            elif not isinstance(event, ExternalHaltBegan):
-                self.apply(event, "")
-        reset_status(node)
-
-    def paused(self, uid: int, count: int) -> bool:
-        return (uid, count) in self._pauses or super().paused(uid, count)
-
-    def pre_tick(self, node: TreeNode) -> Status:
-        return self._forced_statuses.pop((node.config.uid, True), SKIPPED)
-
-    def post_tick(self, node: TreeNode, status: Status) -> Status:
-        return self._forced_statuses.pop((node.config.uid, False), SKIPPED)
-
-    def apply(self, event: Input | None, now: str) -> None:
-        for name, new in (("uid", self.uids), ("scope", self._scopes)):
-            old = getattr(event, name, None)
-            if old is not None:
-                if old not in new:
-                    self.assume()
-                    return
-                replaced: dict[str, Any] = {name: new[old]}
-                event = event._replace(**replaced)  # type: ignore[union-attr]
-        super().apply(event, now)
-        if isinstance(event, (Written, ScriptRun)):
-            self.hold_entries()
-
-    def hold_entries(self) -> None:
-        """Give the entries of `HoldEntry` their values, unless they have them."""
-        for _, scope, key, value in self.held:
-            if self.boards[scope].get(key) != value:
-                self.boards[scope].set(key, value)
-
-    def differ(self, recorded: str, now: str) -> None:
-        self.assume()
+    """Ends a changed run at a node for which nothing more is recorded."""
 
 
 class RecordedRun:
@@ -413,24 +221,20 @@ class RecordedRun:
     """
 
     def __init__(self, recording: RunRecording) -> None:
-        replay = Replay(recording, _Tracer)
-        tracer = replay.external
-        assert isinstance(tracer, _Tracer)
+        replay = _TracedReplay(recording)
         collected = PathTransitions(replay.tree)
         replay.tree.subscribe(collected)
-        while replay.position < len(replay.steps):
-            tracer.present_tick = replay.steps[replay.position].tick or tracer.present_tick
-            if not replay.step():
-                raise BtcoreError(f"the replay already differs from the recording: {replay.difference}")
+        if (difference := replay.verify()) is not None:
+            raise BtcoreError(f"the replay already differs from the recording: {difference}")
         replay.tree.flush_observers()
         self.recording = recording
         self.tree = replay.tree
         self.paths = list(replay.tree.nodes_by_path())
         self.transitions = collected.found
-        self.activations = {self.paths[uid - 1]: known for uid, known in tracer.activations.items()}
+        self.calls = {self.paths[uid - 1]: calls for uid, calls in replay.calls.items()}
 
 
-class ChangedReplay:
+class ChangedReplay(RecordedTree):
     """A recorded run that is run again with changes, step by step.
 
     Args:
@@ -442,7 +246,6 @@ class ChangedReplay:
         missing: The result of other nodes when nothing is recorded for them; None = the run ends there.
 
     Attributes:
-        tree: The tree.
         position: The number of steps that have been run.
         status: The result of the last tick.
         end: Why the run ended before the recording; None if it did not.
@@ -450,6 +253,8 @@ class ChangedReplay:
         unmatched: The paths of the recorded nodes that the other tree does not have.
         other_result: The first tick with another result than recorded, the recorded one and the present one;
             None if there is none.
+        assumed_from: The first tick that rests on an assumption; None if there is none.
+        invented: The nodes for which nothing was recorded, and which had the result *missing*.
 
     Raises:
         TreeError: The other tree cannot be loaded.
@@ -471,105 +276,206 @@ class ChangedReplay:
         if document is not None:
             head = head._replace(documents=_exchange(head, document))
             head = head._replace(classes=(*head.classes, *_new_leaves(head, run.tree)))
-        matches = matches or {}
+        changes, matches, outcomes = list(changes), matches or {}, outcomes or {}
         for old in matches:
             _check_node(old, run.paths, "the recorded tree")
-        changes = list(changes)
-        results = {(each.tick, each.node): each.status for each in changes if isinstance(each, SetResult)}
-        activations = {matches.get(path, path): known for path, known in run.activations.items()}
-        external = _Activations(head.types, activations, results, outcomes or {}, missing)
-        self.tree = tree = load_recorded(head, external, StepClock())
-        nodes = tree.nodes_by_path()
-        paths = list(nodes)
+        super().__init__(head)
+        nodes = self.tree.nodes_by_path()
+        self._paths = paths = list(nodes)
         leaves = [path for path, node in nodes.items() if is_external(type(node))]
-        for path in (*(node for _, node in results), *(outcomes or ())):
+        results = [each for each in changes if isinstance(each, SetResult)]
+        for path in (*(each.node for each in results), *outcomes):
             _check_node(path, leaves, "the tree, whose results are recorded")
         for new in matches.values():
             _check_node(new, paths, "the tree")
-        recorded_paths = [matches.get(path, path) for path in run.paths]
-        external.match_nodes(recorded_paths, paths, _match_scopes(run.tree, tree, len(head.outer)))
-        if document is None or _nodes(tree) == _nodes(run.tree):
-            entries = restore_entries(head.state, external.boards, external.entry)
-            restore_nodes(head.state, tree, entries, external.decode)
+        if document is None or _nodes(self.tree) == _nodes(run.tree):
+            self.restore(head.state)
         elif any(node.status is not IDLE for node in head.state.nodes):
             raise BtcoreError(
                 "the recording begins within a run: it has no start for a tree with other nodes; use a "
                 "recording that begins earlier"
             )
-        self.unmatched = [path for path in activations if path not in nodes]
         self.position = 0
         self.status = IDLE
         self.end: EndReason | None = None
         self.ended_at = ""
         self.other_result: tuple[int, Status, Status] | None = None
-        self._recording = recording
-        self._external = external
-        self._results = results
+        self.assumed_from: int | None = None
+        self.invented: list[str] = []
+        self._steps = recording.steps
         self._entries = [each for each in changes if isinstance(each, SetEntry)]
         self._held = [each for each in changes if isinstance(each, HoldEntry)]
-        tree.context.clock = self._clock = RecordedTimes(Inputs())
-        add_callbacks(external, recording.steps, external.uids)
-
-    @property
-    def assumed_from(self) -> int | None:
-        """The first tick that rests on an assumption; None if there is none."""
-        return self._external.assumed_from
+        self._results = {(each.tick, each.node): each.status for each in results}
+        self._held_now: list[HoldEntry] = []  # in this step
+        self._used: set[tuple[int, str]] = set()  # the nodes that were ticked, by tick
+        self._missing = missing
+        self._outcomes = {path: cycle(parse_outcomes(text)) for path, text in outcomes.items()}
+        self._mocked: dict[str, Iterator[Outcome]] = {}
+        self._calls = {matches.get(path, path): deque(calls) for path, calls in run.calls.items()}
+        self.unmatched = [path for path in self._calls if path not in nodes]
+        # The numbers of nodes and scopes of the recorded tree → those of this tree.
+        recorded_paths = [matches.get(path, path) for path in run.paths]
+        uids = {path: uid for uid, path in enumerate(paths, start=1)}
+        self._uids = {uid: uids[path] for uid, path in enumerate(recorded_paths, start=1) if path in uids}
+        self._scopes = _match_scopes(run.tree, self.tree, len(head.outer))
+        self._forced: dict[tuple[int, bool], Status] = {}  # by callbacks in this step
+        self._paused: set[tuple[int, int]] = set()
+        forced = {event.uid for event in forced_statuses(recording.steps)}
+        self.add_callbacks(self._uids[uid] for uid in forced & self._uids.keys())
 
     @property
     def unused(self) -> Sequence[str]:
         """The changes that had no effect, as texts."""
-        ticks = {step.tick for step in self._recording.steps[: self.position]}
+        ticks = {step.tick for step in self._steps[: self.position]}
         set_entries: list[SetEntry | HoldEntry] = [*self._entries, *self._held]
         entries = [each for each in set_entries if each.tick not in ticks]
         return [f"{each.key}={each.value}@{each.tick}" for each in entries] + [
             f"{node}={status.name}@{tick}"
             for (tick, node), status in self._results.items()
-            if (tick, node) not in self._external.used
+            if (tick, node) not in self._used
         ]
-
-    @property
-    def invented(self) -> Sequence[str]:
-        """The nodes for which nothing was recorded, and which had the result *missing*."""
-        return self._external.invented
 
     def step(self) -> bool:
         """Run the next step. Return False if there is none, or the run ended."""
-        if self.position == len(self._recording.steps) or self.end is not None:
+        if self.position == len(self._steps) or self.end is not None:
             return False
-        step = self._recording.steps[self.position]
+        step = self._steps[self.position]
         self.position += 1
-        tree, external = self.tree, self._external
-        external.begin_step()
-        external.present_tick = step.tick or external.present_tick
-        external.held = []
-        for event in step.before:
-            external.apply(event, "")
-        for change in self._entries:
-            if change.tick == step.tick:
-                tree.blackboard[change.key] = change.value
-        external.held = [each for each in self._held if each.tick == step.tick]
-        external.hold_entries()
-        self._clock.inputs.begin(event for event in step.inputs if isinstance(event, TimeRead))
-        self._clock.begin(step.time)
-        external.begin_inputs(step.inputs)
         try:
-            if step.tick:
-                tree.ticks = step.tick - 1
-                self.status = tree.tick_exactly_once()
-                if self.status is not step.status and self.other_result is None:
-                    self.other_result = step.tick, step.status, self.status
-                if self.status in (SUCCESS, FAILURE) and step.status not in (SUCCESS, FAILURE, IDLE):
-                    self.end = "the tree ended"
-            else:
-                tree.halt()
+            status = self.run_step(step)
         except NodeExecutionError as error:
             self.status = IDLE if step.tick else self.status
             if step.status is not IDLE:
                 self.end, self.ended_at = "a node raised", error.path
         except TickInterrupt:
-            assert external.node is not None
-            self.end, self.ended_at = "no result is recorded", external.node.path
+            assert self._external is not None
+            self.end, self.ended_at = "no result is recorded", self._external.path
+        else:
+            if step.tick:
+                self.status = status
+                if status is not step.status and self.other_result is None:
+                    self.other_result = step.tick, step.status, status
+                if status in (SUCCESS, FAILURE) and step.status not in (SUCCESS, FAILURE, IDLE):
+                    self.end = "the tree ended"
         return self.end is None
+
+    def _begin(self, step: Step) -> None:
+        self._held_now = []
+        for event in self._moved(step.before):
+            self._apply(event, "")
+        for change in self._entries:
+            if change.tick == step.tick:
+                self.tree.blackboard[change.key] = change.value
+        self._held_now = [each for each in self._held if each.tick == step.tick]
+        self._hold_entries()
+        self._set_inputs(event for event in step.inputs if isinstance(event, TimeRead))
+        self._forced.clear()
+        self._paused.clear()
+        for event in step.inputs:
+            if isinstance(event, (StatusForced, Paused)) and event.uid in self._uids:
+                uid = self._uids[event.uid]
+                if isinstance(event, StatusForced):
+                    self._forced[uid, event.is_pre_tick] = event.status
+                else:
+                    self._paused.add((uid, event.repetitions))
+
+    def _moved(self, events: Iterable[Input]) -> Iterator[Input]:
+        """Yield recorded events with the numbers of this tree, without those of other nodes and scopes."""
+        for event in events:
+            for name, new in (("uid", self._uids), ("scope", self._scopes)):
+                old = getattr(event, name, None)
+                if old is not None:
+                    if old not in new:
+                        self._assume()
+                        break
+                    moved: dict[str, Any] = {name: new[old]}
+                    event = event._replace(**moved)
+            else:
+                yield event
+
+    def _assume(self) -> None:
+        """Note that the run rests on an assumption from the present tick on."""
+        if self.assumed_from is None:
+            self.assumed_from = self.tree.ticks
+
+    def _take_call(self, path: str, kind: Literal["start", "tick"]) -> _Call | None:
+        """Take the next recorded start of a node, or its next tick if this follows; None if there is none."""
+        calls = self._calls.get(path)
+        while calls and kind == "start" and calls[0].kind != "start":
+            calls.popleft()
+        return calls.popleft() if calls and calls[0].kind == kind else None
+
+    def _tick_events(self, node: TreeNode) -> Iterator[Input]:
+        uid, tick = node.config.uid, self.tree.ticks
+        path = self._paths[uid - 1]
+        call = self._take_call(path, "tick" if node.status is RUNNING else "start")
+        changed = self._results.get((tick, path))
+        self._used.add((tick, path))
+        if call is not None:
+            self._mocked.pop(path, None)
+            *events, end = call.events
+            if call.kind == "start" and call.tick != tick:
+                self._assume()
+            yield from self._moved(events)
+            if changed is None:
+                yield from self._moved([end])
+        elif changed is None:
+            yield self._unrecorded_result(node, path)
+        else:
+            self._assume()
+        if changed is not None:
+            yield Result(uid, changed)
+
+    def _unrecorded_result(self, node: TreeNode, path: str) -> Result:
+        """Return the result of a node for whose present tick nothing is recorded."""
+        uid, is_running = node.config.uid, node.status is RUNNING
+        if path in self._outcomes:
+            self._assume()
+            if not is_running or path not in self._mocked:
+                self._mocked[path] = iter(next(self._outcomes[path]))
+            outcome = next(self._mocked[path], Outcome("R"))
+            for port, text in outcome.outputs:
+                node.set_output(port, text)
+            if outcome.letter == "X":
+                raise MockLeafError("the outcome is X")
+            return Result(uid, LETTERS[outcome.letter])
+        if is_running:  # it was halted here, or the recording ended
+            self._assume()
+            return Result(uid, RUNNING)
+        if self._missing is None:
+            raise _NoResultError
+        self._assume()
+        self.invented.append(path)
+        is_invalid = self._missing is RUNNING and node.spec.must_complete
+        return Result(uid, SUCCESS if is_invalid else self._missing)
+
+    def _halt_events(self, node: TreeNode) -> Iterator[Input]:
+        calls = self._calls.get(self._paths[node.config.uid - 1])
+        while calls and calls[0].kind == "tick":  # it was halted later
+            calls.popleft()
+        is_due = node.status is RUNNING or (calls and calls[0].tick == self.tree.ticks)
+        if calls and calls[0].kind == "halt" and is_due:
+            yield from self._moved(calls.popleft().events)
+
+    def _pauses(self, uid: int, count: int) -> bool:
+        return (uid, count) in self._paused or super()._pauses(uid, count)
+
+    def _forced_status(self, uid: int, is_pre_tick: bool) -> Status:
+        return self._forced.pop((uid, is_pre_tick), SKIPPED)
+
+    def _apply(self, event: Input, now: str) -> None:
+        super()._apply(event, now)
+        if isinstance(event, (Written, ScriptRun)):
+            self._hold_entries()
+
+    def _hold_entries(self) -> None:
+        """Give the entries of `HoldEntry` their values, unless they have them."""
+        for _, scope, key, value in self._held_now:
+            if self.boards[scope].get(key) != value:
+                self.boards[scope].set(key, value)
+
+    def _differ(self, recorded: str, now: str) -> None:
+        self._assume()
 
 
 def run_changed(

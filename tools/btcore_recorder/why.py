@@ -211,9 +211,9 @@ class Explainer:
         self._causes.seek(index + 1)
         entry = next(self._find_entries(key), None)
         if entry is None:
-            keys = [key for board in self._replay.external.boards for key in board.visible_keys()]
+            keys = [key for board in self._replay.boards for key in board.visible_keys()]
             raise BtcoreError(f"there is no entry '{key}'{did_you_mean(key, keys)}")
-        name = find_name(self._replay.external.boards, entry)
+        name = find_name(self._replay.boards, entry)
         read = Read(key.rpartition("/")[2], "", "", name, entry.value, entry.sequence_id)
         cause = self._causes.explain_value(index, read, is_input=False)
         value = short_text(entry.value)

@@ -42,7 +42,7 @@ def test_saved_test_passes_or_fails_as_the_run_did(
     window = cut(recording, first, last)
     assert Replay(window).verify() is None
     file = tmp_path_factory.mktemp("run") / "run.btrec.txt"
-    save_recording(file, window, ())
+    save_recording(file, window)
     assert_runs_as_recorded(file)
     kept = {step.tick for step in window.steps}
     failed = [failure for failure in failures if failure.tick in kept]

@@ -20,6 +20,7 @@ from btcore_recorder import Explainer, Replay, record
 from btcore_recorder.file_recorder import RingRecorder
 from btcore_recorder.files import EXTENSIONS, read_recording
 from btcore_recorder.inputs import RunRecording
+from btcore_recorder.recorder import RecorderOptions
 from btcore_recorder.replayed_log import read_as_log
 from btcore_recorder.values import Decoder, Encoder, NotReplayable
 from btcore_recorder.what_if import run_changed
@@ -445,7 +446,7 @@ def test_a_ring_keeps_the_end_of_a_run(tmp_path: Path, monkeypatch: pytest.Monke
     clock, path = btcore.SimClock(), tmp_path / "run.btrec.txt"
     tree = written_tree()
     tree.context.clock = clock
-    ring = RingRecorder(tree, path)
+    ring = RingRecorder(tree, path, RecorderOptions())
     assert not path.exists()
     for _ in range(1000):
         with suppress(NodeExecutionError):

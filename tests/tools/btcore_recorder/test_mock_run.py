@@ -16,9 +16,9 @@ from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS
 from btcore.xml.models.model_file import add_document_models
 from btcore.xml.plan.plan import Plans, plan_document
 from btcore.xml.read.read import parse_text
-from btcore_recorder import Replay, assert_runs_as_recorded, mock_code, mock_run
+from btcore_recorder import Replay, assert_runs_as_recorded, mock_leaves, mock_run
 from btcore_recorder.inputs import Result
-from btcore_recorder.mock_code import LeafPlan
+from btcore_recorder.mock_leaves import LeafPlan
 from btcore_recorder.mock_run import MAX_OUTPUT, MockRun
 
 MODELS = """
@@ -241,7 +241,7 @@ def test_a_run_can_be_cut_and_continued_otherwise() -> None:
     first = [run.advance("tick").root for _ in range(3)]
     assert first == [RUNNING, RUNNING, SUCCESS]
     run.at(1, event=4)
-    run.cut()
+    run.forget_later_steps()
     assert run.count == 1
     run.set_plan(2, "F")
     assert run.at(1).tick == 1
@@ -283,7 +283,7 @@ def test_chances_depend_on_their_seed_alone() -> None:
         for _ in range(60):
             run.advance("tick")
         run.at(20)
-        run.cut()
+        run.forget_later_steps()
         for _ in range(40):
             run.advance("tick")
         assert run.leaves == {1: LeafPlan("", chance, seed)}
@@ -312,7 +312,7 @@ def test_invalid_plans_are_refused() -> None:
 
 
 def test_a_tick_without_an_end_is_reported(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mock_code, "MAX_EVENTS", 200)
+    monkeypatch.setattr(mock_leaves, "MAX_EVENTS", 200)
     run = MockRun(plans_of('<Repeat num_cycles="-1"> <Pass/> </Repeat>', format=3))
     run.set_plan(2, "S")
     moment = run.advance("tick")

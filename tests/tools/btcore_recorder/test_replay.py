@@ -69,7 +69,7 @@ class Run(Observer):
         self._raw: list[Any] = []
         self.is_recorded_with_transitions = observed
         options = RecorderOptions(keeps_transitions=observed)
-        self._recorder = Recorder(tree, self._add, self._types.__setitem__, options=options)
+        self._recorder = Recorder(tree, self._add, self._types.__setitem__, options)
         if observed:
             self.observe()
 
@@ -89,7 +89,7 @@ class Run(Observer):
         head = self._recorder.head
         head = head._replace(types={**head.types, **self._types})
         encoder = TextEncoder()
-        encoder.add(head_lines(head, ()))
+        encoder.add(head_lines(head))
         for step in self._raw:
             encoder.add(self._recorder.lines(step))
         return read_lines(TextLines(encoder.take()), "the run")
@@ -331,7 +331,7 @@ def test_the_forms_of_files_lose_nothing(
     folder = tmp_path_factory.mktemp("forms")
     for name in ("run.btrec.txt", "run.mcap"):
         encoder = encoder_for(folder / name)
-        for lines in recording_lines(recording, [node.path for node in run.tree.nodes]):
+        for lines in recording_lines(recording):
             encoder.add(lines)
         (folder / name).write_bytes(encoder.take() + encoder.take_end())
         assert read_recording(folder / name) == recording
@@ -369,7 +369,7 @@ def recorded_door() -> RunRecording:
 )
 def test_the_first_difference_is_found(tmp_path: Path, old: str, new: str, difference: str) -> None:
     path = tmp_path / "door.btrec.txt"
-    save_recording(path, recorded_door(), ())
+    save_recording(path, recorded_door())
     text = re.sub(r"^transitions .*\n", "", path.read_text(), flags=re.MULTILINE)
     assert old in text
     # Without the checksums of lines, as in a file that was written by hand.

@@ -9,7 +9,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import btcore
-from btcore import FAILURE, IDLE, RUNNING, SUCCESS, BtcoreError, Put, Registry, SimClock, TreeError
+from btcore import FAILURE, IDLE, RUNNING, SUCCESS, BtcoreError, Put, Registry, SimClock, Status, TreeError
 from btcore_recorder.inputs import RunRecording
 from btcore_recorder.what_if import SetEntry, SetResult, run_changed
 from tests.tools.btcore_recorder.test_replay import DOCUMENTS, Run, act, random_tree
@@ -55,15 +55,18 @@ async def drive() -> bool:
 @pytest.fixture
 def recording() -> RunRecording:
     """Distances of 0.5, 3 and 0.8 m: near, driven in ticks 2 and 3, near."""
+    return record_patrol([0.5, 3.0, 0.8], [SUCCESS, RUNNING, SUCCESS, SUCCESS])
+
+
+def record_patrol(distances: list[float], expected: list[Status]) -> RunRecording:
     nodes = Registry.standard()
     nodes.add(measure, drive)
     board = btcore.Blackboard()
     board["rounds"] = 0
-    resources = [deque([0.5, 3.0, 0.8])]
+    resources = [deque(distances)]
     tree = btcore.loads(PATROL, nodes=nodes, resources=resources, clock=SimClock(), blackboard=board)
     run = Run(tree)
-    results = [tree.tick_exactly_once() for _ in range(4)]
-    assert results == [SUCCESS, RUNNING, SUCCESS, SUCCESS]
+    assert [tree.tick_exactly_once() for _ in expected] == expected
     return run.end()
 
 
@@ -84,6 +87,13 @@ def test_a_leaf_without_a_recorded_result_has_outcomes(recording: RunRecording) 
     assert failing.status is FAILURE
     with pytest.raises(BtcoreError, match=r"no node 'drove' in the tree, .*did you mean 'drive'"):
         run_changed(recording, outcomes={"drove": "S"})
+
+
+def test_outcomes_go_on_after_recorded_results() -> None:
+    recording = record_patrol([0.5, 3.0, 0.8, 0.8], [SUCCESS, RUNNING, SUCCESS, SUCCESS, SUCCESS])
+    edited = "patrol.xml", PATROL.replace("1.0", "0.6")
+    changed = run_changed(recording, document=edited, outcomes={"drive": "RS"})
+    assert (changed.end, changed.status, changed.ticks, changed.differs_from) == (None, SUCCESS, 5, 4)
 
 
 def test_a_result_in_another_tick_is_assumed(recording: RunRecording) -> None:

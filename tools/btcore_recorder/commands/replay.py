@@ -126,11 +126,10 @@ def _save(log: Recording, file: Path) -> None:
     """Write a log as a recording to *file*."""
     from btcore_recorder.files import describe_reconstruction, save_recording
     from btcore_recorder.import_log import import_log
-    from btcore_recorder.replay import Replay
     from btcore_recorder.replayed_log import ReplayedLog
 
     run = log.run if isinstance(log, ReplayedLog) else import_log(log)
-    save_recording(file, run, [node.path for node in Replay(run).tree.nodes])
+    save_recording(file, run)
     click.echo(f"{file}: {counted(sum(step.tick > 0 for step in run.steps), 'tick')} of {log.path}")
     if not isinstance(log, ReplayedLog):
         terminal.print_warning(f"{file}: {describe_reconstruction(run.head)}")

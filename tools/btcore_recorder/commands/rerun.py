@@ -17,7 +17,6 @@ from btcore.registry.outcome_grammar import LETTERS, parse_outcomes
 from btcore.suggestions import join_names
 from btcore_recorder.excerpts import cut, shrink
 from btcore_recorder.files import EXTENSIONS, TEXT, local_file, read_recording, save_recording
-from btcore_recorder.replay import Replay
 from btcore_recorder.saved_tests import describe_failure, source_of_test
 from btcore_recorder.verification import Verification, verify
 from btcore_recorder.what_if import Change, ChangedRun, SetEntry, SetResult, read_document, run_changed
@@ -194,8 +193,7 @@ class RerunOptions(Options):
         problem = "" if run.is_same else str(run)
         if recorded.failure is not None:
             problem = describe_failure(recording, run)
-        paths = [node.path for node in Replay(recording).tree.nodes]
-        save_recording(file, recording, paths)
+        save_recording(file, recording)
         files.write(test, source_of_test(recording, recorded, test, file, tree, self._matches).encode())
         names = escape_controls(f"wrote {test} and {file}", one_line=True)
         tried = "the recorded tree" if tree is None else str(tree)

@@ -135,7 +135,7 @@ class MockRun(Timeline, Protocol):
     def repeat(self, uid: int, answers: Sequence[Outcome]) -> None:
         """Let a leaf do next what it did in another run, before it follows its plan."""
 
-    def cut(self) -> None:
+    def forget_later_steps(self) -> None:
         """Forget what follows the present moment."""
 
     def recording_text(self) -> str:
@@ -218,7 +218,7 @@ class PageRuns:
         present = self._present(params.run)
         moment = present.run.at(params.position, MAX_WAIT_S, min(params.event, _MAX_EVENT))
         if params.cut and moment.position == params.position:
-            present.run.cut()
+            present.run.forget_later_steps()
             moment = present.run.at(params.position, MAX_WAIT_S)
         return present.state(moment)
 

@@ -83,7 +83,7 @@ class _Resolved(msgspec.Struct):
     keep: Literal["disk", "page"]
 
 
-class _Moment(msgspec.Struct):
+class _Position(msgspec.Struct):
     position: int
 
 
@@ -467,7 +467,7 @@ class PageSession:
         return compare(project, old, new, msgspec.convert(params, _Compared).tree)
 
     async def _moment(self, params: object) -> object:
-        recorded, position = self._studio.shown.recorded, msgspec.convert(params, _Moment).position
+        recorded, position = self._studio.shown.recorded, msgspec.convert(params, _Position).position
         assert recorded is not None
         # It runs a part of the recorded tree again, which takes some time.
         return await asyncio.to_thread(recorded.moment, position)

@@ -1,38 +1,23 @@
-"""The mock leaves of `btcore_recorder.mock_run`: how they answer, and the ticks that are run in part."""
+"""The mock leaves of `btcore_recorder.mock_run`: how they answer, and where a tick stops."""
 
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from random import Random
-from typing import Any, Final, NamedTuple
+from typing import Final, NamedTuple
 
 from btcore.engine.node import TreeNode, tick_wrapper
-from btcore.engine.recorded_events import (
-    ChildHalted,
-    ChildTicked,
-    ExternalHaltBegan,
-    ExternalHaltEnded,
-    Raised,
-    RecordedError,
-    StatusSet,
-)
-from btcore.errors import NodeExecutionError, TickInterrupt
+from btcore.errors import TickInterrupt
 from btcore.registry.outcome_grammar import Outcome, parse_outcomes
-from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
+from btcore.status import IDLE, Status
 from btcore.tree.tree import Tree
-from btcore_recorder.inputs import Head, Input, Result, RunRecording, Step
-from btcore_recorder.moments import ObservedCode
-from btcore_recorder.recorded_tree import Inputs
-from btcore_recorder.replay import Replay
 
 MAX_EVENTS: Final = 50_000
 """Maximum number of begins and ends of nodes in a tick: a tick may repeat a leaf without end."""
 MAX_TICK_S: Final = 2.0
 """Maximum time (s, real time) of a tick."""
-_STATE_INTERVAL: Final = 50
-"""The number of steps between two states that are kept of a run."""
 
 
 class LeafPlan(NamedTuple):
@@ -151,79 +136,6 @@ class TickImpossible(TickInterrupt):
     """Ends a tick that cannot be run; its text is the reason."""
 
 
-class MockCode(ObservedCode):
-    """Mock leaves. In a new tick they do what *events_of* yields, otherwise what was recorded."""
-
-    def __init__(self, inputs: Inputs, types: Mapping[str, Any]) -> None:
-        super().__init__(inputs, types)
-        self.is_new = False
-        self.log: list[Input] = []  # of the new tick
-        self.events_of: Callable[[TreeNode], Iterator[Input]]
-        self._ticked: list[Iterator[Input]] = []
-
-    def begin_step(self) -> None:
-        """Begin a step, with an empty log."""
-        super().begin_step()
-        self.log.clear()
-        self._ticked.clear()
-
-    def tick(self, node: TreeNode) -> Status:
-        """Tick a node: by *events_of* in a new tick."""
-        if not self.is_new:
-            return super().tick(node)
-        self._ticked.append(self._ticks_children(node) if ticks_its_children(node) else self.events_of(node))
-        try:
-            return super().tick(node)
-        finally:
-            self._ticked.pop()
-
-    def take(self) -> Input | None:
-        """Return the next event of the node that is ticked, and log it in a new tick."""
-        if not self.is_new:
-            return super().take()
-        event = next(self._ticked[-1])
-        self.log.append(event)
-        return event
-
-    def halt(self, node: TreeNode) -> None:
-        """Halt a node; in a new tick, also its children."""
-        if not self.is_new or not node.children:
-            super().halt(node)
-            return
-        self.log.append(ExternalHaltBegan(node.config.uid))
-        events: list[Input] = [ChildHalted(child.config.uid) for child in node.children]
-        for event in (*events, StatusSet(node.config.uid, IDLE)):
-            self.log.append(event)
-            self.apply(event, "")
-        self.log.append(ExternalHaltEnded(node.config.uid, None))
-
-    def differ(self, recorded: str, now: str) -> None:
-        """End the step: in a new tick, because a value cannot be written."""
-        if self.is_new:
-            raise TickImpossible(now)
-        super().differ(recorded, now)
-
-    def _ticks_children(self, node: TreeNode) -> Iterator[Input]:
-        """Yield what a control or decorator without code does: as `MockControl` and `MockDecorator`."""
-        uid, status = node.config.uid, SUCCESS
-        yield StatusSet(uid, RUNNING)
-        statuses = [child.status for child in node.children]
-        has_skipped_all = SUCCESS not in statuses
-        first = statuses.index(RUNNING) if RUNNING in statuses else 0
-        for child in node.children[first:]:
-            yield ChildTicked(child.config.uid)
-            if self._child_error is not None:
-                yield Raised(uid, RecordedError("NodeExecutionError", ""))
-            status = self.child_result
-            has_skipped_all = has_skipped_all and status is SKIPPED
-            if status not in (SUCCESS, SKIPPED):
-                break
-        if status is not RUNNING:
-            status = SKIPPED if has_skipped_all else FAILURE if status is FAILURE else SUCCESS
-            yield from (ChildHalted(child.config.uid) for child in node.children)
-        yield Result(uid, status)
-
-
 def ticks_its_children(node: TreeNode) -> bool:
     """Return whether a node without code ticks its children. A person decides the result of the other."""
     return bool(node.children) and node.config.id != "ManualSelector"
@@ -280,57 +192,3 @@ class TickCursor:
                 f"the tick does not end: it took more than {MAX_TICK_S:g} s or ticked nodes more than "
                 f"{MAX_EVENTS // 2:,} times; a leaf that is repeated without a pause has to return RUNNING"
             )
-
-
-class GrowingReplay(Replay):
-    """A replay to which steps are added. While a step has been run in part, *is_within_step* is true."""
-
-    def __init__(self, head: Head) -> None:
-        self.growing: list[Step] = []
-        super().__init__(RunRecording(head, self.growing), MockCode)
-        assert isinstance(self.external, MockCode)
-        self.code = self.external
-        self.is_within_step = False
-        self._has_added_state = False
-
-    def seek(self, position: int | None = None, **others: Any) -> bool:
-        """Go to a moment, also from within a step; see `Replay.seek`."""
-        self.leave_step()
-        return super().seek(position, **others)
-
-    def begin_step(self) -> None:
-        """Keep the state before the next step, which may be run in part."""
-        if self.position not in self._states:
-            self._save_state()
-            self._has_added_state = self.position % _STATE_INTERVAL != 0
-        self.is_within_step = True
-
-    def run_step(self, step: Step) -> Status:
-        """Run a step after `begin_step`. Raises TickInterrupt if it is run in part."""
-        try:
-            return self._execute(step)
-        except NodeExecutionError:
-            return IDLE
-
-    def end_step(self) -> int:
-        """Note that the step was run to its end. Return its checksum."""
-        self._forget_state()
-        self.position += 1
-        return self._checksum.value
-
-    def leave_step(self) -> None:
-        """Go back to the state before a step that was run in part."""
-        if self.is_within_step:
-            self._go_back(self.position)
-            self._forget_state()
-
-    def _forget_state(self) -> None:
-        if self._has_added_state:
-            del self._states[self.position]
-        self.is_within_step = self._has_added_state = False
-
-    def cut_at(self, position: int) -> None:
-        """Remove the steps from *position* on."""
-        self.seek(position)
-        del self.growing[position:]
-        self._states = {at: state for at, state in self._states.items() if at <= position}
