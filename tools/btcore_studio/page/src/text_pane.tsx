@@ -434,12 +434,13 @@ export function TextPane({ home }: { home: PageHome }) {
       root,
       parent: root,
       dispatchTransactions: (transactions, editor) => {
-        editor.update(transactions);
+        // The server draws while CodeMirror shows the change.
         for (const transaction of transactions) {
           if (transaction.docChanged && !transaction.annotation(external)) {
             home.documents.change(shown, transaction.changes, "typing", transaction.annotation(Transaction.userEvent) ?? "");
           }
         }
+        editor.update(transactions);
         const isMoved = transactions.some((transaction) => transaction.selection && !transaction.annotation(external));
         // After a change, the nodes are where the cursor is only in the next drawing.
         if (isMoved && !transactions.some((transaction) => transaction.docChanged)) selectAtCursor();
