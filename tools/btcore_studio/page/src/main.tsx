@@ -28,6 +28,7 @@ import {
   selection, showError, start, tree, uri,
 } from "./state";
 import { LeafPlanForm } from "./question";
+import { createQueue } from "./queue";
 import { RpcError } from "./rpc";
 import { RunBar } from "./run_bar";
 import { SiteHome } from "./site/home";
@@ -129,14 +130,9 @@ function selectPlaces({ nodes }: Drawing): void {
 
 // --- commands
 
-let commands: Promise<unknown> = Promise.resolve();
-
-/** Run commands one after the other, because each needs the text after the last. */
-function inOrder<T>(run: () => Promise<T>): Promise<T> {
-  const result = awaitDrawing(commands.then(run));
-  commands = result.catch(() => {});
-  return result;
-}
+const commands = createQueue();
+/** Run a command after the others, because each needs the text after the last. */
+const inOrder = <T,>(run: () => Promise<T>): Promise<T> => awaitDrawing(commands(run));
 
 /** Return the command with its places in the present text; null if an element is gone. */
 function present(command: Command, since: Mark): Command | null {
