@@ -357,7 +357,9 @@ const look = EditorView.theme({
 
 const extensions = (home: PageHome): Extension => [
   EditorState.lineSeparator.of("\n"),
-  start.peek()?.live ? stopGutter : [], lineNumbers(), foldGutter(), codeFolding(), lintGutter(), highlightSpecialChars(), drawSelection(),
+  start.peek()?.live ? stopGutter : [], lineNumbers(), foldGutter(), codeFolding(), lintGutter(), highlightSpecialChars(),
+  // Each key would start the animation of a blinking cursor again, and Chromium would paint the next picture a frame later.
+  drawSelection({ cursorBlinkRate: 0 }),
   EditorState.allowMultipleSelections.of(true), rectangularSelection(), indentOnInput(), bracketMatching(), closeBrackets(),
   highlightActiveLine(), highlightActiveLineGutter(), highlightSelectionMatches(), search({ top: true }),
   autocompletion({ override: [complete], activateOnTyping: true, interactionDelay: 40 }),
