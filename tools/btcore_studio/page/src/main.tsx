@@ -61,7 +61,9 @@ const conflicts = signal<readonly DiskConflict[]>([]);
 
 /** The changes since the texts of the drawing. */
 let sinceDrawing = new Mark();
+/** The number of drawings that were requested. Only one is awaited at a time; what was requested meanwhile is drawn once. */
 let requested = 0;
+/** Resolves when the last requested drawing is shown. */
 let running: Promise<void> | null = null;
 /** How long the last drawing took. */
 let drawingMs = 0;
