@@ -2,10 +2,10 @@
 
 import gc
 
-from btcore_studio.language.command import GC_THRESHOLD
 from btcore_studio.language.completion import complete
 from btcore_studio.language.hover import hover
 from btcore_studio.language.project import Project
+from btcore_studio.language.server import GC_THRESHOLD
 from measure.paired_timing import Work
 
 URI = "untitled:tree.xml"

@@ -12,6 +12,7 @@ import subprocess
 import sys
 import zipfile
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Final
 
 from btcore import Registry
@@ -23,13 +24,8 @@ ROOT: Final = Path(__file__).parents[2]
 NPM: Final = ROOT / ".ci" / "npm"
 PAGE: Final = ROOT / "tools" / "btcore_studio" / "page" / "built"
 PYODIDE: Final = Path(__file__).parent / "node_modules" / "pyodide"
-PYODIDE_FILES: Final = (
-    "pyodide.mjs",
-    "pyodide.asm.mjs",
-    "pyodide.asm.wasm",
-    "pyodide-lock.json",
-    "python_stdlib.zip",
-)
+PYODIDE_FILES: Final = ("pyodide.mjs", "pyodide.asm.mjs", "pyodide.asm.wasm", "pyodide-lock.json")
+STANDARD_LIBRARY: Final = "python_stdlib.zip"
 UNUSED: Final = {
     # They need packages that Pyodide does not have, or a robot.
     *("btcore_bags", "btcore_batch", "btcore_monitor", "btcore_navigation", "btcore_robot", "btcore_ros2"),
@@ -58,7 +54,7 @@ def library_models() -> dict[str, object]:
 
 
 def pack(folder: Path, archive: Path) -> None:
-    """Pack the files of a folder for `worker.ts`. The same files make the same archive."""
+    """Pack the files of a folder for `load_python.mjs`. The same files make the same archive."""
     files = [path for path in sorted(folder.rglob("*")) if path.is_file()]
     contents = [path.read_bytes() for path in files]
     index = [
@@ -68,6 +64,24 @@ def pack(folder: Path, archive: Path) -> None:
     archive.write_bytes(
         gzip.compress(b"\n".join([json.dumps(index).encode(), b"".join(contents)]), 9, mtime=0)
     )
+
+
+def pack_standard_library(folder: Path, archive: Path) -> None:
+    """Write the compiled modules of Python's standard library: the archive of Pyodide has the sources."""
+    with zipfile.ZipFile(PYODIDE / STANDARD_LIBRARY) as sources:
+        sources.extractall(folder)
+    compile_files(folder, "beside")
+    with zipfile.ZipFile(archive, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as compiled:
+        for path in sorted(folder.rglob("*.pyc")):
+            # Without the time of the file: the same files make the same archive.
+            entry = zipfile.ZipInfo(path.relative_to(folder).as_posix())
+            compiled.writestr(entry, path.read_bytes(), zipfile.ZIP_DEFLATED)
+
+
+def compile_files(folder: Path, *place: str) -> None:
+    """Compile the Python files in a folder. `compile_modules.mjs` describes *place*."""
+    command: list[str | Path] = [NPM, "run", "--silent", "compile", "--", folder.resolve(), *place]
+    subprocess.run(command, cwd=Path(__file__).parent, check=True)
 
 
 def main(parts: Path, site: Path) -> int:
@@ -82,11 +96,13 @@ def main(parts: Path, site: Path) -> int:
     (modules / "btcore_studio" / "site" / "models.json").write_text(
         json.dumps(library_models()), encoding="utf-8", newline="\n"
     )
-    compile_modules: list[str | Path] = [NPM, "run", "--silent", "compile", "--", modules.resolve()]
-    subprocess.run(compile_modules, cwd=Path(__file__).parent, check=True)
+    compile_files(modules)
     pack(modules, python / "modules.bin")
+    with TemporaryDirectory() as folder:
+        pack_standard_library(Path(folder), python / STANDARD_LIBRARY)
     for name in PYODIDE_FILES:
         shutil.copy(PYODIDE / name, python)
+    shutil.copy(Path(__file__).with_name("load_python.mjs"), python)
     shutil.copy(PAGE / "studio.js", site)
     shutil.copy(parts / "worker.js", site)
     style = (PAGE / "studio.css").read_text(encoding="utf-8")

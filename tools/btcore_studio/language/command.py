@@ -2,16 +2,8 @@
 
 import gc
 import os
-from typing import Final
 
 import click
-
-GC_THRESHOLD: Final = 1_000_000
-"""The number of new objects after which the server's garbage collector runs during a request.
-
-With Python's default, the collector would take half of the time of each request. Usually the server collects
-garbage before, while the client sends nothing.
-"""
 
 
 @click.command()
@@ -23,7 +15,7 @@ def lsp() -> int:
     The editor starts this command. It reports errors and warnings while you type, completes nodes, ports
     and keys, and shows documentation. docs/guides/editors.md has the settings of editors.
     """
-    from btcore_studio.language.server import create_server
+    from btcore_studio.language.server import GC_THRESHOLD, create_server
 
     gc.set_threshold(GC_THRESHOLD)
     gc.freeze()  # so that collections skip the imported modules

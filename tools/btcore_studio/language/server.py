@@ -69,6 +69,12 @@ from btcore_studio.language.studio_protocol import (
 from btcore_studio.language.tree_reading import known_document
 
 NAME: Final = "btcore"
+GC_THRESHOLD: Final = 1_000_000
+"""The number of new objects after which the server's garbage collector runs during a request.
+
+With Python's default, the collector would take half of the time of each request. Usually the server collects
+garbage before, while the client sends nothing.
+"""
 COLLECT_AFTER_S: Final = 0.02
 """Time (s) without a message, after which garbage is collected: the page still paints then."""
 MANY_OBJECTS: Final = 20_000

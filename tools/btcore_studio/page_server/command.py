@@ -28,7 +28,6 @@ from btcore.input_files import read_error, read_file, real_path
 from btcore.options import option
 from btcore.signals import EndingSignals
 from btcore.xml.plan.plan import Plans
-from btcore_studio.language.command import GC_THRESHOLD
 
 if TYPE_CHECKING:
     from btcore_studio.language.live import LiveExtension
@@ -101,6 +100,7 @@ def studio(
     connects with running trees. Python code is imported only from installed libraries and from --plugin.
     """
     # The extra is imported only here, so that --help works without it.
+    from btcore_studio.language.server import GC_THRESHOLD
     from btcore_studio.page_server.server import built_page
     from btcore_studio.page_server.session import StudioSession
 

@@ -13,8 +13,7 @@ from pathlib import Path
 from typing import Any, Final
 
 from btcore.json_text import load_json
-from btcore_studio.language.command import GC_THRESHOLD
-from btcore_studio.language.server import create_server
+from btcore_studio.language.server import GC_THRESHOLD, create_server
 from btcore_studio.language.worker import Worker, WorkerSettings
 
 MODELS: Final = Path(__file__).with_name("models.json")

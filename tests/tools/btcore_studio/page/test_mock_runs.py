@@ -83,6 +83,10 @@ def test_a_run_by_mouse(page: Any, tmp_path: Path) -> None:
     frame, box = page.locator(".canvas-pane").bounding_box(), asked.bounding_box()
     assert frame["x"] <= box["x"]
     assert box["y"] + box["height"] <= frame["y"] + frame["height"]
+    page.get_by_label("Zoom out").click()
+    page.wait_for_function(
+        "before => document.querySelector('.question').getBoundingClientRect().y !== before.y", arg=box
+    )
     asked.locator("button", has_text="Success").click()
     wait_for_message(page, "Tick 1: SUCCESS")
     assert entry(page, "b") == "5"

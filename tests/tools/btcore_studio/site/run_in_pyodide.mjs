@@ -7,21 +7,9 @@ import { gunzipSync } from "node:zlib";
 
 const [site, folder, file, ...given] = process.argv.slice(2);
 const indexURL = path.join(path.resolve(site), "python/");
-const { loadPyodide } = await import(pathToFileURL(path.join(indexURL, "pyodide.mjs")).href);
-// The format of the archive is described in worker.ts.
-const modules = gunzipSync(readFileSync(path.join(indexURL, "modules.bin")));
-let at = modules.indexOf(10) + 1;
-const index = JSON.parse(modules.toString("utf-8", 0, at));
-const python = await loadPyodide({
-  indexURL,
-  env: { HOME: "/home/pyodide", BTCORE_ENTRY_POINTS: "mock" },
-  fsInit: async (files, { sitePackages }) => {
-    for (const [name, size] of index) {
-      files.mkdirTree(path.posix.dirname(`${sitePackages}/${name}`));
-      files.writeFile(`${sitePackages}/${name}`, modules.subarray(at, at += size));
-    }
-  },
-});
+const { loadPython } = await import(pathToFileURL(path.join(indexURL, "load_python.mjs")).href);
+const modules = new Uint8Array(gunzipSync(readFileSync(path.join(indexURL, "modules.bin"))));
+const python = await loadPython(indexURL, Promise.resolve(modules));
 python.FS.mkdir("/given");
 python.mountNodeFS("/given", path.resolve(folder));
 python.globals.set("command", python.toPy([file, ...given]));

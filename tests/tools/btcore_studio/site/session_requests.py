@@ -1,15 +1,17 @@
 """Request what a page requests of files, and print the replies: `session_requests.py MODELS FILE …`.
 
-MODELS is the file of the site. The script runs here and in Pyodide, and the results are compared.
+The script runs in Pyodide, where it writes the models of the site into the file MODELS, and then here with
+these models. The results are compared.
 """
 
 import asyncio
 import json
+import shutil
 import sys
 from pathlib import Path
 from typing import Any
 
-from btcore_studio.site.session import SiteSession
+from btcore_studio.site.session import MODELS, SiteSession
 
 FOLDER = "file:///studio"
 CAPABILITIES = {
@@ -91,7 +93,10 @@ async def requested(page: Page, uri: str) -> list[Any]:
 
 async def main(arguments: list[str]) -> int:
     """Print the replies about each file as a line of JSON, and return the exit code."""
-    page = Page(Path(arguments[0]))
+    models = Path(arguments[0])
+    if not models.exists():
+        shutil.copy(MODELS, models)
+    page = Page(models)
     folders = [{"uri": FOLDER, "name": "studio"}]
     await page.request("initialize", {"capabilities": CAPABILITIES, "workspaceFolders": folders})
     page.notify("initialized", {})

@@ -59,7 +59,6 @@ def test_recorded_cases_have_the_results_of_the_cpp_engine(site: Path, tmp_path:
 
 def test_the_language_server_replies_as_here(site: Path, tmp_path: Path) -> None:
     shutil.copy(session_requests.__file__, tmp_path)
-    (tmp_path / "models.json").write_bytes(module_file(site, "btcore_studio/site/models.json"))
     for name in FILES:
         shutil.copy(ROOT / name, tmp_path)
     for name, text in BROKEN.items():
@@ -81,14 +80,3 @@ def test_the_language_server_replies_as_here(site: Path, tmp_path: Path) -> None
     for name, *lines in zip((*FILES, *BROKEN), replies.splitlines(), expected.splitlines(), strict=True):
         for reply, wanted in zip(*(json.loads(line)[1] for line in lines), strict=True):
             assert reply == wanted, name
-
-
-def module_file(site: Path, name: str) -> bytes:
-    """Return a file of the modules. `worker.ts` describes their format."""
-    head, _, data = gzip.decompress((site / "python" / "modules.bin").read_bytes()).partition(b"\n")
-    start = 0
-    for found, size in json.loads(head):
-        if found == name:
-            return data[start : start + size]
-        start += size
-    raise AssertionError(f"the site has no {name}")

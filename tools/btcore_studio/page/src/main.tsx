@@ -28,6 +28,7 @@ import {
   selection, showError, start, tree, uri,
 } from "./state";
 import { LeafPlanForm } from "./question";
+import { createQueue } from "./queue";
 import { RpcError } from "./rpc";
 import { RunBar } from "./run_bar";
 import { SiteHome } from "./site/home";
@@ -60,7 +61,9 @@ const conflicts = signal<readonly DiskConflict[]>([]);
 
 /** The changes since the texts of the drawing. */
 let sinceDrawing = new Mark();
+/** The number of drawings that were requested. Only one is awaited at a time; what was requested meanwhile is drawn once. */
 let requested = 0;
+/** Resolves when the last requested drawing is shown. */
 let running: Promise<void> | null = null;
 /** How long the last drawing took. */
 let drawingMs = 0;
@@ -129,14 +132,9 @@ function selectPlaces({ nodes }: Drawing): void {
 
 // --- commands
 
-let commands: Promise<unknown> = Promise.resolve();
-
-/** Run commands one after the other, because each needs the text after the last. */
-function inOrder<T>(run: () => Promise<T>): Promise<T> {
-  const result = awaitDrawing(commands.then(run));
-  commands = result.catch(() => {});
-  return result;
-}
+const commands = createQueue();
+/** Run a command after the others, because each needs the text after the last. */
+const inOrder = <T,>(run: () => Promise<T>): Promise<T> => awaitDrawing(commands(run));
 
 /** Return the command with its places in the present text; null if an element is gone. */
 function present(command: Command, since: Mark): Command | null {

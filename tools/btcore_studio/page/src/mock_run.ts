@@ -1,8 +1,9 @@
 // A run of the shown tree with mock leaves: its state, and the requests that change it.
 
-import { computed, effect, signal } from "@preact/signals";
+import { computed, effect, signal, untracked } from "@preact/signals";
 import type { LeafPlan, Live, RunFile, RunningCall, RunResult, RunState, RunStep } from "./protocol";
 import { actions, drawing, live, message, nameOf, showError, start, tree, uri } from "./state";
+import { createQueue } from "./queue";
 import { runTexts } from "./texts";
 import { moment, showMoment, step as stepInRecording } from "./timeline";
 import { view } from "./view";
@@ -41,16 +42,12 @@ let target: RunStep["to"] = "tick";
 
 // --- requests, one after the other
 
-let last: Promise<unknown> = Promise.resolve();
+const requests = createQueue();
 
-function inTurn(act: () => Promise<void>): Promise<void> {
-  const done = last.then(act).catch((error: unknown) => {
-    isPlaying.value = false;
-    showError(error);
-  });
-  last = done;
-  return done;
-}
+const inTurn = (act: () => Promise<void>): Promise<void> => requests(act).catch((error: unknown) => {
+  isPlaying.value = false;
+  showError(error);
+});
 
 async function request<T>(method: string, params: object): Promise<T> {
   const run = mockRun.value;
@@ -257,5 +254,5 @@ function report(): void {
 // Another file ends the run.
 effect(() => {
   const run = mockRun.value;
-  if (run && uri.value && uri.value !== run.uri) void endRun();
+  if (run && uri.value && uri.value !== run.uri) untracked(() => void endRun());
 });

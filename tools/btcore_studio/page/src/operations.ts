@@ -5,6 +5,7 @@ import type { Command, DrawnNode, EditResult, PaletteItem, Place } from "./proto
 import { release } from "./announcer";
 import { chooseCall, toggleBreakpoints } from "./live";
 import { actions, drawing, live, message, reasonOf, refuse, selection, start, tree as shownTree } from "./state";
+import { createQueue } from "./queue";
 import { modelForm, prompt, quick, type QuickMode } from "./quick_state";
 import { canWrap, placeOfTree, type Structure } from "./tree";
 import { treeTexts } from "./texts";
@@ -378,16 +379,8 @@ export function openTree({ calls, key }: DrawnNode): void {
 
 // --- order: each step needs the picture after the last, however fast the keys are pressed
 
-let turn: Promise<unknown> = Promise.resolve();
-let waiting = 0;
-
-/** Run a step after those that have begun; at once, if there are none. */
-export function inTurn(step: () => unknown): void {
-  const result = waiting ? turn.then(step) : step();
-  if (!(result instanceof Promise)) return;
-  waiting += 1;
-  turn = result.catch(() => {}).finally(() => { waiting -= 1; });
-}
+const steps = createQueue();
+export const inTurn = (step: () => unknown): void => void steps(async () => { await step(); });
 
 /** The operations that open a popup, which gets the next keys. What is accepted there waits for its turn. */
 const POPUPS: ReadonlySet<OperationId> = new Set(["insert", "wrap", "type", "rename", "extract", "model"]);

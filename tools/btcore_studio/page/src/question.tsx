@@ -1,7 +1,7 @@
 // The question of a run beside its node: what does the leaf do?
 
-import { useSignal } from "@preact/signals";
-import { useEffect, useRef } from "preact/hooks";
+import { effect, untracked, useSignal } from "@preact/signals";
+import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { answer, mockRun, setPlan } from "./mock_run";
 import type { LeafPlan, RunQuestion, RunResult } from "./protocol";
 import { nameOf, nodesByKey, selectedNode } from "./state";
@@ -23,13 +23,11 @@ export function Question() {
 /** Keep an element below the card of a node, or above it, within the picture. */
 function usePlace(key: string): { current: HTMLDivElement | null } {
   const ref = useRef<HTMLDivElement>(null);
-  useEffect(() => {
-    let frame = 0;
+  useLayoutEffect(() => {
+    const element = ref.current!;
     const place = () => {
-      frame = requestAnimationFrame(place);
-      const [element, shown] = [ref.current, view.value];
-      const pane = element?.parentElement?.getBoundingClientRect();
-      if (!element || !shown || !pane) return;
+      const [shown, pane] = [view.value, element.parentElement!.getBoundingClientRect()];
+      if (!shown) return;
       const box = shown.boxes[shown.structure.at(key)];
       const card = box && shown.screen(box);
       const { width, height } = element.getBoundingClientRect();
@@ -39,11 +37,18 @@ function usePlace(key: string): { current: HTMLDivElement | null } {
       // A node that is not visible has its question at the lower edge.
       const left = limit(isVisible ? card.left - pane.left : (pane.width - width) / 2, width, pane.width);
       const top = limit(!isVisible ? pane.height : isBelow ? card.bottom - pane.top + MARGIN + 6 : card.top - pane.top - MARGIN - height, height, pane.height);
-      const next = `translate(${Math.round(left)}px, ${Math.round(top)}px)`;
-      if (element.style.transform !== next) element.style.transform = next;
+      element.style.transform = `translate(${Math.round(left)}px, ${Math.round(top)}px)`;
     };
-    place();
-    return () => cancelAnimationFrame(frame);
+    // The size of the element changes when its details are opened.
+    const observer = new ResizeObserver(place);
+    observer.observe(element);
+    const end = effect(() => {
+      if (view.value?.refreshed.value) untracked(place);
+    });
+    return () => {
+      observer.disconnect();
+      end();
+    };
   }, [key]);
   return ref;
 }

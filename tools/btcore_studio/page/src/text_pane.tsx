@@ -357,7 +357,9 @@ const look = EditorView.theme({
 
 const extensions = (home: PageHome): Extension => [
   EditorState.lineSeparator.of("\n"),
-  start.peek()?.live ? stopGutter : [], lineNumbers(), foldGutter(), codeFolding(), lintGutter(), highlightSpecialChars(), drawSelection(),
+  start.peek()?.live ? stopGutter : [], lineNumbers(), foldGutter(), codeFolding(), lintGutter(), highlightSpecialChars(),
+  // Each key would start the animation of a blinking cursor again, and Chromium would paint the next picture a frame later.
+  drawSelection({ cursorBlinkRate: 0 }),
   EditorState.allowMultipleSelections.of(true), rectangularSelection(), indentOnInput(), bracketMatching(), closeBrackets(),
   highlightActiveLine(), highlightActiveLineGutter(), highlightSelectionMatches(), search({ top: true }),
   autocompletion({ override: [complete], activateOnTyping: true, interactionDelay: 40 }),
@@ -434,12 +436,13 @@ export function TextPane({ home }: { home: PageHome }) {
       root,
       parent: root,
       dispatchTransactions: (transactions, editor) => {
-        editor.update(transactions);
+        // The server draws while CodeMirror shows the change.
         for (const transaction of transactions) {
           if (transaction.docChanged && !transaction.annotation(external)) {
             home.documents.change(shown, transaction.changes, "typing", transaction.annotation(Transaction.userEvent) ?? "");
           }
         }
+        editor.update(transactions);
         const isMoved = transactions.some((transaction) => transaction.selection && !transaction.annotation(external));
         // After a change, the nodes are where the cursor is only in the next drawing.
         if (isMoved && !transactions.some((transaction) => transaction.docChanged)) selectAtCursor();

@@ -76,6 +76,8 @@ export class View {
   private readonly edges = draw("path", { class: "edge" });
   /** Insertion marks and other passing shapes, above the cards. */
   readonly marks = draw("g", { class: "marks" });
+  /** Changes after each change of what is visible, and where. */
+  readonly refreshed = signal(0);
   /** The cards that exist, by the index of their node. */
   private groups = new Map<number, Group>();
   private readonly foundKeys = new Set<string>();
@@ -302,6 +304,7 @@ export class View {
     inOrder(this.layer, shown.map((index) => this.groups.get(index)!.element), this.marks);
     set(this.edges, "d", this.visibleEdges(area, all));
     this.markActive();
+    this.refreshed.value = this.refreshed.peek() + 1;
   }
 
   /** Return the edges in a part of the drawing as one path. An edge is in the box around both of its cards. */

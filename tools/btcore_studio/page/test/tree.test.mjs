@@ -1,4 +1,4 @@
-// The picture's pieces, the places to drop nodes, the search for node types, and the keys.
+// The picture's pieces, the places to drop nodes, the search for node types, the keys, and the order of steps.
 import assert from "node:assert/strict";
 import { mkdtempSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
@@ -10,10 +10,10 @@ import { build } from "esbuild";
 const here = path.dirname(fileURLToPath(import.meta.url));
 const folder = mkdtempSync(path.join(tmpdir(), "btcore-page-"));
 after(() => rmSync(folder, { recursive: true }));
-const source = ["picture", "drop_targets", "fuzzy", "keyboard", "markdown", "tree"].map((name) => `export * from "./${name}";`).join("\n");
+const source = ["picture", "drop_targets", "fuzzy", "keyboard", "markdown", "queue", "tree"].map((name) => `export * from "./${name}";`).join("\n");
 const outfile = path.join(folder, "tree.mjs");
 await build({ stdin: { contents: source, resolveDir: path.join(here, "../src"), loader: "ts" }, bundle: true, platform: "node", format: "esm", outfile });
-const { actionOf, complete, DropTargets, isSamePicture, longestRise, match, neighbour, outline, search, Structure, plain } = await import(pathToFileURL(outfile).href);
+const { actionOf, complete, createQueue, DropTargets, isSamePicture, longestRise, match, neighbour, outline, search, Structure, plain } = await import(pathToFileURL(outfile).href);
 
 // --- a tree: 0 root(1 a, 2 loop(3 b), 4 c), where "loop" is a decorator
 
@@ -183,4 +183,30 @@ test("arrows follow the tree", () => {
 
 test("docstrings are shown without the marks of emphasis", () => {
   assert.equal(plain("Succeeds if *low* or less; *wait_duration* of `a*b*c`, 2 * 3 * 4."), "Succeeds if low or less; wait_duration of `a*b*c`, 2 * 3 * 4.");
+});
+
+// --- the order of steps
+
+test("a step begins at once, or when the earlier steps have ended", async () => {
+  const queue = createQueue();
+  const seen = [];
+  let end;
+  const first = queue(async () => {
+    seen.push("first begins");
+    await new Promise((resolve) => { end = resolve; });
+    throw new Error("refused");
+  });
+  assert.deepEqual(seen, ["first begins"]);
+  const second = queue(async () => { seen.push("second"); return 2; });
+  const third = queue(async () => { seen.push("third"); });
+  await null;
+  assert.deepEqual(seen, ["first begins"]);
+  end();
+  await assert.rejects(first, /refused/);
+  assert.equal(await second, 2);
+  await third;
+  await new Promise(setImmediate);
+  const last = queue(async () => { seen.push("at once"); });
+  assert.deepEqual(seen, ["first begins", "second", "third", "at once"]);
+  await last;
 });
