@@ -371,7 +371,9 @@ def refused(*arguments: str) -> tuple[int, str]:
 
 
 def test_invalid_parameter(folder: Path) -> None:
-    code, text = refused(str(folder / "trees" / "more.xml"), "--ros-args", "-p tick_frequency:=often")
+    code, text = refused(
+        str(folder / "trees" / "more.xml"), "--port", "0", "--ros-args", "-p tick_frequency:=often"
+    )
     assert code == 2
     assert 'the ROS parameter tick_frequency is "often", and a number is expected' in text
 
