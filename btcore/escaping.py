@@ -21,6 +21,7 @@ def escape_controls(text: str, one_line: bool = False) -> str:
     r"""Return *text* with each control character replaced by its escape sequence in Python, such as `\x1b`.
 
     Args:
+        text: The text.
         one_line: Whether to replace line breaks and tabs, too.
 
     Examples:

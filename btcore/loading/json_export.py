@@ -47,6 +47,7 @@ def import_tree(tree: Tree, data: Mapping[str, Mapping[str, Any] | None]) -> Non
     """Write the entries in *data* into the blackboards of *tree*.
 
     Args:
+        tree: The tree.
         data: Entries in the form of `export_tree`.
 
     Raises:

@@ -18,6 +18,7 @@ def tree_to_xml(tree: Tree, metadata: bool = True, builtin_models: bool = True) 
     as `_fullpath`. Every node has the compact form, with the texts of its ports including defaults.
 
     Args:
+        tree: The tree.
         metadata: Whether to write the `_uid` of each node and the `_fullpath` of each SubTree.
         builtin_models: Whether the TreeNodesModel includes the built-in nodes.
 

@@ -146,6 +146,7 @@ class Outcomes:
         """Attach these outcomes to a tree, tick it, and return the results of the root.
 
         Args:
+            tree: The tree.
             ticks: The number of ticks.
             period: The time between two ticks (s of the tree's clock).
 

@@ -44,7 +44,12 @@ class Resources(list[object]):
             self.missing_note = resources.missing_note
 
     def assign(self, resource_type: Any, resource: object) -> None:
-        """Assign the object that leaves get for a type."""
+        """Assign the object that leaves get for a type.
+
+        Args:
+            resource_type: The type.
+            resource: The object.
+        """
         self._by_type[resource_type] = resource
 
     def find_or_create(self, parameter: Parameter, id: str) -> object:
@@ -53,6 +58,7 @@ class Resources(list[object]):
         A missing `TreeResource` is created, and added to the resources.
 
         Args:
+            parameter: The parameter.
             id: The ID of its leaf, for messages.
 
         Raises:
@@ -76,6 +82,7 @@ class Resources(list[object]):
         """Return the first resource that fits a type, or UNSET.
 
         Args:
+            resource_type: The type.
             use: What needs the resource, for messages: "the parameter 'lamp' of <Blink>".
 
         Raises:

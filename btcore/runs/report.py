@@ -31,6 +31,7 @@ class Report(dict[str, object]):
     """The results of a run for the summary and for `--json`, by heading. A provider may have it as parameter.
 
     Args:
+        run_end: The end of the run.
         printer: Prints the warnings.
     """
 

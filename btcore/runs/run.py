@@ -182,6 +182,7 @@ class Run:
         """Let the run provide *types*, too; see `find`.
 
         Args:
+            types: The types.
             optional: Whether the run continues if nothing provides one of them.
 
         Raises:

@@ -78,6 +78,7 @@ class Hooks:
     a tick is stopped; there, a breakpoint that is set during a tick takes effect from the next tick on.
 
     Args:
+        nodes: The nodes of the tree.
         context: The objects that the tree's nodes share.
 
     Examples:
@@ -135,6 +136,7 @@ class Hooks:
 
         Args:
             uid: The uid of the node.
+            position: The position of the hook.
             desired_status: The new *desired_status* of the hook, which takes effect when the tick continues.
             remove_when_done: Whether to remove the hook after it has fired.
 
@@ -157,6 +159,7 @@ class Hooks:
 
         Args:
             uid: The uid of the node.
+            position: The position of the hook.
 
         Returns:
             Whether there was such a hook.

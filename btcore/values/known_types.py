@@ -142,6 +142,7 @@ class TypeRegistry:
         """Register a class with its text form (the conversions from and to text). Return the type.
 
         Args:
+            python_type: The class.
             from_text: Converts a text to a value.
             to_text: Converts a value to a text.
             name: The name of the type in monitoring protocols and XML models; by default the class's name.

@@ -192,6 +192,7 @@ def as_int(number: int | float, low: int, high: int, name: str = "int64_t") -> i
     """Return *number* as an integer.
 
     Args:
+        number: The number.
         low: The minimum.
         high: The maximum.
         name: The name of the integer type, for the error message.

@@ -105,6 +105,8 @@ class Localiser:
     stays valid for `transform_tolerance` (s) after that stamp.
 
     Args:
+        robot: The robot.
+        field_map: The map.
         random: The source of the samples.
         odometry_limit: The age (s) from which on the odometry has an outage.
 

@@ -50,7 +50,11 @@ POSE_WAIT_NS = 1_000_000_000
 
 
 class PlannerError(RobotError):
-    """No path exists: *code* is one of Nav2's error codes, the message gives the reason."""
+    """No path exists: *code* is one of Nav2's error codes, the message gives the reason.
+
+    Args:
+        message: The error message.
+    """
 
     def __init__(self, code: int, message: str) -> None:
         super().__init__(message)

@@ -386,6 +386,7 @@ def missing_trees(parameters: NavigatorParameters, trees: Path) -> list[str]:
     """Return a warning for each tree in *parameters* that doesn't exist and is replaced by a default tree.
 
     Args:
+        parameters: The parameters of the navigator.
         trees: The folder whose subfolder `navigation` contains the default trees.
     """
     named = (

@@ -33,7 +33,11 @@ class ConnectivityError(TransformError):
 
 
 class ExtrapolationError(TransformError):
-    """The requested time is outside the stored period; *future* is True if it is after the period."""
+    """The requested time is outside the stored period; *future* is True if it is after the period.
+
+    Args:
+        message: The error message.
+    """
 
     def __init__(self, message: str, future: bool) -> None:
         self.future = future
@@ -308,6 +312,10 @@ class FrameBroadcaster:
     """Writes the robot's frames to a transform tree: `odom` → `base_footprint`, links and sensors.
 
     Schedule `step` at `RATE` with `Phase.TRANSFORMS`.
+
+    Args:
+        robot: The robot.
+        tree: The transform tree.
     """
 
     RATE = 50.0

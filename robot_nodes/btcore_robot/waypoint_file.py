@@ -47,6 +47,7 @@ def save_waypoints(waypoints: Waypoints, path: Path) -> None:
     """Write waypoints to a YAML file that `load_waypoints` reads.
 
     Args:
+        waypoints: The waypoints.
         path: The YAML file; it is replaced.
 
     Raises:

@@ -597,6 +597,7 @@ def read_field(message: Any, path: str) -> object:
     """Return the value of a field: a message, a list, a numpy array, a number or a text.
 
     Args:
+        message: The message.
         path: The path of the field as in `field_type`; "" = the message itself.
 
     Raises:

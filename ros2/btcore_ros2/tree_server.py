@@ -172,6 +172,7 @@ class TreeServer:
         """Prepare a new tree before its first tick, for example its blackboard; C++: `onTreeCreated`.
 
         Args:
+            tree: The tree.
             payload: The payload of the goal.
         """
 
@@ -412,6 +413,7 @@ class LoadedTrees:
         """Return a new instance of a tree.
 
         Args:
+            tree_id: The ID of the tree.
             resources: Objects that leaves get by the types of their parameters.
             blackboard: The blackboard of the tree.
             clock: The clock of the tree.

@@ -46,6 +46,7 @@ def rasterise(
     the objects that were added to the world are drawn.
 
     Args:
+        description: The world.
         resolution: The side length of a cell (m).
         movable: Whether to draw movable objects too, at their initial poses.
     """

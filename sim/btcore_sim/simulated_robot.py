@@ -90,6 +90,7 @@ class SimulatedRobot(Robot):
     contacts, distance driven) are for the report of a run. Leaves must not use them.
 
     Args:
+        world: The world.
         description: The robot's description; the Tiago by default.
         camera: The settings of the camera, or None to switch it off.
         faults: The parts that fail, and the periods in which they fail.

@@ -48,6 +48,7 @@ class World:
     """A world in its own physics engine. It is also a clock, with `now` and `wait_until`.
 
     Args:
+        description: The description of the world.
         seed: The seed of all random generators.
         fast: False to run in real time.
         gui: Whether to open the physics engine's window.
@@ -129,7 +130,12 @@ class World:
         return random_generator(self._seed, purpose)
 
     def add_step_callbacks(self, before: Callable[[int], None], after: Callable[[int], None]) -> None:
-        """Register two callbacks that are called around every physics step with the simulated time (ns)."""
+        """Register two callbacks that are called around every physics step with the simulated time (ns).
+
+        Args:
+            before: The callback that is called before the step.
+            after: The callback that is called after the step.
+        """
         self._before_callbacks.append(before)
         self._after_callbacks.append(after)
 

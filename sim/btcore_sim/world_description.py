@@ -231,6 +231,7 @@ class Door:
         """Return the leaf of the door at the pose for an opening.
 
         Args:
+            leaf: The object of the leaf.
             opening: How far the door is open, from 0 (closed) to 1 (open).
         """
         pose = self.leaf_pose(opening)

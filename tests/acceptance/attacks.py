@@ -325,7 +325,7 @@ class Robot:
                 client.send_request(Request.STATUS)
                 with contextlib.suppress(NoReplyError):
                     while client.receive_reply() is None and not self._ended.is_set():
-                        client.wait(0.1)
+                        client.socket.poll(100)
                     continue
                 self.outcome.unanswered += not self._ended.is_set()
 

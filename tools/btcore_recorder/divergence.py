@@ -48,6 +48,7 @@ def steps(recording: Recording, *, idle: bool = True) -> list[Step]:
     transition, since some formats do not contain the start of the log.
 
     Args:
+        recording: The recording.
         idle: Whether to include transitions to IDLE.
     """
     keys = recording.keys()

@@ -28,6 +28,7 @@ def write_models(manifests: Iterable[Manifest], format: int = 4) -> str:
     """Return a document with a TreeNodesModel, sorted by ID, that Groot can import.
 
     Args:
+        manifests: The nodes.
         format: 4, or 3 for Groot 1, where ports are sorted by direction and name.
 
     Examples:

@@ -191,6 +191,7 @@ class SqliteLog(Log):
 
     Args:
         tree: The tree to log.
+        path: The database.
         append: Whether to keep the existing sessions. Their numbers are not reused in either case.
         idle: Whether to log transitions to IDLE.
         extra: Called for each transition, on the thread that ticks; returns the row's `extra_data`.
@@ -302,6 +303,7 @@ def read_sqlite(path: str | os.PathLike[str], session: int | None = None) -> Rec
     """Read a session of a database. A truncated or damaged database is read up to the damage.
 
     Args:
+        path: The database.
         session: The number of the session; None for the last session.
 
     Returns:

@@ -77,7 +77,11 @@ class ComponentOptions:
 
 
 class Timer:
-    """A timer that calls *callback* every *period* seconds while its component runs."""
+    """A timer that calls *callback* every *period* seconds while its component runs.
+
+    Args:
+        component: The component of the timer.
+    """
 
     def __init__(self, component: "Component", period: float, callback: Callable[[], None]) -> None:
         self.period = period

@@ -74,6 +74,10 @@ def load_component_parameters(path: Path, name: str) -> dict[str, ParameterValue
 
     The values under the component's name override the values for all components (`/**`).
 
+    Args:
+        path: The parameter file.
+        name: The name of the component.
+
     Raises:
         ParameterError: The file cannot be read, or contains a value that is not a parameter.
     """

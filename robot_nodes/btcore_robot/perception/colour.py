@@ -73,6 +73,10 @@ class Detection:
 def colour_mask(image: CameraImage, colours: ColourRange) -> NDArray[np.uint8]:
     """Return the mask of the pixels within a range of colours.
 
+    Args:
+        image: The camera image.
+        colours: The range of colours.
+
     Returns:
         The mask, shape `(height, width)`: 255 for pixels within the range, 0 for others.
     """
@@ -85,6 +89,10 @@ def colour_mask(image: CameraImage, colours: ColourRange) -> NDArray[np.uint8]:
 def detect_colour(image: CameraImage, colours: ColourRange) -> Detection | None:
     """Return a single detection of all pixels within a range of colours; None if there are none.
 
+    Args:
+        image: The camera image.
+        colours: The range of colours.
+
     Returns:
         The box around the pixels and their centre of mass.
     """
@@ -95,6 +103,10 @@ def detect_each(image: CameraImage, colours: ColourRange) -> list[Detection]:
     """Return a detection for every separate patch of pixels within a range of colours, the largest first.
 
     Patches of less than `MIN_PIXELS` are ignored.
+
+    Args:
+        image: The camera image.
+        colours: The range of colours.
     """
     mask = colour_mask(image, colours)
     count, _, stats, centres = cv2.connectedComponentsWithStats(mask)
@@ -125,6 +137,7 @@ def debug_image(
     """Return the image (RGB) with pixels outside *colours* dimmed and *objects* marked.
 
     Args:
+        image: The camera image.
         colours: The range of colours that stays bright.
         objects: The detections to mark; by default the box around all pixels of the colour.
     """

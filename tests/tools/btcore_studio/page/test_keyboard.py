@@ -120,7 +120,7 @@ def test_changes_are_announced_and_the_focus_stays_on_the_page(
     hears(page, "Moved 1 node: 2 of 3 in round.")
     # The line in the text follows the node.
     page.wait_for_function(
-        "document.querySelector('.editor').shadowRoot.querySelector('.cm-activeLine').textContent"
+        "() => document.querySelector('.editor').shadowRoot.querySelector('.cm-activeLine').textContent"
         ".includes(document.querySelector('.node.cursor').ariaLabel.split(',')[0])"
     )
     # A refused name stays in its field, and an unknown one can become a node type.

@@ -205,7 +205,7 @@ def test_a_run_is_accessible_and_fits_small_windows(page: Any) -> None:
         page.evaluate("theme => { document.documentElement.dataset.theme = theme; }", theme)
         assert accessibility_violations(page) == []
     page.set_viewport_size({"width": 390, "height": 800})
-    page.wait_for_function("document.querySelector('.question').getBoundingClientRect().right <= 390")
+    page.wait_for_function("() => document.querySelector('.question').getBoundingClientRect().right <= 390")
     assert page.evaluate("document.documentElement.scrollWidth") <= 390
     page.locator(".question button", has_text="Failure").click()
     wait_for_question(page, "Push")
