@@ -86,8 +86,7 @@ STARVED ?= --starved 20 --seconds 3
 MCP_ATTACKS ?=
 MISTAKES ?=
 STUDIO ?= --trials 9
-# Until the site starts in at most 1.5 times the time of bare Pyodide.
-STUDIO_SITE ?= none
+STUDIO_SITE ?= --trials 5
 PROOFS ?= --trees 1000
 TYPED_FILES ?= --files 200
 KILLS ?= --trials 100
