@@ -473,6 +473,26 @@ def test_fast_keys_keep_their_order(edit: Callable[[str], Editor]) -> None:
     assert editor.node("Visit").get_attribute("aria-label").endswith(", disabled")
 
 
+def test_a_node_that_is_selected_during_an_edit_stays_selected(edit: Callable[[str], Editor]) -> None:
+    editor = edit(TREE)
+    editor.select("rest")
+    field = editor.page.locator("#field-msec")
+    # In one task, so that the reply to the edit comes after both.
+    editor.page.evaluate(
+        """field => {
+          field.focus();
+          document.execCommand("selectAll");
+          document.execCommand("insertText", false, "9");
+          document.querySelector(".canvas").focus();
+          const init = { key: "ArrowLeft", bubbles: true, cancelable: true };
+          document.activeElement.dispatchEvent(new KeyboardEvent("keydown", init));
+        }""",
+        field.element_handle(),
+    )
+    editor.wait(lambda: b'msec="9"' in editor.saved())
+    assert editor.selected == ["door"]
+
+
 def test_a_node_type_is_made_and_changed_in_its_form(edit: Callable[[str], Editor]) -> None:
     editor = edit(TREE)
     keyboard = editor.page.keyboard

@@ -167,10 +167,10 @@ function edit(command: Command): Promise<EditResult | null> {
     try {
       const mark = home.mark();
       // VS Code may change the texts of the edit, and then draws them.
-      const [wanted, shown] = [drawingParams(), drawing.value];
+      const [wanted, shown, selected] = [drawingParams(), drawing.value, selection.value];
       const params: EditParams = { command: moved, ...(home.documents && { drawing: wanted }), ...(versions && { versions }) };
       const result = await actions.request<EditResult>("btcore/edit", params);
-      toSelect = result.select;
+      toSelect = selection.value === selected ? result.select : []; // what the user has selected meanwhile stays
       const isSame = JSON.stringify(wanted) === JSON.stringify(drawingParams());
       const next = result.drawing && isSame && !mark.changes.size ? result.drawing : null;
       const before = requested;
