@@ -7,7 +7,6 @@ module.
 Nothing here waits: a leaf without an answer ends the request with a question.
 """
 
-import itertools
 import re
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -23,6 +22,7 @@ from btcore.logs.moments import Moment
 from btcore.registry.outcome_grammar import Outcome
 from btcore.status import RUNNING
 from btcore_studio.language.project import Project
+from btcore_studio.language.shown_runs import NUMBERS, ShownRuns
 from btcore_studio.language.studio_protocol import (
     AnswerParams,
     Data,
@@ -54,7 +54,6 @@ _MAX_TICKS: Final = 1_000
 """Maximum number of ticks of a request."""
 _MAX_EVENT: Final = 1_000_000
 _MAX_NAME: Final = 60
-_NUMBERS: Final = itertools.count(1)
 
 
 class Question(Protocol):
@@ -152,10 +151,12 @@ class PageRuns:
 
     Args:
         project: The project with the documents of the page.
+        shown: The other runs of the page.
     """
 
-    def __init__(self, project: Project) -> None:
+    def __init__(self, project: Project, shown: ShownRuns) -> None:
         self._project = project
+        self._shown = shown
         self._run: _PageRun | None = None
 
     @property
@@ -235,6 +236,9 @@ class PageRuns:
         return RunFiles(files)
 
     def _explain(self, params: WhyParams) -> Why:
+        recorded = self._shown.find(params.run)
+        if recorded is not None:
+            return recorded.why(params.key, params.position)
         present = self._present(params.run)
         if present.run.position == params.position and present.run.event:
             raise BtcoreError("this tick has not ended: go to its end first")
@@ -249,7 +253,7 @@ class _PageRun:
     """A run, whose nodes have keys (*data*); *number* identifies it."""
 
     def __init__(self, run: MockRun) -> None:
-        self.number = next(_NUMBERS)
+        self.number = next(NUMBERS)
         self.run = run
         self.data = RecordedRun(run)
 

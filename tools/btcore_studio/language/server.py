@@ -49,6 +49,8 @@ from btcore_studio.language.model_edits import FieldError
 from btcore_studio.language.node_form import form_of
 from btcore_studio.language.palette import palette_of
 from btcore_studio.language.project import DocumentKey, Project, Settings, SourceDocument
+from btcore_studio.language.proofs import CounterexampleParams, PageProofs, ProofParams, ProofResult
+from btcore_studio.language.shown_runs import ShownMomentParams, ShownRuns
 from btcore_studio.language.studio_protocol import (
     BreakpointsParams,
     CopyParams,
@@ -203,6 +205,8 @@ class TreeServer(LanguageServer):
         project: The documents and files of the client's workspace.
         checker: The background checks of the documents.
         live: The running tree that the page watches.
+        shown: The recorded runs that the page shows.
+        proofs: The searches of the page.
         was_shut_down: Whether the client has requested the end of the server.
         params_classes: The parameters of requests outside of the Language Server Protocol, by method.
     """
@@ -217,6 +221,12 @@ class TreeServer(LanguageServer):
         self.project = Project()
         self.checker = Checker(self.project, self._publish, self._show, self._refresh, start_worker)
         self.live = LiveTree(live, lambda data: self.protocol.notify("btcore/live", data))
+        self.shown = ShownRuns()
+        self.proofs = PageProofs(
+            self.project,
+            self.shown,
+            lambda data: self.protocol.notify("btcore/proofProgress", data),
+        )
         self.was_shut_down = False
         self.params_classes: dict[str, type[Data]] = {}
         self._collection: asyncio.TimerHandle | None = None
@@ -225,7 +235,7 @@ class TreeServer(LanguageServer):
         self,
         method: str,
         params_class: type[Params],
-        handler: Callable[[Params], Data | Awaitable[None] | None],
+        handler: Callable[[Params], Data | dict[str, Any] | Awaitable[Data | None] | None],
     ) -> None:
         """Register a request that is not in the Language Server Protocol.
 
@@ -251,6 +261,7 @@ class TreeServer(LanguageServer):
         """End the background checks and their process, and the connection with a running tree."""
         if self._collection is not None:
             self._collection.cancel()
+        self.proofs.stop()
         await asyncio.gather(self.checker.close(), self.live.close())
 
     def _publish(self, file: DocumentKey, version: int | None, reports: list[Report]) -> None:
@@ -278,18 +289,21 @@ def _collect() -> None:
 
 
 def create_server(
-    live: LiveExtension | None = None, start_worker: StartWorker = WorkerProcess.start
+    live: LiveExtension | None = None,
+    start_worker: StartWorker = WorkerProcess.start,
+    has_processes: bool = True,
 ) -> TreeServer:
     """Return a server with all features, which is not started yet.
 
     Args:
         live: Connects with running trees; default the installed extension with its default settings.
         start_worker: Starts the worker that checks documents; default a process.
+        has_processes: Whether a search for a proof gets a process of its own.
     """
     server = TreeServer(live, start_worker)
     _keep_up_to_date(server)
     _add_features(server)
-    _add_studio_requests(server)
+    _add_studio_requests(server, has_processes)
     return server
 
 
@@ -374,7 +388,7 @@ def _add_features(server: TreeServer) -> None:
     of_document(types.TEXT_DOCUMENT_CODE_LENS, lenses.code_lenses)
 
 
-def _add_studio_requests(server: TreeServer) -> None:
+def _add_studio_requests(server: TreeServer, has_processes: bool) -> None:
     """Register the requests by which a page draws and edits trees."""
     project = server.project
 
@@ -428,7 +442,17 @@ def _add_studio_requests(server: TreeServer) -> None:
     server.add_request("btcore/release", ReleaseParams, release)
     server.add_request("btcore/setEntry", NewEntryParams, set_entry)
     server.add_request("btcore/reload", DocumentParams, reload)
-    for method, params_class, handler in PageRuns(project).requests:
+
+    proofs = server.proofs
+
+    async def prove(params: ProofParams) -> ProofResult:
+        return await proofs.prove_in_process(params)
+
+    server.add_request("btcore/prove", ProofParams, prove if has_processes else partial(proofs.prove))
+    server.add_request("btcore/stopProof", Data, lambda _: proofs.stop())
+    server.add_request("btcore/counterexample", CounterexampleParams, partial(proofs.counterexample))
+    server.add_request("btcore/moment", ShownMomentParams, partial(server.shown.moment))
+    for method, params_class, handler in PageRuns(project, server.shown).requests:
         server.add_request(method, params_class, partial(handler))  # pygls sets attributes of it
 
 
@@ -468,6 +492,7 @@ def _keep_up_to_date(server: TreeServer) -> None:
     def shutdown(_: None) -> None:
         checker.close()
         server.live.end()
+        server.proofs.stop()
         server.was_shut_down = True
 
     @server.feature(types.TEXT_DOCUMENT_DID_OPEN)

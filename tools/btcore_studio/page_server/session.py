@@ -374,7 +374,7 @@ class PageSession:
             if "method" not in data:  # the reply to a request of the language server
                 with suppress(Exception):
                     self._to_language_server(data)
-            elif method in self._handlers:
+            elif method in self._handlers and not _names_run(data.get("params")):
                 result = self._handlers[method](data.get("params"))
                 if isinstance(result, Awaitable):
                     result = await result
@@ -485,6 +485,11 @@ def _document(project: Project, version: Version) -> SourceDocument:
     if document is None:
         raise RefusedError(f"'{version.name}' can't be read as a UTF-8 file")
     return document
+
+
+def _names_run(params: object) -> bool:
+    """Return whether a request is about a run of the page, and not about the opened recording."""
+    return isinstance(params, dict) and bool(params.get("run"))
 
 
 def _of_trees(paths: Iterable[Path]) -> list[Path]:

@@ -20,17 +20,19 @@ import { Palette } from "./palette";
 import { complete } from "./picture";
 import { checked, followProblems, Problems } from "./problems";
 import type {
-  Command, Diagnostic, DiskConflict, Drawing, DrawingParams, EditParams, EditResult, Live, Palette as PaletteData, Place, Preview,
+  Command, Diagnostic, DiskConflict, Drawing, DrawingParams, EditParams, EditResult, Live, Palette as PaletteData, Place, Preview, ProofProgress,
   SharedFile, WorkspaceEdit,
 } from "./protocol";
 import {
   actions, awaitDrawing, diagnostics, drawing, files, folded, isSamePlace, message, palette, reasonOf, refusedField, selectedNodes,
   selection, showError, start, tree, uri,
 } from "./state";
+import { noteProofEdit, Proof, receiveProgress } from "./proof";
 import { LeafPlanForm } from "./question";
 import { createQueue } from "./queue";
 import { RpcError } from "./rpc";
 import { RunBar } from "./run_bar";
+import { ShownRunBar } from "./shown_run";
 import { SiteHome } from "./site/home";
 import { PythonNotice } from "./site/site_tools";
 import { Splitter } from "./splitter";
@@ -280,6 +282,7 @@ home.connection.on<{ uri: string; diagnostics: Diagnostic[] }>("textDocument/pub
   if (!checked.value.has(params.uri)) checked.value = new Set([...checked.value, params.uri]);
 });
 home.connection.on<Live>("btcore/live", receiveLive);
+home.connection.on<ProofProgress>("btcore/proofProgress", receiveProgress);
 home.connection.on<SharedFile[]>("btcore/files", (list) => { files.value = list; });
 home.connection.on<DiskConflict>("btcore/disk", (conflict) => {
   conflicts.value = [...conflicts.value.filter((other) => other.uri !== conflict.uri), conflict];
@@ -319,6 +322,7 @@ function waitForPalette(ms: number): void {
 home.onChange((address, origin) => {
   noteChange();
   noteEdit();
+  noteProofEdit();
   if (origin !== "remote") changed.add(address);
   clearTimeout(typingTimer);
   postponeReport();
@@ -428,12 +432,14 @@ function Page() {
         <main id="picture" tabIndex={-1}>
           <Breadcrumbs />
           <Canvas />
+          <ShownRunBar home={home} />
           <Timeline />
           <RunBar home={home} />
           <Splitter name="right" label={texts.sizes.right} axis="x" direction={-1} initial={400} min={200} />
         </main>
         <aside class="right" aria-label={texts.node}>
           <div class="scrolled">
+            <Proof home={home} />
             <LeafPlanForm />
             <Explanation />
             <Form />

@@ -235,9 +235,11 @@ export interface Live {
   calls?: RunningCall[];
 }
 
-// --- btcore/moment { position } → Moment; only if the studio shows a recording (see Start.recording).
+// --- btcore/moment { position, run } → Moment, of a ShownRun, or of the recording that the studio shows (0; see Start.recording).
 
 export interface Recording {
+  /** The number of a ShownRun. */
+  run?: number;
   /** The keys of the nodes, in the order of *statuses* in each moment. */
   keys: string[];
   calls: RunningCall[];
@@ -314,6 +316,41 @@ export interface RunState {
 }
 
 export interface RunFile { name: string; text: string }
+
+// --- btcore/prove ProofParams → ProofResult: search all runs of a tree. The notification btcore/proofProgress ProofProgress
+// comes from time to time. btcore/stopProof {} → null ends the search, whose request fails then.
+// btcore/counterexample { proof, answer } → ShownRun: the run of the answer with an index.
+
+export interface ProofParams extends Document {
+  tree: string | null;
+  /** In addition to the standard questions, such as "never A", "A leads to B" and "A before B". */
+  questions: string[];
+  /** The keys that the program sets before the first tick. */
+  given: string[];
+  seconds: number;
+}
+
+export interface ProofProgress { searched: number; states: number; ticks: number }
+
+export interface ProofAnswer {
+  question: string;
+  answer: "proved" | "refuted" | "possible" | "unknown";
+  /** What is wrong, what bounded the search, or under which condition the question is proved; "". */
+  detail: string;
+  /** Whether the premise of the question never occurs. */
+  vacuous: boolean;
+  ticks: number;
+  states: number;
+  /** Whether there is a counterexample to show. */
+  playable: boolean;
+  /** The number of the tick from which on the counterexample repeats its ticks forever; 0 for none. */
+  cycle: number;
+}
+
+export interface ProofResult { proof: number; answers: ProofAnswer[]; ticks: number }
+
+/** A run on the timeline; *text* is its recording (.btrec.txt), and *report* what a run with changes did. */
+export interface ShownRun extends Recording { run: number; text: string; report: string[] }
 
 // --- btcore/why { key, position, run } → Why: why a node did what it did in the last tick before *position* steps of the
 // run with a number, or of the recording (0).

@@ -3,8 +3,9 @@
 import "./run.css";
 import type { Home } from "./home";
 import { advance, canRun, cut, endRun, filesOfRun, goTo, isEdited, isPlaying, mockRun, SPEEDS, speed, startRun, step, togglePlay } from "./mock_run";
+import { isProofOpen } from "./proof";
 import { message, showError } from "./state";
-import { runTexts, treeTexts } from "./texts";
+import { proofTexts, runTexts, treeTexts } from "./texts";
 import { Track } from "./timeline";
 
 const STEPS = ["into", "over", "out"] as const;
@@ -83,6 +84,7 @@ function StartBar() {
           <button class="play" title={`${runTexts.startTitle} (R)`} onClick={togglePlay}><Icon name="play" /> {runTexts.start}</button>
           <button title={`${runTexts.step.into} (S)`} onClick={() => void advance("into")}><Icon name="into" /> {runTexts.stepInto}</button>
         </div>
+        <button aria-expanded={isProofOpen.value} title={proofTexts.openTitle} onClick={() => { isProofOpen.value = !isProofOpen.value; }}>{proofTexts.open}</button>
         <p>{runTexts.hint}</p>
       </div>
     </section>

@@ -428,6 +428,41 @@ export const runTexts = {
   noMoment: "Run the tree, or open a recording, to ask why.",
 };
 
+/** Proofs, and the runs that they show. */
+export const proofTexts = {
+  open: "Prove",
+  openTitle: "Ask questions about all possible runs of this tree",
+  panel: "Proof",
+  close: "Close the proof",
+  about: "Leaves may return any result at any time. The standard questions are always asked.",
+  questions: "Own questions, one per line",
+  questionsHint: "never Drive & Turn\nDoorClosed leads to OpenDoor\nGrasp is SUCCESS before Lift",
+  given: "Keys that the program sets",
+  seconds: "Time limit (s)",
+  ask: "Search all runs",
+  stop: "Stop",
+  searching: ({ searched, states, ticks }: { searched: number; states: number; ticks: number }) =>
+    `${searched.toLocaleString("en")} of ${states.toLocaleString("en")} states searched, ${ticks.toLocaleString("en")} ticks run`,
+  starting: "The search starts …",
+  stopped: "The search was stopped.",
+  outdated: "The tree was edited since: these answers are about the tree before.",
+  answers: { proved: "proved", refuted: "refuted", possible: "possible", unknown: "unknown" },
+  vacuous: "its premise never occurs",
+  summary: (counts: Record<string, number>, tree: string) =>
+    `${tree}: ${Object.entries(counts).map(([answer, count]) => `${count} ${answer}`).join(", ")}.`,
+  searched: (states: number, ticks: number) => `${states.toLocaleString("en")} states, ${ticks.toLocaleString("en")} ticks run`,
+  play: "Show the run",
+  playTitle: (question: string) => `Show the counterexample of: ${question}`,
+  counterexample: (question: string) => `Counterexample: ${question}`,
+  cycle: (tick: number) => `From tick ${tick} on, the ticks repeat forever.`,
+  shown: (count: number) => `The counterexample has ${count === 1 ? "one step" : `${count} steps`}. Step with , and . and press Y to ask why.`,
+  shownRun: "Shown run",
+  save: "Recording",
+  saveTitle: "Save this run as a recording (.btrec.txt)",
+  saved: (name: string) => `Saved ${name}.`,
+  closeRun: "Close this run",
+};
+
 /** The page on a site of static files. */
 export const siteTexts = {
   python: {
