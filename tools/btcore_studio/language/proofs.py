@@ -297,6 +297,7 @@ class PageProofs:
         self._runs = runs
         self._notify = notify
         self._process: Process | None = None
+        self._searches = 0  # that have begun or were stopped
         self._found: tuple[int, FoundAnswers] | None = None
 
     def prove(self, params: ProofParams) -> ProofResult:
@@ -305,6 +306,7 @@ class PageProofs:
 
     def stop(self) -> None:
         """End the search that is running."""
+        self._searches += 1
         if self._process is not None:
             with suppress(ProcessLookupError):
                 self._process.kill()
@@ -342,25 +344,26 @@ class PageProofs:
             {document.uri: document.text for document in project.open_documents},
             params,
         )
+        number = self._searches
         command = [sys.executable, "-P", "-m", "btcore_studio.language.proof_process"]
         process = await asyncio.create_subprocess_exec(*command, stdin=PIPE, stdout=PIPE, limit=_MAX_MESSAGE)
-        self._process = process
+        data: dict[str, Any] | None = None
         try:
-            async with asyncio.timeout(params.seconds + _GRACE_S):
-                data = await self._receive(process, msgspec.json.encode(request))
+            if number == self._searches:
+                self._process = process
+                async with asyncio.timeout(params.seconds + _GRACE_S):
+                    data = await self._receive(process, msgspec.json.encode(request))
         except TimeoutError:
             raise BtcoreError("the answers took too long: choose a shorter time limit") from None
         finally:
             with suppress(ProcessLookupError):
                 process.kill()
             await asyncio.shield(process.wait())
-            is_stopped = self._process is not process
-            if not is_stopped:
-                self._process = None
+        if number != self._searches:
+            raise BtcoreError("the search was stopped")
+        self._process = None
         if data is None:
-            raise BtcoreError(
-                "the search was stopped" if is_stopped else "the process of the search ended unexpectedly"
-            )
+            raise BtcoreError("the process of the search ended unexpectedly")
         if "error" in data:
             raise BtcoreError(data["error"])
         return self._result(msgspec.convert(data["found"], FoundAnswers))

@@ -154,7 +154,7 @@ def test_a_search_in_a_process_has_the_same_answers_and_can_be_stopped(
     expected = prove(client, questions=[NEVER])
     # A tree with so many states that the search takes longer than any test.
     counters = " ".join(
-        f'<ForceSuccess name="n{i}"> <Script code="k{i} := 0"/> </ForceSuccess> <Act{i}/>' for i in range(12)
+        f'<Sequence> <Act{i}/> <Script code="k{i} := 1"/> <Act{i}/> </Sequence>' for i in range(12)
     )
     large = f"<Parallel> {counters} </Parallel>"
     large = f'<root BTCPP_format="4"><BehaviorTree ID="A"> {large} </BehaviorTree></root>'
@@ -169,10 +169,17 @@ def test_a_search_in_a_process_has_the_same_answers_and_can_be_stopped(
         assert [answer.answer for answer in found.answers] == [each["answer"] for each in expected["answers"]]
         assert found.answers[-1].playable
         server.project.open(URI, large, 2)
+        started.clear()
         task = asyncio.create_task(
             server.proofs.prove_in_process(proofs.ProofParams(_document(), seconds=600))
         )
         await started.wait()
+        server.proofs.stop()
+        with pytest.raises(BtcoreError, match="the search was stopped"):
+            await task
+        # A stop before the process has started.
+        task = asyncio.create_task(server.proofs.prove_in_process(proofs.ProofParams(_document())))
+        await asyncio.sleep(0)
         server.proofs.stop()
         with pytest.raises(BtcoreError, match="the search was stopped"):
             await task

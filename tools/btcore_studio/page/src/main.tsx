@@ -439,9 +439,9 @@ function Page() {
         </main>
         <aside class="right" aria-label={texts.node}>
           <div class="scrolled">
-            <Proof home={home} />
             <LeafPlanForm />
             <Explanation />
+            <Proof home={home} />
             <Form />
             <RunHint />
             <Blackboard />

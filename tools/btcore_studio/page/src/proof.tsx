@@ -20,6 +20,8 @@ const given = signal("");
 const seconds = signal(30);
 /** The search that is running; null if there is none. */
 const search = signal<{ progress: ProofProgress | null } | null>(null);
+/** The number of searches that have begun or were stopped. */
+let searches = 0;
 const found = signal<ProofResult | null>(null);
 const isOutdated = signal(false);
 
@@ -34,6 +36,7 @@ export function noteProofEdit(): void {
 
 async function prove(): Promise<void> {
   const shown = tree.value ?? drawing.value?.tree ?? null;
+  const number = ++searches;
   search.value = { progress: null };
   found.value = null;
   isOutdated.value = false;
@@ -43,17 +46,20 @@ async function prove(): Promise<void> {
       textDocument: { uri: uri.value }, tree: shown, questions: linesOf(questions.value), given: given.value.split(/[\s,]+/).filter(Boolean),
       seconds: Math.max(MIN_SECONDS, Math.min(MAX_SECONDS, seconds.value || MIN_SECONDS)),
     });
+    if (number !== searches) return;
     found.value = result;
     message.value = proofTexts.summary(summaryOf(result.answers), shown ?? "");
   } catch (error) {
-    message.value = reasonOf(error);
+    if (number === searches) message.value = reasonOf(error);
   } finally {
-    search.value = null;
+    if (number === searches) search.value = null;
   }
 }
 
 /** End the search. On a site it shares its process with everything else, which starts again. */
 async function stop(home: Home): Promise<void> {
+  searches += 1;
+  search.value = null;
   if (home instanceof SiteHome) await home.restart();
   else await actions.request("btcore/stopProof", {});
   message.value = proofTexts.stopped;
@@ -96,8 +102,8 @@ export function Proof({ home }: { home: Home }) {
         </div>
         <div class="row">
           {running
-            ? <button type="button" onClick={() => void stop(home).catch(showError)}>{proofTexts.stop}</button>
-            : <button class="primary">{proofTexts.ask}</button>}
+            ? <button key="stop" type="button" onClick={() => void stop(home).catch(showError)}>{proofTexts.stop}</button>
+            : <button key="ask" class="primary">{proofTexts.ask}</button>}
           {running && <span class="dim">{running.progress ? proofTexts.searching(running.progress) : proofTexts.starting}</span>}
         </div>
       </form>
