@@ -206,6 +206,14 @@ class PageRuns:
             raise BtcoreError("this run has ended: start another")
         return self._run
 
+    def recorded_run(self, number: int) -> RecordedRun:
+        """Return the run with a number, which is this run or another run of the page, as a recording.
+
+        Raises:
+            BtcoreError: There is no such run.
+        """
+        return self._shown.find(number) or self._present(number).data
+
     def _step(self, params: StepParams) -> RunState:
         if not 1 <= params.ticks <= _MAX_TICKS:
             raise BtcoreError(f"a request runs from 1 to {_MAX_TICKS:,} ticks")

@@ -69,6 +69,7 @@ from btcore_studio.language.studio_protocol import (
     WatchParams,
 )
 from btcore_studio.language.tree_reading import known_document
+from btcore_studio.language.what_if import WhatIfParams, run_what_if
 
 NAME: Final = "btcore"
 GC_THRESHOLD: Final = 1_000_000
@@ -452,7 +453,10 @@ def _add_studio_requests(server: TreeServer, has_processes: bool) -> None:
     server.add_request("btcore/stopProof", Data, lambda _: proofs.stop())
     server.add_request("btcore/counterexample", CounterexampleParams, partial(proofs.counterexample))
     server.add_request("btcore/moment", ShownMomentParams, partial(server.shown.moment))
-    for method, params_class, handler in PageRuns(project, server.shown).requests:
+    runs = PageRuns(project, server.shown)
+    what_if = partial(run_what_if, project, server.shown, runs.recorded_run)
+    server.add_request("btcore/whatIf", WhatIfParams, what_if)
+    for method, params_class, handler in runs.requests:
         server.add_request(method, params_class, partial(handler))  # pygls sets attributes of it
 
 

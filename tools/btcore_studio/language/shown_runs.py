@@ -47,9 +47,14 @@ class ShownRun(Data, frozen=True):
 
 
 class ShownRuns:
-    """The last runs that a page has shown."""
+    """The last runs that a page has shown.
+
+    Attributes:
+        recorded: The recording that the studio shows, which has the number 0; None if it shows none.
+    """
 
     def __init__(self) -> None:
+        self.recorded: RecordedRun | None = None
         self._runs: OrderedDict[int, RecordedRun] = OrderedDict()
 
     def show(self, text: str, start: int | None = None, report: Sequence[str] = ()) -> ShownRun:
@@ -80,6 +85,10 @@ class ShownRuns:
 
     def find(self, number: int) -> RecordedRun | None:
         """Return the run with a number, or None."""
+        if not number:
+            return self.recorded
+        if number in self._runs:
+            self._runs.move_to_end(number)  # the run that is unused for the longest time is forgotten
         return self._runs.get(number)
 
     def moment(self, params: ShownMomentParams) -> dict[str, Any]:

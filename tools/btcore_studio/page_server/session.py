@@ -265,6 +265,7 @@ class PageSession:
         self._waiting_size = 0
         self._has_waiting = asyncio.Event()
         self._language_server = create_server(studio.shown.live)
+        self._language_server.shown.recorded = studio.shown.recorded
         if studio.shown.is_read_only:
             self._language_server.live.refusal = "this studio is read-only: it does not change a running tree"
         # pygls sends by `write` of this object.

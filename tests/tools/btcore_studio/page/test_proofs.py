@@ -77,6 +77,8 @@ def test_a_proof_and_its_counterexample(page: Any, tmp_path: Path) -> None:
     proof.locator(".outdated").wait_for()
     proof.locator("button", has_text="Search all runs").press("Enter")
     proof.locator("li.unknown", has_text="the tree has no node 'Push'").first.wait_for()
+    page.get_by_role("button", name="Undo").click()  # the pages share the text
+    page.locator("main g.node", has_text="Push").first.wait_for()
 
 
 def test_a_search_shows_its_progress_and_is_stopped(page: Any) -> None:
@@ -89,3 +91,35 @@ def test_a_search_shows_its_progress_and_is_stopped(page: Any) -> None:
     proof.locator("button", has_text="Stop").press("Enter")
     wait_for_message(page, "The search was stopped.")
     proof.locator("button", has_text="Search all runs").wait_for()
+
+
+def test_what_if_with_the_edited_tree_and_with_another_result(page: Any) -> None:
+    page.locator(".run-bar button", has_text="Run").click()
+    for name, result in (("IsClosed", "Success"), ("<i>turn", "Failure"), ("Push", "Success")):
+        page.locator(".question h2", has_text=f"What does {name} do?").wait_for()
+        page.locator(".question button", has_text=result).first.click()
+    page.locator(".run-bar output", has_text="SUCCESS").wait_for()
+    # Another result of a leaf.
+    page.locator("main g.node", has_text="Push").first.click()
+    page.locator(".what-if summary").click()
+    page.get_by_label("Result of Push").select_option("Failure")
+    page.locator(".what-if button", has_text="Run again").first.click()
+    shown = page.get_by_role("region", name="Shown run")
+    shown.locator("b", has_text="What if Push: Failure in tick 1").wait_for()
+    page.locator("main .timeline output", has_text="FAILURE").wait_for()
+    assert "it differs from tick 1 on" in shown.inner_text()
+    assert accessibility_violations(page) == []
+    page.get_by_label("Close this run").click()
+    page.locator("main .run-bar output", has_text="SUCCESS").wait_for()
+    # The edited tree.
+    page.locator("main g.node", has_text="open").first.click()
+    page.keyboard.press("Delete")
+    page.locator(".run-note button", has_text="What if with the edited tree").click()
+    shown.locator("b", has_text="What if with the edited tree").wait_for()
+    assert (
+        "it differs from tick 1 on: recorded: 'Fallback" in shown.inner_text() or "open" in shown.inner_text()
+    )
+    page.locator("main .timeline output", has_text="SUCCESS").wait_for()
+    page.get_by_role("button", name="Undo").click()
+    shown.locator("button", has_text="What if with the edited tree").click()
+    shown.locator("span", has_text="the same in all 1 ticks").wait_for()

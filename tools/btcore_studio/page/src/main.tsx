@@ -41,6 +41,7 @@ import { texts, treeTexts } from "./texts";
 import { Timeline } from "./timeline";
 import { fileName, hiddenPanes, Toolbar } from "./toolbar";
 import { view } from "./view";
+import { WhatIfForm } from "./what_if";
 import { Explanation } from "./why";
 
 /** A drawing that takes longer waits for a pause in typing. */
@@ -441,6 +442,7 @@ function Page() {
           <div class="scrolled">
             <LeafPlanForm />
             <Explanation />
+            <WhatIfForm />
             <Proof home={home} />
             <Form />
             <RunHint />

@@ -24,7 +24,7 @@ interface MockRun {
 }
 
 export const mockRun = signal<MockRun | null>(null);
-/** Whether a text has changed since the run began. */
+/** Whether a text has changed since the run began, or since it is shown. */
 export const isEdited = signal(false);
 /** Whether ticks follow each other until a leaf asks, and again after the answer. */
 export const isPlaying = signal(false);
@@ -76,17 +76,27 @@ export function receiveLive(state: Live): void {
   else live.value = connection;
 }
 
+/** The run with mock leaves that is shown again after a counterexample, or a run with changes. */
+let suspended: MockRun | null = null;
+
 /** Show a counterexample, or a run with changes, on the timeline. */
-export async function showRun(run: ShownRun): Promise<void> {
-  if (mockRun.value) await endRun();
-  if (!shownRun.value) connection = live.value;
+export function showRun(run: ShownRun): void {
+  isPlaying.value = isEdited.value = false;
+  if (mockRun.value) {
+    suspended = mockRun.value;
+    mockRun.value = null;
+  } else if (!shownRun.value) connection = live.value;
   shownRun.value = run;
 }
 
 /** Show again what was shown before `showRun`. */
 export function closeShownRun(): void {
   shownRun.value = null;
-  if (!start.value?.recording) showConnection();
+  if (suspended) {
+    const { state } = mockRun.value = suspended;
+    suspended = null;
+    show(state);
+  } else if (!start.value?.recording) showConnection();
 }
 
 function showConnection(): void {
@@ -127,7 +137,7 @@ export function endRun(): Promise<void> {
 
 /** Note that a text has changed. */
 export function noteEdit(): void {
-  if (mockRun.value) isEdited.value = true;
+  if (mockRun.value || shownRun.value) isEdited.value = true;
 }
 
 const stepParams = (ticks = 1): RunStep => ({ to: target, ticks, breakpoints: live.value?.wanted ?? [] });

@@ -69,7 +69,7 @@ async function play(answer: ProofAnswer): Promise<void> {
   const { proof, answers } = found.value!;
   const run = await actions.request<ShownRun>("btcore/counterexample", { proof, answer: answers.indexOf(answer) });
   const notes = [answer.detail, answer.cycle ? proofTexts.cycle(answer.cycle) : ""].filter(Boolean);
-  await openRun(run, proofTexts.counterexample(answer.question), notes);
+  openRun(run, proofTexts.counterexample(answer.question), notes);
   message.value = proofTexts.shown(run.count);
 }
 

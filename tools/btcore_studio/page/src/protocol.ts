@@ -349,6 +349,17 @@ export interface ProofAnswer {
 
 export interface ProofResult { proof: number; answers: ProofAnswer[]; ticks: number }
 
+/** btcore/whatIf: WhatIf → ShownRun: a run of the page, or the recording (0), again with changes. */
+export interface WhatIf {
+  run: number;
+  /** The document with the tree to run; null for the tree of the run. */
+  textDocument: { uri: string } | null;
+  /** Other results of leaves, by key. */
+  results: { tick: number; key: string; result: "S" | "F" | "R" | "K" }[];
+  /** Entries of the main tree that are written before a tick. */
+  entries: { tick: number; key: string; value: string }[];
+}
+
 /** A run on the timeline; *text* is its recording (.btrec.txt), and *report* what a run with changes did. */
 export interface ShownRun extends Recording { run: number; text: string; report: string[] }
 

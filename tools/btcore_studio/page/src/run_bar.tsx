@@ -4,6 +4,7 @@ import "./run.css";
 import type { Home } from "./home";
 import { advance, canRun, cut, endRun, filesOfRun, goTo, isEdited, isPlaying, mockRun, SPEEDS, speed, startRun, step, togglePlay } from "./mock_run";
 import { isProofOpen } from "./proof";
+import { EditedTreeButton } from "./shown_run";
 import { message, showError } from "./state";
 import { proofTexts, runTexts, treeTexts } from "./texts";
 import { Track } from "./timeline";
@@ -42,7 +43,8 @@ export function RunBar({ home }: { home: Home }) {
     <section class="run-bar" aria-label={runTexts.bar}>
       {isEdited.value && (
         <p class="run-note">
-          {runTexts.edited} <button class="small" onClick={() => void startRun(true)}>{runTexts.again}</button>
+          {runTexts.edited} <button class="small" onClick={() => void startRun(true)}>{runTexts.again}</button>{" "}
+          <EditedTreeButton />
         </p>
       )}
       <div class="timeline">

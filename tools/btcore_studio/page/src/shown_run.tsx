@@ -1,20 +1,55 @@
 // The name and the buttons of a counterexample, or of a run with changes, above the timeline.
 
-import { signal } from "@preact/signals";
+import { computed, signal } from "@preact/signals";
 import type { Home } from "./home";
-import { closeShownRun, showRun } from "./mock_run";
-import type { ShownRun } from "./protocol";
-import { message, showError } from "./state";
+import { closeShownRun, isEdited, mockRun, showRun } from "./mock_run";
+import type { ShownRun, WhatIf } from "./protocol";
+import { actions, message, showError, start, uri } from "./state";
 import { proofTexts } from "./texts";
 import { shownRun } from "./timeline";
 
-/** What the shown run is, and notes about it. */
-const about = signal<{ title: string; notes: readonly string[] }>({ title: "", notes: [] });
+interface About {
+  title: string;
+  notes: readonly string[];
+  /** The number of the run that "What if" changes: the shown run, or the run that was changed. */
+  base: number;
+}
+const about = signal<About>({ title: "", notes: [], base: 0 });
+
+/** The number of the run that "What if" changes; 0 for the recording of the studio, and null if no run is shown. */
+export const baseRun = computed(() =>
+  shownRun.value ? about.value.base : mockRun.value?.state.run ?? (start.value?.recording ? 0 : null));
 
 /** Show a run on the timeline. */
-export async function openRun(run: ShownRun, title: string, notes: readonly string[]): Promise<void> {
-  about.value = { title, notes };
-  await showRun(run);
+export function openRun(run: ShownRun, title: string, notes: readonly string[], base = run.run): void {
+  about.value = { title, notes, base };
+  showRun(run);
+}
+
+/** What is changed: the results of leaves and the entries in ticks, and the tree, if *isEditedTree*. */
+interface Changes { results?: WhatIf["results"]; entries?: WhatIf["entries"]; isEditedTree?: boolean }
+
+/** Run the run again with changes, and show what happens then. */
+export async function whatIf(title: string, { results = [], entries = [], isEditedTree = false }: Changes): Promise<void> {
+  const base = baseRun.value;
+  if (base === null) return;
+  const params: WhatIf = { run: base, textDocument: isEditedTree ? { uri: uri.value } : null, results, entries };
+  try {
+    const run = await actions.request<ShownRun>("btcore/whatIf", params);
+    openRun(run, title, run.report, base);
+    message.value = run.report.join("; ");
+  } catch (error) {
+    showError(error);
+  }
+}
+
+/** The button that runs the edited tree with the leaves of the run. */
+export function EditedTreeButton() {
+  return (
+    <button class="small" title={proofTexts.whatIfEditedTitle} onClick={() => void whatIf(proofTexts.editedRun, { isEditedTree: true })}>
+      {proofTexts.whatIfEdited}
+    </button>
+  );
 }
 
 export function ShownRunBar({ home }: { home: Home }) {
@@ -29,6 +64,7 @@ export function ShownRunBar({ home }: { home: Home }) {
   return (
     <section class="shown-run" aria-label={proofTexts.shownRun}>
       <p><b>{title}</b>{notes.map((note) => <span key={note}> {note}</span>)}</p>
+      {isEdited.value && <EditedTreeButton />}
       <div class="group">
         <button class="small" title={proofTexts.saveTitle} onClick={() => void save().catch(showError)}>{proofTexts.save}</button>
         <button class="small" title={proofTexts.closeRun} aria-label={proofTexts.closeRun} onClick={closeShownRun}>×</button>

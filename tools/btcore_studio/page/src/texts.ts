@@ -461,6 +461,16 @@ export const proofTexts = {
   saveTitle: "Save this run as a recording (.btrec.txt)",
   saved: (name: string) => `Saved ${name}.`,
   closeRun: "Close this run",
+  whatIf: "What if",
+  whatIfEdited: "What if with the edited tree",
+  whatIfEditedTitle: "Run the edited tree with what the leaves did in this run",
+  editedRun: "What if with the edited tree:",
+  changedRun: (change: string, tick: number) => `What if ${change} in tick ${tick}:`,
+  whatIfHint: (tick: number) => `Run this run again with another input in tick ${tick}.`,
+  leafResult: (name: string) => `Result of ${name}`,
+  entry: "Entry of the main tree",
+  value: "Value",
+  runAgain: "Run again",
 };
 
 /** The page on a site of static files. */
