@@ -137,14 +137,6 @@ class MockRun(Timeline, Protocol):
     def forget_later_steps(self) -> None:
         """Forget what follows the present moment."""
 
-    def recording_text(self) -> str:
-        """Return the recording so far, `.btrec.txt`."""
-        ...
-
-    def test_text(self, name: str, tree: str) -> str:
-        """Return a test that runs the recording *name* again with the tree in the file *tree*."""
-        ...
-
 
 class PageRuns:
     """The run of a page. A new run replaces it.
@@ -235,7 +227,7 @@ class PageRuns:
         self._present(params.run).set_plan(params.key, params.plan)
 
     def _write_files(self, params: RunFilesParams) -> RunFiles:
-        run = self._present(params.run).run
+        run = self.recorded_run(params.run).timeline
         tree = PurePosixPath(params.tree.replace("\\", "/")).name
         name = re.sub(r"\W+", "_", PurePosixPath(tree).stem)[:_MAX_NAME] or "tree"
         files = [RunFile(f"{name}.btrec.txt", run.recording_text())]

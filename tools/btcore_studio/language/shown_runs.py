@@ -30,7 +30,6 @@ class ShownRun(Data, frozen=True):
     """A run on the timeline, as a recording in the reply to `btcore/start`; *run* identifies it.
 
     Attributes:
-        text: The recording, `.btrec.txt`.
         report: What a run with changes did, as sentences.
     """
 
@@ -42,7 +41,6 @@ class ShownRun(Data, frozen=True):
     width: int
     colours: str
     warnings: list[str]
-    text: str
     report: tuple[str, ...] = ()
 
 
@@ -81,7 +79,7 @@ class ShownRuns:
         summary = recorded.summary()
         if start is not None:
             summary["start"] = start
-        return msgspec.convert({"run": number, "text": text, "report": report, **summary}, ShownRun)
+        return msgspec.convert({"run": number, "report": report, **summary}, ShownRun)
 
     def find(self, number: int) -> RecordedRun | None:
         """Return the run with a number, or None."""

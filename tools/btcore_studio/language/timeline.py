@@ -60,6 +60,14 @@ class Timeline(Protocol):
         """
         ...
 
+    def recording_text(self) -> str:
+        """Return the recording so far, `.btrec.txt`."""
+        ...
+
+    def test_text(self, name: str, tree: str) -> str:
+        """Return a test that runs the recording *name* again with the tree in the file *tree*."""
+        ...
+
 
 def open_timeline(path: Path) -> Timeline | None:
     """Return the recording in a file, or None if the file is none by its extension.

@@ -79,7 +79,8 @@ def test_a_counterexample_is_a_run_on_the_timeline(client: Client, tmp_path: Pat
     why = client.result("btcore/why", {"run": run["run"], "key": keys["Push"], "position": 1})
     assert "Push" in why["question"]
     file = tmp_path / "run.btrec.txt"
-    file.write_text(run["text"], encoding="utf-8")
+    (recording,) = client.result("btcore/runFiles", {"run": run["run"]})["files"]
+    file.write_text(recording["text"], encoding="utf-8")
     assert Replay(file).verify() is None
 
 

@@ -1,5 +1,6 @@
 """Runs with changes by the requests of a page: the edited tree, another result, another entry."""
 
+import runpy
 from pathlib import Path
 from typing import Any
 
@@ -46,9 +47,17 @@ def test_the_edited_tree_runs_with_the_recorded_leaves(client: RunClient, tmp_pa
     assert (run["colours"], run["start"]) == ("13", 2)
     assert run["report"][0].startswith("it differs from tick 2 on: recorded: 'Script::7' becomes SUCCESS")
     # The new run is a recording, which can be changed again, explained and saved.
-    file = tmp_path / "run.btrec.txt"
-    file.write_text(run["text"], encoding="utf-8")
-    assert Replay(file).verify() is None
+    files = client.result("btcore/runFiles", {"run": run["run"], "test": True, "tree": "door.xml"})["files"]
+    assert [file["name"] for file in files] == ["door.btrec.txt", "test_door.py"]
+    for file in files:
+        (tmp_path / file["name"]).write_text(file["text"], encoding="utf-8")
+    assert Replay(tmp_path / "door.btrec.txt").verify() is None
+    (tmp_path / "door.xml").write_text(TREE, encoding="utf-8")
+    scope = runpy.run_path(str(tmp_path / "test_door.py"))
+    scope["test_door"]()  # the tree that is on disk does not fail
+    (tmp_path / "door.xml").write_text(failing, encoding="utf-8")
+    with pytest.raises(AssertionError, match="fails in tick 2"):
+        scope["test_door"]()
     root = run["keys"][0]
     assert client.result("btcore/why", {"run": run["run"], "key": root, "position": 2})["links"]
     client.server.project.open(URI, TREE, 4)
@@ -74,6 +83,8 @@ def test_the_recording_of_the_studio_has_the_number_0(client: RunClient, tmp_pat
     (tmp_path / "run.btrec.txt").write_text(text, encoding="utf-8")
     client.server.shown.recorded = RecordedRun(Moments(tmp_path / "run.btrec.txt"))
     assert client.result("btcore/whatIf", {"run": 0})["report"][0] == "the same in all 2 ticks"
+    files = client.result("btcore/runFiles", {"run": 0, "test": True, "tree": "door.xml"})["files"]
+    assert "assert_runs_as_recorded" in files[1]["text"]
 
 
 def test_changes_that_are_not_possible_are_refused_with_a_sentence(client: RunClient) -> None:

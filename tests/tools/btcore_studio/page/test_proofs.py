@@ -109,6 +109,7 @@ def test_what_if_with_the_edited_tree_and_with_another_result(page: Any) -> None
     page.locator("main .timeline output", has_text="FAILURE").wait_for()
     assert "it differs from tick 1 on" in shown.inner_text()
     assert accessibility_violations(page) == []
+    assert shown.locator("button", has_text="Test").count() == 1
     page.get_by_label("Close this run").click()
     page.locator("main .run-bar output", has_text="SUCCESS").wait_for()
     # The edited tree.

@@ -360,8 +360,8 @@ export interface WhatIf {
   entries: { tick: number; key: string; value: string }[];
 }
 
-/** A run on the timeline; *text* is its recording (.btrec.txt), and *report* what a run with changes did. */
-export interface ShownRun extends Recording { run: number; text: string; report: string[] }
+/** A run on the timeline; *report* is what a run with changes did. btcore/runFiles returns its files, too. */
+export interface ShownRun extends Recording { run: number; report: string[] }
 
 // --- btcore/why { key, position, run } → Why: why a node did what it did in the last tick before *position* steps of the
 // run with a number, or of the recording (0).

@@ -1,11 +1,11 @@
-// The name and the buttons of a counterexample, or of a run with changes, above the timeline.
+// The name and the buttons of a counterexample, a run with changes, or a recording, above the timeline.
 
 import { computed, signal } from "@preact/signals";
 import type { Home } from "./home";
 import { closeShownRun, isEdited, mockRun, showRun } from "./mock_run";
-import type { ShownRun, WhatIf } from "./protocol";
+import type { RunFile, ShownRun, WhatIf } from "./protocol";
 import { actions, message, showError, start, uri } from "./state";
-import { proofTexts } from "./texts";
+import { proofTexts, runTexts } from "./texts";
 import { shownRun } from "./timeline";
 
 interface About {
@@ -13,16 +13,18 @@ interface About {
   notes: readonly string[];
   /** The number of the run that "What if" changes: the shown run, or the run that was changed. */
   base: number;
+  /** Whether a test can expect that the tree does the same again; a counterexample shows what must not happen. */
+  isTestable: boolean;
 }
-const about = signal<About>({ title: "", notes: [], base: 0 });
+const about = signal<About>({ title: "", notes: [], base: 0, isTestable: false });
 
 /** The number of the run that "What if" changes; 0 for the recording of the studio, and null if no run is shown. */
 export const baseRun = computed(() =>
   shownRun.value ? about.value.base : mockRun.value?.state.run ?? (start.value?.recording ? 0 : null));
 
-/** Show a run on the timeline. */
-export function openRun(run: ShownRun, title: string, notes: readonly string[], base = run.run): void {
-  about.value = { title, notes, base };
+/** Show a run on the timeline. @param base The run that was changed; null for a counterexample. */
+export function openRun(run: ShownRun, title: string, notes: readonly string[], base: number | null = null): void {
+  about.value = { title, notes, base: base ?? run.run, isTestable: base !== null };
   showRun(run);
 }
 
@@ -54,20 +56,26 @@ export function EditedTreeButton() {
 
 export function ShownRunBar({ home }: { home: Home }) {
   const run = shownRun.value;
-  if (!run) return null;
-  const { title, notes } = about.value;
-  const save = async () => {
-    const name = "run.btrec.txt";
-    await home.export(name, new Blob([run.text], { type: "text/plain" }));
-    message.value = proofTexts.saved(name);
+  if (!run && !start.value?.recording) return null;
+  const { title, notes, isTestable } = run ? about.value : { title: proofTexts.recordedRun, notes: [], isTestable: true };
+  const save = async (test: boolean) => {
+    try {
+      const tree = decodeURIComponent(uri.value.split("/").at(-1)!);
+      const { files } = await actions.request<{ files: RunFile[] }>("btcore/runFiles", { run: run?.run ?? 0, test, tree });
+      for (const { name, text } of files) await home.export(name, new Blob([text], { type: "text/plain" }));
+      message.value = runTexts.saved(files.map(({ name }) => name), test);
+    } catch (error) {
+      showError(error);
+    }
   };
   return (
     <section class="shown-run" aria-label={proofTexts.shownRun}>
       <p><b>{title}</b>{notes.map((note) => <span key={note}> {note}</span>)}</p>
-      {isEdited.value && <EditedTreeButton />}
+      {isEdited.value && run && <EditedTreeButton />}
       <div class="group">
-        <button class="small" title={proofTexts.saveTitle} onClick={() => void save().catch(showError)}>{proofTexts.save}</button>
-        <button class="small" title={proofTexts.closeRun} aria-label={proofTexts.closeRun} onClick={closeShownRun}>×</button>
+        {run && <button class="small" title={runTexts.recordingTitle} onClick={() => void save(false)}>{runTexts.recording}</button>}
+        {isTestable && <button class="small" title={runTexts.testTitle} onClick={() => void save(true)}>{runTexts.test}</button>}
+        {run && <button class="small" title={proofTexts.closeRun} aria-label={proofTexts.closeRun} onClick={closeShownRun}>×</button>}
       </div>
     </section>
   );
