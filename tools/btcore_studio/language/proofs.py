@@ -42,6 +42,8 @@ _MAX_DETAIL: Final = 2_000
 
 Progress = Callable[[int, int, int], object]
 """Called with the numbers of searched states, of found states, and of ticks."""
+RecordRun = Callable[[Callable[[Callable[[Tree], object]], object]], str]
+"""Returns the recording of a run, which gets a function to call with the tree before the first tick."""
 _Text = Annotated[str, Meta(max_length=1_000)]
 _Texts = Annotated[tuple[_Text, ...], Meta(max_length=50)]
 
@@ -271,7 +273,10 @@ def _recording(counterexample: Counterexample | None) -> str:
     if counterexample is None or counterexample.run is None:
         return ""
     loaded, _ = entry_points.load(_RECORDER_GROUP)
-    text: str = loaded[0].value(counterexample.run.run) if loaded else ""
+    if not loaded:
+        return ""
+    record: RecordRun = loaded[0].value
+    text = record(counterexample.run.run)
     return text if len(text) <= _MAX_RECORDING else ""
 
 
