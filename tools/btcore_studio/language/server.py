@@ -426,8 +426,8 @@ def _add_studio_requests(server: TreeServer, has_processes: bool) -> None:
     def set_breakpoints(params: BreakpointsParams) -> None:
         server.live.set_breakpoints(params.keys)
 
-    def release(params: ReleaseParams) -> None:
-        server.live.release(params.status)
+    async def release(params: ReleaseParams) -> None:
+        await server.live.release(params.status)
 
     async def set_entry(params: NewEntryParams) -> None:
         await server.live.change(
