@@ -12,6 +12,7 @@ import re
 import shutil
 import subprocess
 import sys
+import textwrap
 import tomllib
 from pathlib import Path
 
@@ -21,6 +22,8 @@ from links import link_problems
 from node_pages import write_node_pages
 
 from btcore.diagnostic_codes import ALL_CODES
+from btcore.errors import BtcoreError
+from btcore_studio.site.links import link_to
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -32,6 +35,9 @@ ROOT_PAGES = sorted(set(ROOT.glob("*.md")) - {ROOT / "README.md"})
 FENCE = re.compile(r"^( *(?:`{3,}|~{3,}) *)(\w+) +(.*)$", re.MULTILINE)
 EMPTY_BLOCK = re.compile(r"^```\w.*\n```\n", re.MULTILINE)
 FILE_NAME = re.compile(r"[\w.]+\.\w+")
+XML_BLOCK = re.compile(r'^( *)```xml(?: title="([\w.]+)")?\n(.*?)^\1```\n', re.MULTILINE | re.DOTALL)
+TREE = re.compile(r"\s*(<\?xml[^>]*>\s*)?(<!--.*?-->\s*)*<root\b.*<BehaviorTree\b", re.DOTALL)
+INCLUDED = re.compile(r'<include\s+path="([\w.]+)"')
 LINK = re.compile(r"(?<=\]\()(?![a-z]+:)([^)#\s]+)")
 
 
@@ -58,6 +64,28 @@ def with_title(fence: re.Match[str]) -> str:
     """Return the first line of a fenced block, with a file name as title, and without notes for the tests."""
     title = f' title="{fence[3]}"' if FILE_NAME.fullmatch(fence[3]) else ""
     return f"{fence[1]}{fence[2]}{title}"
+
+
+def with_try_links(text: str) -> str:
+    """Return the *text* of a page with a link below each tree, which opens the tree in the studio.
+
+    A tree with errors gets a link, too. Files that a tree includes are earlier blocks of the page.
+    """
+    files: dict[str, str] = {}
+
+    def with_link(block: re.Match[str]) -> str:
+        indent, name, text = block[1], block[2] or "tree.xml", textwrap.dedent(block[3])
+        files[name] = text
+        if not TREE.match(text):
+            return block[0]
+        included = {each: files[each] for each in INCLUDED.findall(text) if each in files}
+        try:
+            link = link_to({name: text, **included}, address=f"{PROJECT['urls']['Documentation']}studio/")
+        except BtcoreError:
+            return block[0]
+        return f'{block[0]}\n{indent}[Try it in the studio]({link}){{ .try-it target="_blank" }}\n'
+
+    return XML_BLOCK.sub(with_link, text)
 
 
 def with_site_links(page: Path) -> str:
@@ -113,6 +141,8 @@ def main() -> int:
     for name, write in writers.items():
         print(f"writing reference/{name}")
         write(OUT / "pages" / "reference" / name)
+    for page in (OUT / "pages").rglob("*.md"):
+        page.write_text(with_try_links(page.read_text(encoding="utf-8")), encoding="utf-8")
     config = (DOCS / "site" / "zensical.toml").read_text(encoding="utf-8")
     (OUT / "zensical.toml").write_text(config, encoding="utf-8")
     zensical = Path(sys.executable).with_name("zensical")

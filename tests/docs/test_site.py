@@ -1,5 +1,6 @@
 """The checks and rewritings of docs/site, without the site generator."""
 
+import re
 import sys
 from pathlib import Path
 
@@ -13,6 +14,8 @@ import build_site  # noqa: E402
 import field_defaults  # noqa: E402
 import griffe  # noqa: E402
 import links  # noqa: E402
+
+from btcore_studio.site.links import link_to  # noqa: E402
 
 
 def site(folder: Path, **pages: str) -> Path:
@@ -51,6 +54,20 @@ def test_fences_of_the_site_have_no_notes_for_tests_and_file_names_are_titles() 
     assert build_site.FENCE.sub(build_site.with_title, page) == (
         '```python\n```\n```console\n```\n  ```xml title="tree.xml"\n```\n'
     )
+
+
+def test_trees_of_the_site_have_links_to_the_studio() -> None:
+    tree = '<root BTCPP_format="4">\n  <include path="go.xml"/>\n  <BehaviorTree ID="Ü"/>\n</root>\n'
+    part = '```xml title="go.xml"\n<Sequence/>\n```\n'
+    indented = "".join(f"    {line}\n" for line in tree.splitlines())
+    page = f'{part}\n1. See:\n\n    ```xml\n{indented}    ```\n\n```xml title="{"a" * 99}.xml"\n{tree}```\n'
+    shown = build_site.with_try_links(page)
+    (link,) = re.findall(r"^    \[Try it in the studio\]\((.*)\)", shown, re.MULTILINE)
+    assert link == link_to({"tree.xml": tree, "go.xml": "<Sequence/>\n"})
+    assert re.sub(r"\n *\[Try it.*\n", "", shown) == page
+    # A diff, and a file that the page would refuse, have no link.
+    assert shown.count("Try it") == 1
+    assert "Try it" not in build_site.with_try_links(f"````markdown\n+```xml\n+{tree}+```\n````\n")
 
 
 def test_blocks_without_text_are_not_shown(tmp_path: Path) -> None:

@@ -193,6 +193,16 @@ class ProveArguments(TreeArguments):
     )
 
 
+class LinkArguments(TreeArguments):
+    """The arguments of `link`."""
+
+    log: _Log | None = Field(
+        None,
+        description="The `log` that `run` returned, such as run-1, or a recording (.btrec.txt) in the served "
+        "folder: the link then contains this run of the tree.",
+    )
+
+
 class ReadLogArguments(Arguments):
     """The arguments of `read_log`."""
 

@@ -11,12 +11,14 @@ from typing import Any, Final
 
 from mcp_types import ContentBlock, ImageContent, TextContent
 
+from btcore.errors import BtcoreError
 from btcore.escaping import escape_controls
 from btcore.exit_codes import ExitCode
 from btcore_studio.agents.arguments import (
     MAX_EPISODES,
     SETTINGS,
     ExplainFailureArguments,
+    LinkArguments,
     NodesArguments,
     ProveArguments,
     ReadLogArguments,
@@ -43,6 +45,7 @@ from btcore_studio.served_folder import (
     RefusedError,
     ServedFolder,
 )
+from btcore_studio.site.links import link_to
 
 KEPT_RUNS: Final = 20
 """The number of runs whose logs are kept."""
@@ -78,6 +81,7 @@ class Toolbox:
             self.prove,
             self.read_log,
             self.explain_failure,
+            self.link,
         )
 
     async def nodes(self, call: NodesArguments) -> str:
@@ -262,6 +266,35 @@ class Toolbox:
             {"log": call.log, **explained, **{key: kept[key] for key in ("error", "messages") if key in kept}}
         )
 
+    async def link(self, call: LinkArguments) -> str:
+        """Return a link that opens a tree in the studio in the browser, for the user to see and edit it.
+
+        With `log`, the link also contains a run, which the user can step through. Opening a link runs
+        nothing. The link contains the file of the tree, but no files that it includes.
+        """
+        file, text = self._tree_text(call)
+        recording = None
+        if call.log is not None:
+            log = Path(self._log(call.log))
+            if not log.name.endswith(".btrec.txt"):
+                raise RefusedError(f"'{call.log}' is refused: a link contains recordings, *.btrec.txt")
+            recording = _read_text(log)
+        try:
+            return link_to({file: text}, tree=call.tree_id, recording=recording)
+        except BtcoreError as error:
+            raise RefusedError(str(error)) from None
+
+    def _tree_text(self, call: TreeArguments) -> tuple[str, str]:
+        """Return the name and the text of the tree of a call."""
+        file = self._tree_file(call)
+        return ("tree.xml", call.xml or "") if file is None else (file.name, _read_text(file))
+
+    def _tree_file(self, call: TreeArguments) -> Path | None:
+        """Return the file of the tree of a call, or None if the call has the text."""
+        if (call.tree is None) == (call.xml is None):
+            raise RefusedError("give either `tree`, a path, or `xml`, a text")
+        return None if call.tree is None else self._folder.find_tree(call.tree)
+
     def _keep(self, name: str, run: dict[str, Any]) -> None:
         """Keep the log of a run, and forget the oldest run."""
         self._runs[name] = run
@@ -282,11 +315,8 @@ class Toolbox:
 
     def _words(self, call: TreeArguments, output: Path) -> list[str]:
         """Return the arguments of a command for a tree: a file in the folder, or the text in a new file."""
-        if (call.tree is None) == (call.xml is None):
-            raise RefusedError("give either `tree`, a path, or `xml`, a text")
-        if call.tree is not None:
-            file = self._folder.find_tree(call.tree)
-        else:
+        file = self._tree_file(call)
+        if file is None:
             assert call.xml is not None
             data = call.xml.encode(errors="replace")
             if len(data) > MAX_TREE_SIZE:
@@ -327,6 +357,13 @@ class Toolbox:
             return json.loads(done.stdout)
         except ValueError:
             raise RefusedError(_message(command, done)) from None
+
+
+def _read_text(file: Path) -> str:
+    try:
+        return file.read_bytes().decode()
+    except (OSError, UnicodeDecodeError):
+        raise RefusedError(f"'{file.name}' is refused: it cannot be read as UTF-8") from None
 
 
 def _option(name: str, value: object) -> list[str]:

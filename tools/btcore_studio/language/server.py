@@ -65,6 +65,7 @@ from btcore_studio.language.studio_protocol import (
     NewEntryParams,
     Palette,
     Place,
+    RecordingParams,
     ReleaseParams,
     WatchParams,
 )
@@ -453,6 +454,7 @@ def _add_studio_requests(server: TreeServer, has_processes: bool) -> None:
     server.add_request("btcore/stopProof", Data, lambda _: proofs.stop())
     server.add_request("btcore/counterexample", CounterexampleParams, partial(proofs.counterexample))
     server.add_request("btcore/moment", ShownMomentParams, partial(server.shown.moment))
+    server.add_request("btcore/recording", RecordingParams, partial(server.shown.show_recording))
     runs = PageRuns(project, server.shown)
     what_if = partial(run_what_if, project, server.shown, runs.recorded_run)
     server.add_request("btcore/whatIf", WhatIfParams, what_if)

@@ -10,8 +10,8 @@ from typing import Any, Final
 import msgspec
 
 from btcore.errors import BtcoreError
-from btcore_studio.language.studio_protocol import Data
-from btcore_studio.language.timeline import RecordedRun, open_timeline
+from btcore_studio.language.studio_protocol import Data, RecordingParams
+from btcore_studio.language.timeline import RecordedRun, open_timeline, timeline_of_text
 
 MAX_SHOWN: Final = 4
 """Maximum number of runs that a page may show again without a new request."""
@@ -80,6 +80,11 @@ class ShownRuns:
         if start is not None:
             summary["start"] = start
         return msgspec.convert({"run": number, "report": report, **summary}, ShownRun)
+
+    def show_recording(self, params: RecordingParams) -> dict[str, Any]:
+        """Show the recording with this text in place of the recording that the studio shows."""
+        self.recorded = RecordedRun(timeline_of_text(params.text))
+        return self.recorded.summary()
 
     def find(self, number: int) -> RecordedRun | None:
         """Return the run with a number, or None."""

@@ -672,6 +672,15 @@ class RunState(Data, frozen=True):
     leaves: dict[str, LeafPlan] | None = None
 
 
+# --- btcore/recording, whose moments btcore/moment returns
+
+
+class RecordingParams(Data, frozen=True):
+    """The text of a recording (`.btrec.txt`) to show. The result is as `recording` of `btcore/start`."""
+
+    text: str
+
+
 # --- btcore/why, of a run or of a recording
 
 

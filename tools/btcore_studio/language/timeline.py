@@ -8,6 +8,7 @@ module.
 import threading
 from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Final, Protocol
 
 from btcore import entry_points
@@ -21,6 +22,8 @@ from btcore_studio.language.node_keys import diagram_nodes, keyed_nodes, node_ke
 from btcore_studio.language.studio_protocol import Why, WhyLink
 
 _GROUP: Final = "btcore.recordings"
+MAX_RECORDING: Final = 8 << 20
+"""Maximum size of the text of a recording that a page sends (bytes)."""
 MAX_WAIT_S: Final = 0.4
 """Maximum time (s) for a reply while a part of a recording is run for the first time."""
 _MAX_EXPLAINING_S: Final = 1.0
@@ -83,6 +86,28 @@ def open_timeline(path: Path) -> Timeline | None:
             timeline: Timeline = found[0].value(path)
             return timeline
     return None
+
+
+def timeline_of_text(text: str) -> Timeline:
+    """Return the recording whose file (`.btrec.txt`) has this text.
+
+    Raises:
+        BtcoreError: The recording is too large or cannot be read, or a package is not installed.
+    """
+    content = text.encode(errors="replace")
+    if len(content) > MAX_RECORDING:
+        raise BtcoreError(f"the recording is refused: it has more than {MAX_RECORDING:,} bytes")
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "run.btrec.txt"
+        path.write_bytes(content)
+        try:
+            timeline = open_timeline(path)
+        except BtcoreError as error:
+            # The user does not know the temporary file.
+            raise BtcoreError(str(error).replace(str(path), "the recording")) from None
+    if timeline is None:
+        raise BtcoreError("recordings cannot be shown: no installed package reads them")
+    return timeline
 
 
 def colours_of(roots: Sequence[Status]) -> tuple[int, str]:

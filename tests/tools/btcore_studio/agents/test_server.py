@@ -1,11 +1,13 @@
 """`btcore mcp`: an agent mends, proves and simulates a tree; hostile calls are refused."""
 
+import base64
 import importlib.util
 import io
 import json
 import os
 import subprocess
 import sys
+import zlib
 from collections.abc import Callable, Coroutine, Sequence
 from pathlib import Path
 from types import ModuleType
@@ -120,7 +122,7 @@ def test_an_agent_mends_proves_and_simulates_a_tree(tmp_path: Path) -> None:
     async def work(agent: Agent) -> None:
         tools = {tool.name for tool in (await agent.client.list_tools()).tools}
         assert tools == {
-            "nodes", "validate", "show", "run", "sweep", "prove", "read_log", "explain_failure"
+            "nodes", "validate", "show", "run", "sweep", "prove", "read_log", "explain_failure", "link"
         }  # fmt: skip
         checked = await agent("validate", tree=file.name)
         assert not checked["ok"]
@@ -163,6 +165,12 @@ def test_an_agent_learns_why_a_tree_failed(tmp_path: Path) -> None:
         assert result["next"] == "explain_failure with the log run-1 explains why"
         read = await agent("read_log", log=result["log"])
         assert read["nodes"]["kurz"]["success"] == 1
+        called = await agent.client.call_tool("link", {"xml": FAILING, "tree_id": "Main", "log": "run-1"})
+        packed = called.content[0].text.partition("/studio/#files=")[2]
+        content = json.loads(zlib.decompress(base64.urlsafe_b64decode(packed + "=="), wbits=-15))
+        assert content["files"] == [{"name": "tree.xml", "text": FAILING}]
+        assert content["tree"] == "Main"
+        assert "OpenDoor" in content["recording"]
         assert read["changes"][1:3] == ["0 s: kurz RUNNING", "0.1 s: kurz SUCCESS"]
         shown = await agent.client.call_tool("show", {"xml": FAILING, "own_models": True})
         assert "Tür  OpenDoor" in shown.content[0].text

@@ -13,6 +13,7 @@ from btcore_recorder import Replay
 from btcore_studio.language import mock_runs
 from btcore_studio.language.project import Project, file_uri
 from btcore_studio.language.server import create_server
+from btcore_studio.language.timeline import MAX_RECORDING
 from tests.tools.btcore_studio.language.test_studio_requests import Client
 
 URI = "untitled:door.xml"
@@ -247,3 +248,26 @@ def test_bundled_trees_run(robot_project: Project) -> None:
         assert state["question"] is None
         finished += state["count"] > 0
     assert finished > 10
+
+
+def test_a_recording_that_a_page_sends_is_shown_and_explained(client: RunClient) -> None:
+    names = keys_by_name(client, "Enter")
+    reply = client.request("btcore/moment", {"position": 1})
+    assert reply["error"]["message"] == "this run is no longer shown: open it again"
+    client.start(plans={names["IsClosed"]: {"outcomes": "F"}})
+    client.step()
+    text = client.of_run("btcore/runFiles", {"test": False, "tree": "door.xml"})["files"][0]["text"]
+    summary = client.result("btcore/recording", {"text": text})
+    assert (summary["count"], summary["start"], summary["colours"]) == (1, 1, "3")
+    moment = client.result("btcore/moment", {"position": 1})
+    assert moment["leaves"][names["IsClosed"]]["status"] == 3
+    why = client.result("btcore/why", {"run": 0, "key": names["IsClosed"], "position": 1})
+    assert why["question"].startswith("why did 'IsClosed::2' return FAILURE")
+
+
+@pytest.mark.parametrize("text", ["", "{}", "<root/>", "\ud800", "[" * 100_000, "a" * (MAX_RECORDING + 1)])
+def test_a_text_that_is_no_recording_is_refused_without_the_name_of_a_file(
+    client: RunClient, text: str
+) -> None:
+    reply = client.request("btcore/recording", {"text": text})
+    assert reply["error"]["message"].startswith("the recording")

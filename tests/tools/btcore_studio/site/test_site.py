@@ -6,6 +6,9 @@ from typing import Any
 
 import pytest
 
+import btcore
+from btcore_recorder import record
+from btcore_studio.site.links import link_to
 from tests.tools.btcore_studio.site.conftest import serve
 
 WAIT_MS = 60_000  # Python starts in 2 s on an idle machine
@@ -162,6 +165,46 @@ def test_a_stop_of_python_loses_nothing(open_site: OpenSite) -> None:
     page.locator(".notices", has_text="Python is starting").wait_for()
     page.locator("g.node", has_text="Sequence").first.wait_for(timeout=WAIT_MS)
     assert b"<Sequence><Sleep/></Sequence>" in saved(page)
+
+
+def recorded_run(folder: Path) -> tuple[str, str]:
+    """Return a tree, and the recording of a run of it that failed."""
+    nodes = '<Fallback><AlwaysFailure name="ü"/></Fallback>'
+    text = f'<root BTCPP_format="4"><BehaviorTree ID="Main">{nodes}</BehaviorTree></root>'
+    file = folder / "run.btrec.txt"
+    tree = btcore.loads(text)
+    with record(tree, file):
+        tree.tick_exactly_once()
+    return text, file.read_text(encoding="utf-8")
+
+
+def fragment_of(text: str, recording: str | None = None) -> str:
+    return link_to({"über.xml": text}, tree="Main", recording=recording, address="")
+
+
+def show_recording(page: Any) -> None:
+    page.get_by_role("button", name="Show the recording").click(timeout=WAIT_MS)
+    page.locator(".timeline output", has_text="Tick 1").wait_for(timeout=WAIT_MS)
+    page.locator(".timeline output", has_text="Failure").wait_for()
+
+
+def link_with_run(page: Any) -> str:
+    page.get_by_role("button", name="Copy link with run").click(timeout=WAIT_MS)
+    wait_for_message(page, "Copied a link")
+    link: str = page.url
+    return link[link.index("#") :]
+
+
+def test_a_link_with_a_recording_runs_nothing_until_the_user_wishes(
+    open_site: OpenSite, tmp_path: Path
+) -> None:
+    text, recording = recorded_run(tmp_path)
+    page = open_site(fragment_of(text, recording))
+    page.locator("g.node", has_text="ü").wait_for(timeout=WAIT_MS)
+    assert page.locator(".timeline").count() == 0
+    assert page.locator(".cm-content").inner_text() == text
+    show_recording(page)
+    show_recording(open_site(link_with_run(page)))
 
 
 @pytest.mark.parametrize(

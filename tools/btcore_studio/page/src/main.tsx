@@ -34,7 +34,7 @@ import { RpcError } from "./rpc";
 import { RunBar } from "./run_bar";
 import { ShownRunBar } from "./shown_run";
 import { SiteHome } from "./site/home";
-import { PythonNotice } from "./site/site_tools";
+import { LinkedRecording, PythonNotice } from "./site/site_tools";
 import { Splitter } from "./splitter";
 import { revealText, TextPane } from "./text_pane";
 import { texts, treeTexts } from "./texts";
@@ -398,6 +398,7 @@ function Notices() {
     <div class="notices">
       {!isConnected.value && <p>{texts.lost}</p>}
       {home instanceof SiteHome && <PythonNotice home={home} />}
+      {home instanceof SiteHome && <LinkedRecording home={home} />}
       {notice.value && <p>{notice.value}</p>}
       {start.value?.uri === "" && !uri.value && (
         <p>{texts.emptyFolder}{!start.value.readOnly && <> <button class="small" onClick={() => createFile()}>{texts.newFile}</button></>}</p>

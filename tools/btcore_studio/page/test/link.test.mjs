@@ -21,11 +21,12 @@ const of = (data) => packed(JSON.stringify(data));
 const refused = (fragment, reason) => assert.rejects(linkedFiles(fragment), { name: "LinkError", reason });
 
 test("a link keeps every character", async () => {
-  const content = { files: [FILE, { name: "über uns.btproj", text: "\n", mark: false }], tree: "Main" };
+  const content = { files: [FILE, { name: "über uns.btproj", text: "\n", mark: false }], tree: "Main", recording: "{}\n\u2028" };
   const fragment = await fragmentOf(content);
   assert.match(fragment, /^#files=[\w-]+$/);
   assert.deepEqual(await linkedFiles(fragment), content);
-  assert.deepEqual(await linkedFiles(await fragmentOf({ files: [FILE], tree: null })), { files: [FILE], tree: null });
+  const bare = { files: [FILE], tree: null, recording: null };
+  assert.deepEqual(await linkedFiles(await fragmentOf(bare)), bare);
 });
 
 test("another fragment is no link", async () => {
@@ -33,7 +34,7 @@ test("another fragment is no link", async () => {
 });
 
 test("damaged links are refused", async () => {
-  const good = await fragmentOf({ files: [FILE], tree: null });
+  const good = await fragmentOf({ files: [FILE], tree: null, recording: null });
   for (const fragment of ["#files=", "#files=%%%", "#files=AA", good.slice(0, -6), packed(Buffer.from([0xff, 0xfe])), packed("{"), `${good}!`]) {
     await refused(fragment, "invalid");
   }
@@ -43,7 +44,7 @@ test("files that the page must not have are refused", async () => {
   const file = { name: "tree.xml", text: "" };
   for (const data of [
     null, 3, [], {}, { files: [] }, { files: "tree.xml" }, { files: [null] }, { files: [{ name: "tree.xml" }] }, { files: [file, file] },
-    { files: [file], tree: 3 }, { files: [{ ...file, mark: 1 }] }, { files: Array.from({ length: 33 }, (_, number) => ({ ...file, name: `${number}.xml` })) },
+    { files: [file], tree: 3 }, { files: [file], recording: 3 }, { files: [file], recording: "\ud800" }, { files: [{ ...file, mark: 1 }] }, { files: Array.from({ length: 33 }, (_, number) => ({ ...file, name: `${number}.xml` })) },
     { files: [{ ...file, text: "\ud800" }] },
     ...["", ".xml", "tree.py", "../tree.xml", "a/tree.xml", "a\\tree.xml", "c:tree.xml", "\0.xml", "a\n.xml", "\u202elmx.xml", `${"a".repeat(100)}.xml`, 3]
       .map((name) => ({ files: [{ ...file, name }] })),
@@ -63,6 +64,7 @@ test("what is too large for a link is not put into one", async () => {
   let seed = 1;
   const random = Array.from({ length: MAX_FRAGMENT }, () => String.fromCharCode(33 + (seed = (seed * 48271) % 2147483647) % 90)).join("");
   for (const text of [random, "a".repeat(MAX_CONTENT)]) {
-    await assert.rejects(fragmentOf({ files: [{ ...FILE, text }], tree: null }), { name: "LinkError", reason: "large" });
+    await assert.rejects(fragmentOf({ files: [FILE], tree: null, recording: text }), { name: "LinkError", reason: "large" });
+    await assert.rejects(fragmentOf({ files: [{ ...FILE, text }], tree: null, recording: null }), { name: "LinkError", reason: "large" });
   }
 });

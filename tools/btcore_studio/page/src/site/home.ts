@@ -1,11 +1,12 @@
 // The home of the page on a site of static files: the page has the texts, and Python runs in a Web Worker.
 
 import { ChangeSet, type Text } from "@codemirror/state";
+import { signal } from "@preact/signals";
 import { type Reply, textOf } from "../documents";
 import { NEW_FILE } from "../files";
 import { PageHome } from "../home";
-import type { Pushed, SharedFile, SharedText, Start } from "../protocol";
-import { message, tree, uri as shownUri } from "../state";
+import type { Pushed, Recording, SharedFile, SharedText, Start } from "../protocol";
+import { actions, message, start, tree, uri as shownUri } from "../state";
 import { siteTexts } from "../texts";
 import { fragmentOf, isFileName, type LinkedFile, linkedFiles, LinkError } from "./link";
 import { type OpenedFile, saveFile } from "./local_files";
@@ -28,6 +29,8 @@ interface PageFile {
 }
 
 export class SiteHome extends PageHome {
+  /** The text of the recording in the link, or null. It is shown only when the user wishes. */
+  readonly recording = signal<string | null>(null);
   private readonly files = new Map<string, PageFile>();
   private readonly python: PythonWorker;
   private shownFiles = "";
@@ -53,6 +56,7 @@ export class SiteHome extends PageHome {
       message.value = siteTexts.linkRefused[error instanceof LinkError ? error.reason : "invalid"];
       return null;
     });
+    this.recording.value = linked?.recording ?? null;
     const uris = (linked?.files ?? []).map((file) => this.add(file));
     if (!uris.length) uris.push(this.add(FIRST_FILE, true));
     void this.connect();
@@ -65,6 +69,12 @@ export class SiteHome extends PageHome {
     return this.connect();
   }
 
+  /** Show the moments of the recording in the link. */
+  async showRecording(): Promise<void> {
+    const recording = await actions.request<Recording>("btcore/recording", { text: this.recording.value });
+    start.value = { ...start.value!, recording };
+  }
+
   /** Give the texts to a language server that has just started. */
   private async connect(): Promise<void> {
     this.forget();
@@ -73,6 +83,7 @@ export class SiteHome extends PageHome {
     await Promise.all([...this.files.keys()].map((uri) => this.documents.load(uri)));
     // Rejected if Python is started again meanwhile.
     await initialized.catch(() => {});
+    if (start.value?.recording) await this.showRecording();
   }
 
   /** Add an opened file, or replace the text of the file with its name, as one step of undo. */
@@ -101,12 +112,15 @@ export class SiteHome extends PageHome {
     return true;
   }
 
-  /** Return a link with all files, and the shown file first. The address of the page becomes this link. */
-  async link(): Promise<string> {
+  /**
+   * Return a link with all files, and the shown file first. The address of the page becomes this link.
+   * @param recording The text of a recording in the link.
+   */
+  async link(recording: string | null): Promise<string> {
     const uris = [shownUri.value, ...[...this.files.keys()].filter((uri) => uri !== shownUri.value)];
     const texts = uris.map((uri) => this.text(uri));
     const files = uris.map((uri, index) => ({ name: this.file(uri).name, text: texts[index]!.toString(), mark: this.file(uri).mark }));
-    window.history.replaceState(null, "", await fragmentOf({ files, tree: tree.value }));
+    window.history.replaceState(null, "", await fragmentOf({ files, tree: tree.value, recording }));
     uris.forEach((uri, index) => { this.file(uri).kept = texts[index]!; });
     return location.href;
   }

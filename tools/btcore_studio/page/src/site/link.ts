@@ -2,8 +2,8 @@
 
 /** *mark* is whether the file begins with a byte order mark, which is not in *text*. */
 export interface LinkedFile { name: string; text: string; mark: boolean }
-/** The first file is shown, with a tree of it; null is its main tree. */
-export interface Linked { files: readonly LinkedFile[]; tree: string | null }
+/** The first file is shown, with a tree of it; null is its main tree. *recording* is the text of a recording, or null. */
+export interface Linked { files: readonly LinkedFile[]; tree: string | null; recording: string | null }
 
 const PREFIX = "#files=";
 /** The maximum length of a fragment: browsers accept addresses of some 2,000,000 characters. */
@@ -25,8 +25,10 @@ export const isFileName = (name: string): boolean =>
   name.length <= 100 && /^[^\p{C}/\\:*?"<>|.][^\p{C}/\\:*?"<>|]*\.(xml|btproj)$/u.test(name);
 
 /** Return the fragment of a link, with its "#". */
-export async function fragmentOf({ files, tree }: Linked): Promise<string> {
-  const json = JSON.stringify({ files: files.map(({ name, text, mark }) => ({ name, text, ...(mark && { mark }) })), ...(tree !== null && { tree }) });
+export async function fragmentOf({ files, tree, recording }: Linked): Promise<string> {
+  const json = JSON.stringify({
+    files: files.map(({ name, text, mark }) => ({ name, text, ...(mark && { mark }) })), ...(tree !== null && { tree }), ...(recording !== null && { recording }),
+  });
   const bytes = new TextEncoder().encode(json);
   if (bytes.length > MAX_CONTENT || files.length > MAX_FILES) throw new LinkError("large");
   const packed = await through(bytes, new CompressionStream("deflate-raw"), MAX_FRAGMENT);
@@ -52,9 +54,10 @@ export async function linkedFiles(fragment: string): Promise<Linked | null> {
 
 /** Return the JSON data of a link if it is valid, else null. */
 function checked(data: unknown): Linked | null {
-  const { files, tree = null } = (data ?? {}) as { files?: unknown; tree?: unknown };
+  const { files, tree = null, recording = null } = (data ?? {}) as { files?: unknown; tree?: unknown; recording?: unknown };
   if (!Array.isArray(files) || !files.length || files.length > MAX_FILES) return null;
   if (tree !== null && typeof tree !== "string") return null;
+  if (recording !== null && !(typeof recording === "string" && recording.isWellFormed())) return null;
   const found = new Map<string, LinkedFile>();
   for (const item of files as unknown[]) {
     const { name, text, mark = false } = (item ?? {}) as { name?: unknown; text?: unknown; mark?: unknown };
@@ -62,7 +65,7 @@ function checked(data: unknown): Linked | null {
     if (!isFileName(name) || found.has(name) || !text.isWellFormed() || !name.isWellFormed()) return null;
     found.set(name, { name, text, mark });
   }
-  return { files: [...found.values()], tree };
+  return { files: [...found.values()], tree, recording };
 }
 
 /** Return the bytes that a stream makes of *bytes*. It is ended when it has made more than *most*. */

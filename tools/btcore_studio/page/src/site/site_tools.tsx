@@ -1,7 +1,8 @@
 // What only the page on a site of static files shows: files, links, and the state of Python.
 
 import { openFile } from "../files";
-import { message, showError } from "../state";
+import { filesOfRun, mockRun } from "../mock_run";
+import { drawing, message, showError, start } from "../state";
 import { siteTexts } from "../texts";
 import type { SiteHome } from "./home";
 import { LinkError } from "./link";
@@ -16,10 +17,12 @@ async function open(home: SiteHome): Promise<void> {
   message.value = siteTexts.opened(files.map(({ name }) => name).join(", "));
 }
 
-async function copyLink(home: SiteHome): Promise<void> {
+/** @param withRun Whether the link contains the run, or the recording, that is shown. */
+async function copyLink(home: SiteHome, withRun = false): Promise<void> {
   let link: string;
   try {
-    link = await home.link();
+    const run = !withRun ? null : mockRun.value ? (await filesOfRun(false))[0]!.text : home.recording.value;
+    link = await home.link(run);
   } catch (error) {
     message.value = error instanceof LinkError ? siteTexts.noLink : String(error);
     return;
@@ -33,7 +36,20 @@ export function SiteTools({ home }: { home: SiteHome }) {
     <div class="group" role="group" aria-label={siteTexts.filesAndLinks}>
       <button onClick={() => void open(home).catch(showError)} title={siteTexts.openTitle}>{siteTexts.open}</button>
       <button onClick={() => void copyLink(home)} title={siteTexts.copyLinkTitle}>{siteTexts.copyLink}</button>
+      {(mockRun.value?.state.count || home.recording.value !== null)
+        && <button onClick={() => void copyLink(home, true)} title={siteTexts.copyRunTitle}>{siteTexts.copyRun}</button>}
     </div>
+  );
+}
+
+/** The offer to show the recording of the link: opening a link runs nothing. */
+export function LinkedRecording({ home }: { home: SiteHome }) {
+  if (home.recording.value === null || start.value?.recording) return null;
+  return (
+    <p>
+      {siteTexts.hasRecording}{" "}
+      <button class="small" disabled={!drawing.value} onClick={() => void home.showRecording().catch(showError)}>{siteTexts.showRecording}</button>
+    </p>
   );
 }
 
