@@ -201,7 +201,7 @@ def test_a_link_with_a_recording_runs_nothing_until_the_user_wishes(
     text, recording = recorded_run(tmp_path)
     page = open_site(fragment_of(text, recording))
     page.locator("g.node", has_text="ü").wait_for(timeout=WAIT_MS)
-    assert page.locator(".timeline").count() == 0
+    assert page.locator("section.timeline").count() == 0
     assert page.locator(".cm-content").inner_text() == text
     show_recording(page)
     show_recording(open_site(link_with_run(page)))
