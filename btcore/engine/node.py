@@ -545,7 +545,7 @@ class TickWrapper:
         """Tick *node* unless a pre-condition or callback decides, run what follows, and return the result."""
         counts, conditions, journal = self.counts, self.conditions, self.journal
         if journal is not None and not journal.is_inside:  # called by an external parent
-            return _tick_from_outside(node, self, journal)
+            return _tick_child_inside(node, self, journal)
         if counts is not None:
             counts.ticks += 1
         if self.on_tick_start is not None:
@@ -563,7 +563,7 @@ class TickWrapper:
             if journal is None or not self.is_external:
                 status = _as_status(node, node.tick())
             else:
-                status = _tick_outside(node, journal)
+                status = _tick_external(node, journal)
         if conditions is not None and (status is SUCCESS or status is FAILURE):
             conditions.run_postconditions(status)
         post_tick = self.post_tick
@@ -579,14 +579,14 @@ class TickWrapper:
         """Halt *node*, and run its `_onHalted`. Count the halt if *node* is RUNNING."""
         journal = self.journal
         if journal is not None and not journal.is_inside:  # called by an external parent
-            _halt_from_outside(node, journal)
+            _halt_child_inside(node, journal)
             return
         if self.counts is not None and node._status is RUNNING:
             self.counts.halted += 1
         if journal is None or not self.is_external:
             node.halt()
         else:
-            _halt_outside(node, journal)
+            _halt_external(node, journal)
         if self.conditions is not None:
             self.conditions.run_on_halted()
 
@@ -600,7 +600,8 @@ def tick_wrapper(node: TreeNode) -> TickWrapper:
         return wrapper
 
 
-def _tick_from_outside(node: TreeNode, wrapper: TickWrapper, journal: "Journal") -> Status:
+def _tick_child_inside(node: TreeNode, wrapper: TickWrapper, journal: "Journal") -> Status:
+    """Tick *node* inside, because its external parent ticks it, and record the tick."""
     journal.enter_child_tick(node.config.uid)
     try:
         return wrapper.tick(node)
@@ -608,7 +609,8 @@ def _tick_from_outside(node: TreeNode, wrapper: TickWrapper, journal: "Journal")
         journal.leave()
 
 
-def _halt_from_outside(node: TreeNode, journal: "Journal") -> None:
+def _halt_child_inside(node: TreeNode, journal: "Journal") -> None:
+    """Halt *node* inside, because its external parent halts it, and record the halt."""
     journal.enter_child_halt(node.config.uid)
     try:
         halt_node(node)  # from inside now, so that what follows an exception is inside, too
@@ -616,8 +618,8 @@ def _halt_from_outside(node: TreeNode, journal: "Journal") -> None:
         journal.leave()
 
 
-def _tick_outside(node: TreeNode, journal: "Journal") -> Status:
-    """Call `tick` of an external node, and record its result."""
+def _tick_external(node: TreeNode, journal: "Journal") -> Status:
+    """Call `tick` of an external node outside, and record its result."""
     journal.leave()
     try:
         status = _as_status(node, node.tick())
@@ -628,8 +630,8 @@ def _tick_outside(node: TreeNode, journal: "Journal") -> Status:
     return status
 
 
-def _halt_outside(node: TreeNode, journal: "Journal") -> None:
-    """Call `halt` of an external node, and record what it does, unless it only resets itself."""
+def _halt_external(node: TreeNode, journal: "Journal") -> None:
+    """Call `halt` of an external node outside, and record what it does, unless it only resets itself."""
     start = journal.record_count
     journal.leave()
     raised: BaseException | None = None
