@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from btcore.clock import SystemClock as SystemClock
     from btcore.diagnostics import Diagnostic as Diagnostic
     from btcore.diagnostics import LiteralProblem as LiteralProblem
-    from btcore.engine.context import TreeResource as TreeResource
     from btcore.engine.control import ControlNode as ControlNode
     from btcore.engine.control import DecoratorNode as DecoratorNode
     from btcore.engine.coroutine import running as running
@@ -66,6 +65,7 @@ if TYPE_CHECKING:
     from btcore.options import option as option
     from btcore.registry.registry import Registry as Registry
     from btcore.registry.resources import Resources as Resources
+    from btcore.registry.resources import TreeResource as TreeResource
     from btcore.runs.providers import provider as provider
     from btcore.runs.report import Report as Report
     from btcore.runs.run import Run as Run
@@ -88,7 +88,6 @@ _HOMES = {
     "btcore.blackboard.ports": ("Direction", "Port"),
     "btcore.clock": ("Clock", "SimClock", "SystemClock"),
     "btcore.diagnostics": ("Diagnostic", "LiteralProblem"),
-    "btcore.engine.context": ("TreeResource",),
     "btcore.engine.control": ("ControlNode", "DecoratorNode"),
     "btcore.engine.coroutine": ("running", "sleep"),
     "btcore.engine.functions": ("action", "condition"),
@@ -108,7 +107,7 @@ _HOMES = {
     "btcore.loading.load": ("load", "loads", "make"),
     "btcore.nodes.loop": ("LoopNode",),
     "btcore.options": ("option",),
-    "btcore.registry.resources": ("Resources",),
+    "btcore.registry.resources": ("Resources", "TreeResource"),
     "btcore.registry.registry": ("Registry",),
     "btcore.runs.providers": ("provider",),
     "btcore.runs.report": ("Report",),

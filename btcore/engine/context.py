@@ -1,11 +1,9 @@
-"""What the nodes of one tree share: clock, wake-up signal, deadlines, observers, and resources of leaves."""
+"""What the nodes of one tree share: clock, wake-ups, deadlines, the limit of ticks, and observers."""
 
 import threading
 import time
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Final
-
-from mypy_extensions import mypyc_attr
 
 from btcore.clock import NS_PER_S, Clock, SystemClock, TickSchedule
 from btcore.engine.observers import Observers
@@ -15,33 +13,6 @@ if TYPE_CHECKING:
 
 _REPETITIONS_PER_CHECK: Final = 16
 """Without a tick limit, a node lets Python handle signals after this number of repetitions."""
-
-
-@mypyc_attr(allow_interpreted_subclasses=True)
-class TreeResource:
-    """The base class of resources that belong to one tree, and that its leaves share.
-
-    A leaf whose function or `__init__` has a parameter of a subclass gets the instance that belongs to the
-    tree. The instance is created, without arguments, for the first such leaf of the tree.
-
-    Examples:
-        >>> import btcore
-        >>> class Visits(btcore.TreeResource):
-        ...     def __init__(self):
-        ...         self.places = []
-        >>> @btcore.action
-        ... def visit(visits: Visits, place: btcore.In[str]):
-        ...     visits.places.append(place)
-        ...     print(visits.places)
-        ...     return True
-        >>> nodes = btcore.Registry.standard()
-        >>> nodes.add(visit)
-        >>> b = btcore.Builder(nodes)
-        >>> b.build(b.Sequence(b.Visit(place="door"), b.Visit(place="window"))).tick_once()
-        ['door']
-        ['door', 'window']
-        <Status.SUCCESS: 2>
-    """
 
 
 class TickLimit:
@@ -134,9 +105,7 @@ class TreeContext:
 
     def wake_up(self, woken_by: int = -1) -> None:
         """Request a tick as soon as possible. Thread-safe."""
-        self.woken_by = woken_by
-        self.is_woken = True
-        self.wake_event.set()
+        self._set_woken(woken_by)
         # Read once: the event loop's thread may set it to None at any time.
         on_wake_up = self.on_wake_up
         if on_wake_up is not None:
@@ -216,6 +185,11 @@ class TreeContext:
             self.journal.add_pause(uid, count)
         return must_end
 
+    def _set_woken(self, woken_by: int) -> None:
+        self.woken_by = woken_by
+        self.is_woken = True
+        self.wake_event.set()
+
     def _clear_wake_up(self) -> bool:
         # A wake-up that another thread sends between these lines may count twice, but is never lost.
         self.is_woken = False
@@ -228,6 +202,4 @@ class TreeContext:
         for uid in due:
             del self.deadlines[uid]
         if due:
-            self.woken_by = due[0]
-            self.is_woken = True
-            self.wake_event.set()
+            self._set_woken(due[0])

@@ -21,11 +21,11 @@ from mypy_extensions import mypyc_attr
 
 from btcore.blackboard.blackboard import Blackboard
 from btcore.diagnostics import LiteralProblem
+from btcore.engine.conditions import UNDECIDED, NodeConditions
 from btcore.engine.context import TreeContext
 from btcore.engine.node_config import NodeConfig
 from btcore.engine.node_spec import NodeSpec
 from btcore.errors import BlackboardError, ConversionError, NodeError, NodeExecutionError, TickInterrupt
-from btcore.script.program import Program, compile_script, condition_result
 from btcore.status import (
     FAILURE,
     IDLE,
@@ -41,8 +41,6 @@ from btcore.status import (
 if TYPE_CHECKING:
     from btcore.engine.journal import Journal  # imported when a recording begins
 
-UNDECIDED: Final = IDLE
-"""Stands for a result that the pre-conditions leave to the node; a node returns IDLE only in format 3."""
 NO_CHILDREN: Final[list["TreeNode"]] = []
 _NO_CONFIG: Final = NodeConfig("", "")
 _STILL_RUNNING: Final = (
@@ -519,67 +517,6 @@ class TickCounts:
             self.skipped += 1
 
 
-class NodeConditions:
-    """The compiled pre- and post-conditions of one node.
-
-    The scripts run on the blackboard of the node's scope: for a SubTree node, the scope of the outer tree.
-    """
-
-    def __init__(self, scripts: Mapping[str, str], enums: Mapping[str, int], blackboard: Blackboard) -> None:
-        programs = {key: compile_script(text, enums) for key, text in scripts.items()}
-        self.blackboard = blackboard
-        self.failure_if: Program | None = programs.get("_failureIf")
-        self.success_if: Program | None = programs.get("_successIf")
-        self.skip_if: Program | None = programs.get("_skipIf")
-        self.while_true: Program | None = programs.get("_while")
-        self.on_halted: Program | None = programs.get("_onHalted")
-        self.on_failure: Program | None = programs.get("_onFailure")
-        self.on_success: Program | None = programs.get("_onSuccess")
-        self.post: Program | None = programs.get("_post")
-
-    def check_preconditions(self, status: Status) -> Status:
-        """Check the pre-conditions of a node before a tick.
-
-        `_failureIf`, `_successIf` and `_skipIf` are evaluated before a node starts. `_while` is also
-        evaluated while the node is RUNNING; if it is false then, the caller must halt the node.
-
-        Args:
-            status: The status of the node before the tick.
-
-        Returns:
-            The result of the node, which is then not ticked; UNDECIDED = the node must be ticked.
-        """
-        # A node that stores SKIPPED itself, by set_status(), is not active either, as in BehaviorTree.CPP.
-        if status is IDLE or status is SKIPPED:
-            if self.failure_if is not None and condition_result(self.failure_if.run(self.blackboard)):
-                return FAILURE
-            if self.success_if is not None and condition_result(self.success_if.run(self.blackboard)):
-                return SUCCESS
-            if self.skip_if is not None and condition_result(self.skip_if.run(self.blackboard)):
-                return SKIPPED
-        elif status is not RUNNING:
-            # A node that has completed and was not reset is ticked without pre-conditions.
-            return UNDECIDED
-        if self.while_true is not None and not condition_result(self.while_true.run(self.blackboard)):
-            return SKIPPED
-        return UNDECIDED
-
-    def run_postconditions(self, status: Status) -> None:
-        """Run `_onSuccess` or `_onFailure`, depending on the result *status*, and then `_post`."""
-        if status is SUCCESS:
-            if self.on_success is not None:
-                self.on_success.run(self.blackboard)
-        elif self.on_failure is not None:
-            self.on_failure.run(self.blackboard)
-        if self.post is not None:
-            self.post.run(self.blackboard)
-
-    def run_on_halted(self) -> None:
-        """Run `_onHalted`."""
-        if self.on_halted is not None:
-            self.on_halted.run(self.blackboard)
-
-
 class TickWrapper:
     """Calls the tick and the halt of a node, with what comes before and after them.
 
@@ -608,7 +545,7 @@ class TickWrapper:
         """Tick *node* unless a pre-condition or callback decides, run what follows, and return the result."""
         counts, conditions, journal = self.counts, self.conditions, self.journal
         if journal is not None and not journal.is_inside:  # called by an external parent
-            return _tick_from_outside(node, self, journal)
+            return _tick_child_inside(node, self, journal)
         if counts is not None:
             counts.ticks += 1
         if self.on_tick_start is not None:
@@ -626,7 +563,7 @@ class TickWrapper:
             if journal is None or not self.is_external:
                 status = _as_status(node, node.tick())
             else:
-                status = _tick_outside(node, journal)
+                status = _tick_external(node, journal)
         if conditions is not None and (status is SUCCESS or status is FAILURE):
             conditions.run_postconditions(status)
         post_tick = self.post_tick
@@ -642,14 +579,14 @@ class TickWrapper:
         """Halt *node*, and run its `_onHalted`. Count the halt if *node* is RUNNING."""
         journal = self.journal
         if journal is not None and not journal.is_inside:  # called by an external parent
-            _halt_from_outside(node, journal)
+            _halt_child_inside(node, journal)
             return
         if self.counts is not None and node._status is RUNNING:
             self.counts.halted += 1
         if journal is None or not self.is_external:
             node.halt()
         else:
-            _halt_outside(node, journal)
+            _halt_external(node, journal)
         if self.conditions is not None:
             self.conditions.run_on_halted()
 
@@ -663,7 +600,8 @@ def tick_wrapper(node: TreeNode) -> TickWrapper:
         return wrapper
 
 
-def _tick_from_outside(node: TreeNode, wrapper: TickWrapper, journal: "Journal") -> Status:
+def _tick_child_inside(node: TreeNode, wrapper: TickWrapper, journal: "Journal") -> Status:
+    """Tick *node* inside, because its external parent ticks it, and record the tick."""
     journal.enter_child_tick(node.config.uid)
     try:
         return wrapper.tick(node)
@@ -671,7 +609,8 @@ def _tick_from_outside(node: TreeNode, wrapper: TickWrapper, journal: "Journal")
         journal.leave()
 
 
-def _halt_from_outside(node: TreeNode, journal: "Journal") -> None:
+def _halt_child_inside(node: TreeNode, journal: "Journal") -> None:
+    """Halt *node* inside, because its external parent halts it, and record the halt."""
     journal.enter_child_halt(node.config.uid)
     try:
         halt_node(node)  # from inside now, so that what follows an exception is inside, too
@@ -679,8 +618,8 @@ def _halt_from_outside(node: TreeNode, journal: "Journal") -> None:
         journal.leave()
 
 
-def _tick_outside(node: TreeNode, journal: "Journal") -> Status:
-    """Call `tick` of an external node, and record its result."""
+def _tick_external(node: TreeNode, journal: "Journal") -> Status:
+    """Call `tick` of an external node outside, and record its result."""
     journal.leave()
     try:
         status = _as_status(node, node.tick())
@@ -691,8 +630,8 @@ def _tick_outside(node: TreeNode, journal: "Journal") -> Status:
     return status
 
 
-def _halt_outside(node: TreeNode, journal: "Journal") -> None:
-    """Call `halt` of an external node, and record what it does, unless it only resets itself."""
+def _halt_external(node: TreeNode, journal: "Journal") -> None:
+    """Call `halt` of an external node outside, and record what it does, unless it only resets itself."""
     start = journal.record_count
     journal.leave()
     raised: BaseException | None = None

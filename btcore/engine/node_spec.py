@@ -8,13 +8,38 @@ from btcore.status import ANY_RESULT, RUNNING, NodeType, Status
 
 
 @dataclass(frozen=True, kw_only=True, eq=False, match_args=False)
-class NodeSpec:
+class ProofSpec:
+    """The fields of `NodeSpec` that only proofs read.
+
+    Attributes:
+        hands_over: Whether another action may take over the resources in the tick in which the action is
+            halted, before its halt, because the halt does not affect them.
+        optional_inputs: The inputs of a leaf whose entries need not be written before the leaf reads them;
+            without them it does not succeed.
+        writes_early: Whether a leaf may write its outputs already while it is RUNNING.
+        writes_on_halt: The outputs that a leaf writes when it is halted.
+        results_without_child: The results, possibly RUNNING, that a decorator that needs resources may return
+            without ticking its child.
+        is_endless: Whether the node may run forever by design, so that its end is not expected. A port with
+            the role REPETITIONS and the value −1 has the same effect.
+    """
+
+    hands_over: bool = False
+    optional_inputs: tuple[str, ...] = ()
+    writes_early: bool = False
+    writes_on_halt: tuple[str, ...] = ()
+    results_without_child: frozenset[Status] = frozenset({RUNNING})
+    is_endless: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False, match_args=False)
+class NodeSpec(ProofSpec):
     """What a node class declares about its nodes: `spec = NodeSpec(symbol="¬", never_pauses=True)`.
 
     A class declares the fields in which it differs from its base class. Reading `spec`, of a class or a node,
     returns all fields, with those that are inherited. Ticks do not read it, but attributes to which `prepare`
     has copied fields, which is faster. What only the methods of the class read, such as `Repeat.is_async`, is
-    a class variable instead.
+    a class variable instead. The guide to proofs lists the fields of `ProofSpec`, which only proofs read.
 
     Attributes:
         node_type: The type of the nodes: action, condition, control or decorator.
@@ -30,25 +55,15 @@ class NodeSpec:
             time. Added to those of the base classes.
         uses: The names of the things that only one action may use at a time, such as a robot's base, for
             proofs. None = an action uses the resources that it gets as parameters; other nodes use nothing.
-        hands_over: Whether another action may take over the resources in the tick in which the action is
-            halted, before its halt, because the halt does not affect them, for proofs.
-        optional_inputs: The inputs of a leaf whose entries need not be written before the leaf reads them;
-            without them it does not succeed, for proofs.
         writes: The outputs that a leaf may write in any tick, whatever its result is, for proofs, and the
             keys of other entries that it writes. None = there are none, except that a leaf that gets the
             whole blackboard may write any key.
-        writes_early: Whether a leaf may write its outputs already while it is RUNNING, for proofs.
-        writes_on_halt: The outputs that a leaf writes when it is halted, for proofs.
-        results_without_child: The results, possibly RUNNING, that a decorator that needs resources may return
-            without ticking its child, for proofs.
         must_complete: Whether a tick must not return RUNNING.
         may_complete_on_start: For a StatefulAction: whether `on_start` may complete the action at once. If
             so, `btcore validate` does not treat the action as asynchronous. None = proofs try both.
         never_pauses: Whether a tick only ticks children and, while a child is RUNNING, only this child. When
             such a node is RUNNING, a child is RUNNING or the node has requested the next tick at once.
         skips_alone: Whether a tick may return SKIPPED although no child was skipped.
-        is_endless: Whether the node may run forever by design, so that proofs do not expect its end. A port
-            with the role REPETITIONS and the value −1 has the same effect.
         child_count: The minimum and maximum number of children with which a node can be ticked; None = any.
         child_count_at_load: The minimum and maximum number of children with which a tree is loaded. It
             differs from *child_count* because BehaviorTree.CPP loads some trees whose first tick raises.
@@ -72,17 +87,11 @@ class NodeSpec:
     state_fields: tuple[str, ...] | None = ()
     time_fields: tuple[str, ...] = ()
     uses: frozenset[str] | None = None
-    hands_over: bool = False
-    optional_inputs: tuple[str, ...] = ()
     writes: tuple[str, ...] | None = None
-    writes_early: bool = False
-    writes_on_halt: tuple[str, ...] = ()
-    results_without_child: frozenset[Status] = frozenset({RUNNING})
     must_complete: bool = False
     may_complete_on_start: bool | None = None
     never_pauses: bool = False
     skips_alone: bool = True
-    is_endless: bool = False
     child_count: tuple[int, int | None] = (0, 0)
     child_count_at_load: tuple[int, int | None] = (0, 0)
     child_roles: str = ""

@@ -75,7 +75,7 @@ class DryRun(NodeCreator):
             blackboard can declare the keys that it writes in its `spec`.
         has_mocks: Whether mock nodes replace nodes without code. Then the registry may lack enums that the
             C++ code registers.
-        entrances: For each inner blackboard, the place of the SubTree element that creates it.
+        entrances: For each inner blackboard, the call that creates it, and the subtree of the call.
         written_in: Returns the keys of a blackboard that are written or given.
     """
 
@@ -93,13 +93,17 @@ class DryRun(NodeCreator):
         self.has_untracked_access = False
         self.has_untracked_writes = False
         self.has_mocks = False
-        self.entrances: dict[Blackboard, EntryUse] = {}
+        self.entrances: dict[Blackboard, tuple[SubtreeCall, SubtreeDraft]] = {}
         self.homes: dict[Entry, tuple[Blackboard, str]] = {}
         self.written_in = cache(self._find_written)
         self._given = given
         self._is_main = tree is plans.main_tree
         self._recorded: list[EntryUse] = []
         self.create_nodes(tree)
+        self._assign_uses()
+
+    def _assign_uses(self) -> None:
+        """Assign the recorded uses, which name a key of a scope, to the entries of the blackboards."""
         for use in self._recorded:
             try:
                 entry = use.scope.find(use.key) or use.scope.declare(use.key)
@@ -212,8 +216,7 @@ class DryRun(NodeCreator):
         for attribute, text in node_plan.conditions.items():
             self._record_script(node_plan, attribute, text, draft)
         if inner is not outer:
-            use = EntryUse(AccessKind.MENTIONS, call.tree_id, outer, document, node_plan, "ID")
-            self.entrances[inner] = use
+            self.entrances[inner] = call, draft
             for key in call.constants:
                 self._recorded.append(EntryUse(AccessKind.WRITES, key, inner, document, node_plan, key))
             for key, outside in call.remaps.items():

@@ -122,17 +122,18 @@ def _correction(dry_run: DryRun, use: EntryUse, board: Blackboard, key: str) -> 
     entrance = dry_run.entrances.get(board)
     if entrance is None:
         return None
-    line = entrance.document.line(entrance.node.element)
-    called = f"{entrance.node.id} of '{entrance.key}' in line {line}"
-    outer = dry_run.written_in(entrance.scope)
+    call, draft = entrance
+    document = draft.document
+    called = f"{call.element.tag} of '{call.tree_id}' in line {document.line(call.element)}"
+    outer = dry_run.written_in(draft.subtree.blackboard)
     passed = key if key in outer else _guess(dry_run, key, outer) or "…"
     # The <SubTree> of format 3 takes keys without braces.
-    value = passed if dry_run.format == 3 and entrance.node.id == "SubTree" else f"{{{passed}}}"
+    value = passed if dry_run.format == 3 and call.element.tag == "SubTree" else f"{{{passed}}}"
     hint = f'a subtree has a blackboard of its own: in the {called} write {key}="{value}"'
-    if entrance.document is not use.document:
+    if document is not use.document:
         return HintAndFixes(hint)
-    index = entrance.document.source_map.index(entrance.node.element)
-    return HintAndFixes(hint, [Connect(index, entrance.key, key, value.replace("…", key))])
+    index = document.source_map.index(call.element)
+    return HintAndFixes(hint, [Connect(index, call.tree_id, key, value.replace("…", key))])
 
 
 def _guess(dry_run: DryRun, key: str, names: Collection[str]) -> str | None:

@@ -28,7 +28,7 @@ from btcore.engine.node_config import NodeConfig
 from btcore.errors import BlackboardError, BtcoreError, ConversionError, NodeError, ScriptError
 from btcore.fixes import SetAttributes
 from btcore.registry.manifest import Manifest, takes_children
-from btcore.registry.registry import Registry, library_of
+from btcore.registry.registry import library_of
 from btcore.registry.resources import Resources
 from btcore.tree.tree import Subtree, Tree, TreeDocument
 from btcore.values import parse_constant, type_of
@@ -88,25 +88,6 @@ def resources_as_sequence(resources: object) -> Sequence[object]:
     if isinstance(resources, (str, bytes)) or not isinstance(resources, Iterable):
         raise TypeError(f"resources={reprlib.repr(resources)} is not a list: write resources=[…]")
     return resources if isinstance(resources, Sequence) else list(resources)
-
-
-def create_leaf_tree(leaf: type[TreeNode], id: str, clock: Clock) -> Tree:
-    """Return a tree of a single leaf, which no document describes.
-
-    Args:
-        leaf: The class of the leaf, without parameters.
-        id: The ID of the leaf and, with the suffix `Alone`, of the tree.
-    """
-    registry = Registry.standard()
-    registry.add(leaf, ID=id)
-    manifest = registry.get(id, 4)
-    assert manifest is not None
-    config = NodeConfig(id, id, uid=1)
-    config.path = f"{id}::1"
-    context, board = TreeContext(clock), Blackboard(clock=clock)
-    nodes = [manifest.create_node(config, context, board, Resources(), [])]
-    main = f"{id}Alone"
-    return Tree(main, 4, [Subtree(main, "", board, nodes)], nodes, context, registry)
 
 
 def _find_clock(resources: Sequence[object]) -> Clock:

@@ -134,6 +134,10 @@ class RetryUntilSuccessful3(RetryUntilSuccessful):
     spec: ClassVar[NodeSpec] = NodeSpec(formats=(3,))
     is_async: ClassVar[bool] = False
 
+    def limit_after(self, limit: int) -> int:
+        """Return *limit*: format 3 reads the port once per tick."""
+        return limit
+
 
 @mypyc_attr(allow_interpreted_subclasses=True)
 class RetryUntilSuccesful(RetryUntilSuccessful3):

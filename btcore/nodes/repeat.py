@@ -110,8 +110,6 @@ class Repeat(RepeatedNode):
     """
 
     spec: ClassVar[NodeSpec] = NodeSpec(formats=(4,))
-    repeat_on: ClassVar[Status] = SUCCESS
-    limit_port: ClassVar[str] = "num_cycles"
 
     @staticmethod
     def provided_ports() -> list[Port]:
@@ -142,5 +140,4 @@ class RetryUntilSuccessful(RepeatedNode):
 
     def limit_after(self, limit: int) -> int:
         """Return the current value of the port, which a tick of the child may have changed."""
-        # Format 3 reads the port once per tick.
-        return limit if self.config.format == 3 else cast(int, input_or(self, "num_attempts", limit))
+        return cast(int, input_or(self, "num_attempts", limit))

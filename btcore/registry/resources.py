@@ -8,7 +8,6 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from typing import Any, Final, TypeGuard
 
 from btcore.blackboard.ports import UNSET
-from btcore.engine.context import TreeResource
 from btcore.engine.signature import Parameter, class_annotations, hides_attribute
 from btcore.errors import NodeError
 from btcore.names import PLUGIN_FILE_PREFIX
@@ -20,6 +19,32 @@ _NEVER_RESOURCES: Final = frozenset({"builtins", "collections", "collections.abc
 
 TypeRef = type | str
 """A class or protocol whose objects are provided or needed, or its full name, if it is not imported."""
+
+
+class TreeResource:
+    """The base class of resources that belong to one tree, and that its leaves share.
+
+    A leaf whose function or `__init__` has a parameter of a subclass gets the instance that belongs to the
+    tree. The instance is created, without arguments, for the first such leaf of the tree.
+
+    Examples:
+        >>> import btcore
+        >>> class Visits(btcore.TreeResource):
+        ...     def __init__(self):
+        ...         self.places = []
+        >>> @btcore.action
+        ... def visit(visits: Visits, place: btcore.In[str]):
+        ...     visits.places.append(place)
+        ...     print(visits.places)
+        ...     return True
+        >>> nodes = btcore.Registry.standard()
+        >>> nodes.add(visit)
+        >>> b = btcore.Builder(nodes)
+        >>> b.build(b.Sequence(b.Visit(place="door"), b.Visit(place="window"))).tick_once()
+        ['door']
+        ['door', 'window']
+        <Status.SUCCESS: 2>
+    """
 
 
 class Resources(list[object]):

@@ -13,8 +13,8 @@ from btcore.clock import NS_PER_S, Clock
 from btcore.engine.leaf import StatefulAction
 from btcore.errors import NodeExecutionError, TreeError
 from btcore.exit_codes import ExitCode
-from btcore.loading.instantiate import create_leaf_tree, instantiate, resources_as_sequence
-from btcore.loading.load import registry_or_standard
+from btcore.loading.instantiate import instantiate, resources_as_sequence
+from btcore.loading.load import loads, registry_or_standard
 from btcore.registry.registry import Registry
 from btcore.registry.resources import Resources, TypeRef
 from btcore.runs.available_providers import AvailableProviders
@@ -56,7 +56,12 @@ class TreelessProgram:
             def on_running(self) -> Status:
                 return Status.RUNNING if program.keep_running() else Status.SUCCESS
 
-        return create_leaf_tree(Work, self.name, clock)
+        nodes = Registry.standard()
+        nodes.add(Work, ID=self.name)
+        xml = f'<BehaviorTree ID="{self.name}Alone"><{self.name}/></BehaviorTree>'
+        tree = loads(f'<root BTCPP_format="4">{xml}</root>', nodes=nodes, clock=clock)
+        tree.documents = ()  # recorders ignore a tree without documents
+        return tree
 
 
 Runnable = str | PathLike[str] | Plans | TreelessProgram

@@ -25,15 +25,7 @@ def join_errors(errors: Sequence[BtcoreError]) -> BtcoreError:
 class RunEnd:
     """The events that end a run, the reason, and the exit code.
 
-    Of several events, the first in this list is the reason:
-
-    1. An exception has left the `with` block, and no leaf has raised it: "interrupted" or "program_error".
-    2. A leaf has raised an exception: "raised".
-    3. A signal has ended the loop, or the waits of providers: "interrupted".
-    4. The loop has ended: its reason. Without a loop, the `with` block was left: "done".
-
-    The exit code is that of a leaf's exception, else of the errors of providers and outputs that were closed,
-    else of the signal, else of the result of the tree.
+    Of several events, `reason` and `exit_code` each check the most important first.
 
     Attributes:
         error: The exception of a leaf, in a tick or when it was halted; None again if its tree was replaced.
@@ -45,7 +37,7 @@ class RunEnd:
         self.error: NodeExecutionError | None = None
         self.signal = 0
         self.loop_end: LoopEnd | None = None
-        self._block_end: EndReason | None = None
+        self._block_end: EndReason | None = None  # why the `with` block ended, unless a leaf has raised
 
     def note_exit(self, error: BaseException | None, signal: int) -> None:
         """Note the exception that has left the `with` block, and the number of the last *signal*, or 0.

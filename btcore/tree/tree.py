@@ -253,9 +253,9 @@ class Tree:
             "pause; add a pause, such as a <Delay>, or limit the number of repetitions"
         )
         error = execution_error(node, cause, "ticking")
-        parents = {child.config.uid: parent for parent in self.nodes for child in parent.children}
-        while node.config.uid in parents:
-            node = parents[node.config.uid]
+        parents = parents_of(self)
+        while uid := parents.get(node.config.uid):
+            node = self.nodes[uid - 1]
             add_to_backtrace(node, error)
         return error
 
@@ -387,6 +387,7 @@ class Tree:
             copy.clone_into(scope)
 
     def _scopes(self) -> list[Blackboard]:
+        """Return the scopes of the main tree and its subtrees, without those around them (`scopes_of`)."""
         return list(dict.fromkeys(subtree.blackboard for subtree in self.subtrees))
 
     # --- breakpoints, observers, nodes
@@ -495,8 +496,12 @@ def with_parents(board: Blackboard | None) -> Iterator[Blackboard]:
 
 def scopes_of(tree: Tree) -> list[Blackboard]:
     """Return the scopes of *tree*: that of the main tree and those around it, then those of subtrees."""
-    boards = [*with_parents(tree.blackboard), *(subtree.blackboard for subtree in tree.subtrees)]
-    return list({id(board): board for board in boards}.values())
+    return list(dict.fromkeys([*with_parents(tree.blackboard), *tree._scopes()]))
+
+
+def parents_of(tree: Tree) -> dict[int, int]:
+    """Return the UID of the parent of each node but the root, by UID."""
+    return {child.config.uid: node.config.uid for node in tree.nodes for child in node.children}
 
 
 # Functions, because calls of methods of `Tree` take longer (compiled).

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from btcore.engine.node import TreeNode, tick_wrapper
 from btcore.status import SKIPPED, Status
-from btcore.tree.tree import Tree
+from btcore.tree.tree import Tree, parents_of
 from btcore_proof.tree_state import StateKeeper, state_fields_of
 from btcore_proof.user_code import has_user_code
 
@@ -42,10 +42,7 @@ class TickProgress:
     def __init__(self, tree: Tree, keeper: StateKeeper) -> None:
         self._keeper = keeper
         self._unfinished: list[_Unfinished] = []
-        self._parents: dict[int, TreeNode] = {}
-        for node in tree.nodes:
-            for child in node.children:
-                self._parents[child.config.uid] = node
+        self._parents = parents_of(tree)
         for number, node in enumerate(tree.nodes):
             wrapper = tick_wrapper(node)
             if node.children:
@@ -89,7 +86,7 @@ class TickProgress:
         """Return whether the unfinished nodes are all ancestors of *node*, from the root to its parent."""
         parent = self._parents.get(node.config.uid)
         for entry in reversed(unfinished):
-            if entry.node is not parent:
+            if entry.node.config.uid != parent:
                 return False
             parent = self._parents.get(entry.node.config.uid)
         return parent is None

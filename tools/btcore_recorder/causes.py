@@ -17,6 +17,7 @@ from btcore.errors import BtcoreError, ScriptError
 from btcore.script.expressions import Literal as ScriptLiteral
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, Status
 from btcore.suggestions import counted, join_names
+from btcore.tree.tree import parents_of
 from btcore.xml.plan.key_uses import WRITING, find_name_uses, iter_subexpressions, parse_statements
 from btcore_recorder.inputs import Result, is_external
 from btcore_recorder.replay import Replay
@@ -82,7 +83,7 @@ class CauseFinder:
         self._nodes = replay.tree.nodes
         self._steps = replay.steps
         self.paths = list(replay.tree.nodes_by_path())
-        self._parents = {child.config.uid: node for node in self._nodes for child in node.children}
+        self._parents = parents_of(replay.tree)
         self._traces: dict[int, TickTrace] = {}
         self._count = 0
 
@@ -209,7 +210,7 @@ class CauseFinder:
         ticked = {child.uid for child in visit.children}
         for halt in self.trace(cause.step).halts:
             parent = self._parents.get(halt.uid)
-            if halt.by is not visit or halt.uid in ticked or parent is None or parent.config.uid != visit.uid:
+            if halt.by is not visit or halt.uid in ticked or parent != visit.uid:
                 continue
             cause.details += f"; it halted '{self.path(halt.uid)}', which was RUNNING"
             for at in range(cause.step - 1, max(-1, cause.step - _MAX_STEPS_BACK), -1):
@@ -317,10 +318,10 @@ class CauseFinder:
         """Explain why a node was not ticked."""
         child = uid
         while (parent := self._parents.get(child)) is not None:
-            visits = self.trace(index).visits_of(parent.config.uid)
+            visits = self.trace(index).visits_of(parent)
             if visits:
                 return self._explain_not_reached(index, uid, child, visits[-1])
-            child = parent.config.uid
+            child = parent
         return self._new(index, uid, "the tree was not ticked")
 
     def _explain_not_reached(self, index: int, uid: int, child: int, visit: Visit) -> Cause:

@@ -29,6 +29,7 @@ from btcore.logs.moments import Explanation, Moment, Values
 from btcore.registry.outcome_grammar import LETTERS, Outcome, parse_outcomes
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeType
 from btcore.suggestions import did_you_mean
+from btcore.tree.tree import parents_of
 from btcore.xml.plan.plan import Plans
 from btcore_recorder.inputs import UNKNOWN_CHECKSUM, Input, Result, RunRecording, Step, TreeState, is_external
 from btcore_recorder.mock_leaves import (
@@ -216,9 +217,7 @@ class MockRun(Moments):
 
     def _parent_of(self, uid: int) -> int:
         """Return the number of the parent of a node; 0 for the root."""
-        nodes = self.tree.nodes
-        parents = {child.config.uid: node.config.uid for node in nodes for child in node.children}
-        return parents.get(uid, 0)
+        return parents_of(self.tree).get(uid, 0)
 
     def answer(self, letter: str, outputs: Mapping[str, str]) -> Moment:
         """Answer the question, and go on to the moment that was wanted before it.

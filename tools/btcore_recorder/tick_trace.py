@@ -11,7 +11,7 @@ from btcore.engine.node import TreeNode, tick_wrapper
 from btcore.engine.observers import Observer
 from btcore.errors import NodeExecutionError
 from btcore.status import FAILURE, IDLE, RUNNING, SUCCESS, Status, Transition
-from btcore.tree.tree import Tree, scopes_of
+from btcore.tree.tree import Tree, parents_of, scopes_of
 from btcore.xml.plan.key_uses import READING, find_name_uses, port_uses
 
 MAX_OBSERVATIONS: Final = 200_000
@@ -121,7 +121,7 @@ class TickTrace(Observer):
         self._unfinished: list[Visit] = []
         self._boards = scopes_of(tree)
         self._reads = readings(tree)
-        self._parents = {child.config.uid: node.config.uid for node in tree.nodes for child in node.children}
+        self._parents = parents_of(tree)
         wrappers = [tick_wrapper(node) for node in tree.nodes]
         self._saved = [(each, each.on_tick_start, each.pre_tick, each.post_tick) for each in wrappers]
         for node, wrapper in zip(tree.nodes, wrappers, strict=True):

@@ -14,7 +14,7 @@ from btcore.logs.files import create, write_whole
 from btcore.logs.formats import LogFormat
 from btcore.logs.log import Log
 from btcore.status import FAILURE, RUNNING, SUCCESS, NodeType, Status, Transition
-from btcore.tree.tree import Tree
+from btcore.tree.tree import Tree, parents_of
 from btcore.xml.models.tree_nodes_model import TAG_OF
 
 _HEAD: Final = b'{"traceEvents":[\n'
@@ -57,8 +57,7 @@ class TraceLog(Log):
             )
             for node in tree.nodes
         }
-        parents = {child.config.uid: node.config.uid for node in tree.nodes for child in node.children}
-        self._lanes = SliceLanes(parents)
+        self._lanes = SliceLanes(parents_of(tree))
         self._pid = os.getpid()
         self._end = len(_HEAD)
         super().__init__(tree, str(self.path))
