@@ -99,7 +99,10 @@ class WriteRecorder:
     """What records the writes of a blackboard's users: `btcore.engine.journal.Journal`."""
 
     def write(self, board: "Blackboard", key: str, value: object, declared: ValueType | None) -> bool:
-        """Store an entry and record it. Return False, without effect, if the write is not to be recorded."""
+        """Set an entry and record it. Return False, without effect, if the write is not to be recorded.
+
+        The entry is set by `Blackboard.set`, which calls this method again: the inner call returns False.
+        """
         raise NotImplementedError
 
     def remove(self, board: "Blackboard", key: str) -> bool:
@@ -223,31 +226,24 @@ class Blackboard:
                 self._entries[key] = entry = Entry(declared)
                 return entry
         else:
-            entry = self.find(key)
+            entry = self._find_declared(key)
             if entry is None:
-                if not key.startswith("@"):
-                    return self._find_or_create(key, declared, False)
-                if "@" in key[1:]:
-                    raise BlackboardError(
-                        f"the key '{key}' has more than one '@'; only the first means the root"
-                    )
-                return self.root._find_or_create(key[1:], declared, False)
-        self._declare_again(key, entry, declared, only_read)
-        return entry
-
-    def _declare_again(self, key: str, entry: Entry, declared: ValueType, only_read: bool) -> None:
+                return self._create_entry(key, declared)
         previous = entry.declared
         if not previous.strong or not declared.strong or previous.same(declared) or previous is STRING:
             if entry.inferred and previous.same(declared):
                 entry.declared = declared
                 entry.inferred = False
-        elif entry.inferred and any(wider.same(declared) for wider in _WIDER.get(previous.name, ())):
+            return entry
+        if entry.inferred and any(wider.same(declared) for wider in _WIDER.get(previous.name, ())):
             entry.value = declared.adapt(entry.value)
             entry.declared = declared
             entry.inferred = False
             entry.value_type = None
-        elif not only_read or not previous.is_related(declared):
-            raise self._type_error(key, previous, declared)
+            return entry
+        if only_read and previous.is_related(declared):
+            return entry
+        raise self._type_error(key, previous, declared)
 
     def set(self, key: str, value: object, declared: ValueType | None = None) -> None:
         """Write *value* to the entry of *key* after remapping. Create it if it does not exist.
@@ -260,13 +256,11 @@ class Blackboard:
         Raises:
             BlackboardError: The value does not fit the type of the entry, or is None.
         """
+        if self.recorder is not None and self.recorder.write(self, key, value, declared):
+            return
         if key.startswith("@"):
             self.root.set(key[1:], value, declared)
-        elif self.recorder is None or not self.recorder.write(self, key, value, declared):
-            self._store(key, value, declared)
-
-    def _store(self, key: str, value: object, declared: ValueType | None) -> None:
-        """Write an entry without recording it."""
+            return
         if value is None:
             raise BlackboardError(f"None can't be written to '{key}'; unset() removes an entry")
         value = to_builtin_number(value)
@@ -422,6 +416,18 @@ class Blackboard:
         error = MissingEntryError(problem)
         error.unwritten_key = key
         return error
+
+    def _find_declared(self, key: str) -> Entry | None:
+        """Return the entry whose type must agree with a new declaration of *key*, or None."""
+        return self.find(key)
+
+    def _create_entry(self, key: str, declared: ValueType) -> Entry:
+        if not key.startswith("@"):
+            return self._find_or_create(key, declared, False)
+        bare = key[1:]
+        if "@" in bare:
+            raise BlackboardError(f"the key '{key}' has more than one '@'; only the first means the root")
+        return self.root._find_or_create(bare, declared, False)
 
     def _set_new(self, key: str, value: object, declared: ValueType | None) -> None:
         """Write a key that is not stored in this scope itself."""

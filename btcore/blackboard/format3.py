@@ -28,11 +28,8 @@ class Format3Blackboard(Blackboard):
 
     def set(self, key: str, value: object, declared: ValueType | None = None) -> None:
         """Write *value* to the entry of *key* after remapping. Create it if it does not exist."""
-        if self.recorder is None or not self.recorder.write(self, key, value, declared):
-            self._store(key, value, declared)
-
-    def _store(self, key: str, value: object, declared: ValueType | None) -> None:
-        """Write an entry without recording it."""
+        if self.recorder is not None and self.recorder.write(self, key, value, declared):
+            return
         if value is None:
             raise BlackboardError(f"None can't be written to '{key}'")
         value = to_builtin_number(value)
@@ -61,14 +58,18 @@ class Format3Blackboard(Blackboard):
 
         Unlike in format 4, *only_read* has no effect: the type of the entry must not be a related class.
         """
-        entry = self._entries.get(key)
-        if entry is None:
-            return self._find_or_create(key, declared, False)
-        inferred = entry.inferred and entry.declared.same(declared)
-        self._declare_again(key, entry, declared, False)
+        known = self._entries.get(key)
+        inferred = known is not None and known.inferred and known.declared.same(declared)
+        entry = super().declare(key, declared)
         if inferred:
             entry.inferred = True
         return entry
+
+    def _find_declared(self, key: str) -> Entry | None:
+        return self._entries.get(key)
+
+    def _create_entry(self, key: str, declared: ValueType) -> Entry:
+        return self._find_or_create(key, declared, False)
 
     def _find_or_create(self, key: str, declared: ValueType, inferred: bool, value: object = None) -> Entry:
         """Return the entry where the remappings of *key* end, and store it in every scope that they pass."""

@@ -261,7 +261,7 @@ class Journal(WriteRecorder):
             return False
         self._begin_write(thread)
         try:
-            board._store(key, value, declared)
+            board.set(key, value, declared)
             entry = board.written_entry(key)
             value = self._encode(board, key, entry.value)
             if declared is None and isinstance(value, dict) and "__text" in value:
