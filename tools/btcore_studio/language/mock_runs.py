@@ -152,10 +152,12 @@ class PageRuns:
 
     Args:
         project: The project with the documents of the page.
+        recorded: Returns the recording that the page shows instead of a run.
     """
 
-    def __init__(self, project: Project) -> None:
+    def __init__(self, project: Project, recorded: Callable[[], RecordedRun]) -> None:
         self._project = project
+        self._recorded = recorded
         self._run: _PageRun | None = None
 
     @property
@@ -235,6 +237,8 @@ class PageRuns:
         return RunFiles(files)
 
     def _explain(self, params: WhyParams) -> Why:
+        if not params.run:
+            return self._recorded().why(params.key, params.position)
         present = self._present(params.run)
         if present.run.position == params.position and present.run.event:
             raise BtcoreError("this tick has not ended: go to its end first")

@@ -49,6 +49,7 @@ from btcore_studio.language.model_edits import FieldError
 from btcore_studio.language.node_form import form_of
 from btcore_studio.language.palette import palette_of
 from btcore_studio.language.project import DocumentKey, Project, Settings, SourceDocument
+from btcore_studio.language.real_runs import RealRuns
 from btcore_studio.language.studio_protocol import (
     BreakpointsParams,
     CopyParams,
@@ -63,6 +64,9 @@ from btcore_studio.language.studio_protocol import (
     NewEntryParams,
     Palette,
     Place,
+    PositionParams,
+    RealRunParams,
+    RecordingFileParams,
     ReleaseParams,
     WatchParams,
 )
@@ -203,6 +207,7 @@ class TreeServer(LanguageServer):
         project: The documents and files of the client's workspace.
         checker: The background checks of the documents.
         live: The running tree that the page watches.
+        real_runs: The run of the page with real leaves.
         was_shut_down: Whether the client has requested the end of the server.
         params_classes: The parameters of requests outside of the Language Server Protocol, by method.
     """
@@ -217,6 +222,9 @@ class TreeServer(LanguageServer):
         self.project = Project()
         self.checker = Checker(self.project, self._publish, self._show, self._refresh, start_worker)
         self.live = LiveTree(live, lambda data: self.protocol.notify("btcore/live", data))
+        self.real_runs = RealRuns(
+            self.project, self.live, lambda data: self.protocol.notify("btcore/realRun", data)
+        )
         self.was_shut_down = False
         self.params_classes: dict[str, type[Data]] = {}
         self._collection: asyncio.TimerHandle | None = None
@@ -225,7 +233,7 @@ class TreeServer(LanguageServer):
         self,
         method: str,
         params_class: type[Params],
-        handler: Callable[[Params], Data | Awaitable[None] | None],
+        handler: Callable[[Params], Data | Awaitable[dict[str, Any] | None] | None],
     ) -> None:
         """Register a request that is not in the Language Server Protocol.
 
@@ -251,7 +259,7 @@ class TreeServer(LanguageServer):
         """End the background checks and their process, and the connection with a running tree."""
         if self._collection is not None:
             self._collection.cancel()
-        await asyncio.gather(self.checker.close(), self.live.close())
+        await asyncio.gather(self.checker.close(), self.live.close(), self.real_runs.close())
 
     def _publish(self, file: DocumentKey, version: int | None, reports: list[Report]) -> None:
         uri = file if isinstance(file, str) else self.project.uri(file)
@@ -428,7 +436,26 @@ def _add_studio_requests(server: TreeServer) -> None:
     server.add_request("btcore/release", ReleaseParams, release)
     server.add_request("btcore/setEntry", NewEntryParams, set_entry)
     server.add_request("btcore/reload", DocumentParams, reload)
-    for method, params_class, handler in PageRuns(project).requests:
+    runs = server.real_runs
+
+    async def start_real_run(params: RealRunParams) -> None:
+        await runs.start(document(params.text_document.uri), params)
+
+    async def end_real_run(_: Data) -> None:
+        await runs.end()
+
+    async def open_recording(_: Data) -> dict[str, Any]:
+        return await runs.open_recording()
+
+    async def go_to(params: PositionParams) -> dict[str, Any]:
+        return await asyncio.to_thread(runs.recorded().moment, params.position)
+
+    server.add_request("btcore/startRealRun", RealRunParams, start_real_run)
+    server.add_request("btcore/endRealRun", Data, end_real_run)
+    server.add_request("btcore/openRecording", Data, open_recording)
+    server.add_request("btcore/moment", PositionParams, go_to)
+    server.add_request("btcore/recordingFile", RecordingFileParams, lambda params: runs.files(params.name))
+    for method, params_class, handler in PageRuns(project, runs.recorded).requests:
         server.add_request(method, params_class, partial(handler))  # pygls sets attributes of it
 
 
@@ -468,6 +495,7 @@ def _keep_up_to_date(server: TreeServer) -> None:
     def shutdown(_: None) -> None:
         checker.close()
         server.live.end()
+        server.real_runs.end_soon()
         server.was_shut_down = True
 
     @server.feature(types.TEXT_DOCUMENT_DID_OPEN)

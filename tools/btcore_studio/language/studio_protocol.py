@@ -672,6 +672,29 @@ class RunState(Data, frozen=True):
     leaves: dict[str, LeafPlan] | None = None
 
 
+# --- btcore/startRealRun, and the requests of the run that it starts; the parameters of btcore/realRun are made in
+# real_runs.py
+
+
+class RealRunParams(DocumentParams, frozen=True):
+    """The tree to run with its real leaves, and a line of *options* of `btcore run`."""
+
+    tree: str | None = None
+    options: str = ""
+
+
+class RecordingFileParams(Data, frozen=True):
+    """The *name* that the file of a recording gets."""
+
+    name: Annotated[str, msgspec.Meta(max_length=200)]
+
+
+class PositionParams(Data, frozen=True):
+    """The moment after *position* steps of the recording that is shown."""
+
+    position: int
+
+
 # --- btcore/why, of a run or of a recording
 
 

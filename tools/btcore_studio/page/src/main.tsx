@@ -21,7 +21,7 @@ import { complete } from "./picture";
 import { checked, followProblems, Problems } from "./problems";
 import type {
   Command, Diagnostic, DiskConflict, Drawing, DrawingParams, EditParams, EditResult, Live, Palette as PaletteData, Place, Preview,
-  SharedFile, WorkspaceEdit,
+  RealRun, SharedFile, WorkspaceEdit,
 } from "./protocol";
 import {
   actions, awaitDrawing, diagnostics, drawing, files, folded, isSamePlace, message, palette, reasonOf, refusedField, selectedNodes,
@@ -29,6 +29,7 @@ import {
 } from "./state";
 import { LeafPlanForm } from "./question";
 import { createQueue } from "./queue";
+import { realRun, receiveRealRun } from "./real_run";
 import { RpcError } from "./rpc";
 import { RunBar } from "./run_bar";
 import { SiteHome } from "./site/home";
@@ -280,6 +281,7 @@ home.connection.on<{ uri: string; diagnostics: Diagnostic[] }>("textDocument/pub
   if (!checked.value.has(params.uri)) checked.value = new Set([...checked.value, params.uri]);
 });
 home.connection.on<Live>("btcore/live", receiveLive);
+home.connection.on<RealRun>("btcore/realRun", receiveRealRun);
 home.connection.on<SharedFile[]>("btcore/files", (list) => { files.value = list; });
 home.connection.on<DiskConflict>("btcore/disk", (conflict) => {
   conflicts.value = [...conflicts.value.filter((other) => other.uri !== conflict.uri), conflict];
@@ -437,7 +439,7 @@ function Page() {
             <LeafPlanForm />
             <Explanation />
             <Form />
-            <RunHint />
+            {!realRun.value && <RunHint />}
             <Blackboard />
           </div>
           <Splitter name="form" label={texts.sizes.form} axis="y" direction={1} initial={340} min={80} />

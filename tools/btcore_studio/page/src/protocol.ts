@@ -315,6 +315,21 @@ export interface RunState {
 
 export interface RunFile { name: string; text: string }
 
+// --- btcore/startRealRun { textDocument, tree, options } → null: run the text with its real leaves, in a process to which the page
+// is connected (btcore/live). The notification btcore/realRun has a RealRun. btcore/endRealRun → null, when the process has ended;
+// btcore/openRecording → Recording, whose moments btcore/moment returns; btcore/recordingFile { name } → { files: RunFile[] }.
+
+export interface RealRun {
+  address: string;
+  running: boolean;
+  /** The exit code, or minus the number of the signal that has killed the process; null while it runs. */
+  code: number | null;
+  /** The end of what the process has printed. */
+  output: string;
+  /** Whether the run has ended and has a recording. */
+  recorded: boolean;
+}
+
 // --- btcore/why { key, position, run } → Why: why a node did what it did in the last tick before *position* steps of the
 // run with a number, or of the recording (0).
 
@@ -374,6 +389,8 @@ export interface Start {
   readOnly: boolean;
   /** Whether running trees can be watched. */
   live: boolean;
+  /** Whether trees can be run with their real leaves. */
+  trusted?: boolean;
   /** The address that is proposed. */
   address?: string;
   recording: Recording | null;

@@ -3,6 +3,7 @@
 import "./run.css";
 import type { Home } from "./home";
 import { advance, canRun, cut, endRun, filesOfRun, goTo, isEdited, isPlaying, mockRun, SPEEDS, speed, startRun, step, togglePlay } from "./mock_run";
+import { RealRunBar, RealRunButton, RealRunForm, realRun } from "./real_run";
 import { message, showError } from "./state";
 import { runTexts, treeTexts } from "./texts";
 import { Track } from "./timeline";
@@ -23,6 +24,7 @@ const Icon = ({ name }: { name: keyof typeof SHAPES }) => (
 
 export function RunBar({ home }: { home: Home }) {
   const run = mockRun.value;
+  if (realRun.value) return <RealRunBar home={home} />;
   if (!run) return canRun.value ? <StartBar /> : null;
   const { state } = run;
   const { moment: at, event } = state;
@@ -82,9 +84,11 @@ function StartBar() {
         <div class="group">
           <button class="play" title={`${runTexts.startTitle} (R)`} onClick={togglePlay}><Icon name="play" /> {runTexts.start}</button>
           <button title={`${runTexts.step.into} (S)`} onClick={() => void advance("into")}><Icon name="into" /> {runTexts.stepInto}</button>
+          <RealRunButton />
         </div>
         <p>{runTexts.hint}</p>
       </div>
+      <RealRunForm />
     </section>
   );
 }

@@ -428,6 +428,34 @@ export const runTexts = {
   noMoment: "Run the tree, or open a recording, to ask why.",
 };
 
+/** Runs with real leaves. */
+export const realRunTexts = {
+  bar: "Run with real leaves",
+  start: "Run real leaves",
+  startTitle: "Run the shown tree with its real leaves, in a process of its own",
+  options: "Options of btcore run",
+  example: "--world office --people 2 --set key=value",
+  hint: "The code of the leaves is executed. Without other options, the nodes of btcore_robot drive a simulated robot.",
+  cancel: "Cancel",
+  starting: "The run is starting.",
+  running: "Running with real leaves",
+  end: "End the run",
+  endTitle: "Interrupt the run, as Ctrl-C does. A leaf that does not return is ended with the process after some seconds.",
+  ending: "The run is ending.",
+  ended: (code: number | null) =>
+    (code === 0 ? "The run has ended." : code === 1 ? "The run has ended with FAILURE."
+      : code === 130 ? "The run was interrupted." : code !== null && code < 0 ? `The process of the run was killed by signal ${-code}.`
+        : `The run has ended with the exit code ${code}.`),
+  output: "Output",
+  open: "Show on the timeline",
+  openTitle: "Show the recording of the run at any moment",
+  opened: "The slider shows each moment of the run.",
+  save: "Save the recording",
+  saved: (name: string) => `Saved ${name}.`,
+  close: "Close",
+  closeTitle: "Show the edited tree without the run",
+};
+
 /** The page on a site of static files. */
 export const siteTexts = {
   python: {
