@@ -15,8 +15,7 @@ from btcore.__main__ import main
 from btcore.exit_codes import code_of_signal
 
 GRACE_S = 2.0
-"""Time (s) for the present tick to end, and again for the end of the run. A leaf that hangs is then interrupted,
-and at last the process ends."""
+"""Time (s) after which a leaf that hangs is interrupted, and after which the process then ends."""
 
 
 def run(arguments: Sequence[str]) -> None:

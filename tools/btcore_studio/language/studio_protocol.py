@@ -672,8 +672,7 @@ class RunState(Data, frozen=True):
     leaves: dict[str, LeafPlan] | None = None
 
 
-# --- btcore/startRealRun, and the requests of the run that it starts; the parameters of btcore/realRun are made in
-# real_runs.py
+# --- btcore/startRealRun, and the requests of its run; the parameters of btcore/realRun are in real_runs.py
 
 
 class RealRunParams(DocumentParams, frozen=True):

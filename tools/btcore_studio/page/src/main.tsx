@@ -32,6 +32,7 @@ import { createQueue } from "./queue";
 import { realRun, receiveRealRun } from "./real_run";
 import { RpcError } from "./rpc";
 import { RunBar } from "./run_bar";
+import { SceneView } from "./scene";
 import { SiteHome } from "./site/home";
 import { PythonNotice } from "./site/site_tools";
 import { Splitter } from "./splitter";
@@ -440,6 +441,7 @@ function Page() {
             <Explanation />
             <Form />
             {!realRun.value && <RunHint />}
+            <SceneView />
             <Blackboard />
           </div>
           <Splitter name="form" label={texts.sizes.form} axis="y" direction={1} initial={340} min={80} />

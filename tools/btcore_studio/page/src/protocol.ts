@@ -233,6 +233,19 @@ export interface Live {
   refusals?: { breakpoints?: string; force?: string; values?: string; reload?: string };
   keys?: string[];
   calls?: RunningCall[];
+  /** The robot and its world from above; sent only if something has moved. */
+  scene?: Scene | null;
+}
+
+/** Lengths are in m, angles in rad. */
+export interface Scene {
+  /** The lowest first. The corners are x, y, … */
+  bodies: [color: [red: number, green: number, blue: number, opacity: number], corners: number[]][];
+  places: [name: string, x: number, y: number][];
+  /** The kind is path, cloud, goal, estimate or odometry; the poses are x, y, yaw, … */
+  poses: [kind: string, poses: number[]][];
+  /** The x, y, … of the echoes of the laser. */
+  scan: number[];
 }
 
 // --- btcore/moment { position } → Moment; only if the studio shows a recording (see Start.recording).

@@ -428,13 +428,19 @@ export const runTexts = {
   noMoment: "Run the tree, or open a recording, to ask why.",
 };
 
+/** The world of the running tree. */
+export const sceneTexts = {
+  title: "World",
+  label: "The robot and its world from above",
+};
+
 /** Runs with real leaves. */
 export const realRunTexts = {
   bar: "Run with real leaves",
   start: "Run real leaves",
   startTitle: "Run the shown tree with its real leaves, in a process of its own",
   options: "Options of btcore run",
-  example: "--world office --people 2 --set key=value",
+  example: "--world office:3 --people 2 --set key=value",
   hint: "The code of the leaves is executed. Without other options, the nodes of btcore_robot drive a simulated robot.",
   cancel: "Cancel",
   starting: "The run is starting.",
