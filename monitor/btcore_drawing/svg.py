@@ -140,34 +140,31 @@ def draw_diagram(
     root: DiagramNode,
     title: str,
     format: int = 4,
-    card_of: Callable[[DiagramNode], Card] = card_of,
+    make_card: Callable[[DiagramNode], Card] = card_of,
     is_page: bool = False,
 ) -> Picture:
     """Return a drawing of a tree in parts.
 
     Args:
         format: The format of the tree, 3 or 4.
-        card_of: Returns the card of a node.
+        make_card: Returns the card of a node.
         is_page: Whether it is for a page, which has `drawing_style()` and writes the numbers of the cards.
     """
     nodes: list[DiagramNode] = []
     cards: list[Card] = []
-    boxes: list[Box] = []
+    boxes: dict[int, Box] = {}
 
     def add(node: DiagramNode, is_called: bool) -> int:
-        index, card = len(nodes), card_of(node)
+        index, card = len(nodes), make_card(node)
         nodes.append(node)
         cards.append(card)
-        boxes.append(Box(card.width, card.height, ()))
-        if node.children:
-            children = tuple([add(child, node.type is NodeType.SUBTREE) for child in node.children])
-            boxes[index] = Box(card.width, card.height, children, is_called)
-        elif is_called:
-            boxes[index] = Box(card.width, card.height, (), is_called)
+        children = tuple([add(child, node.type is NodeType.SUBTREE) for child in node.children])
+        boxes[index] = Box(card.width, card.height, children, is_called)
         return index
 
     add(root, False)
-    layout = lay_out(boxes, aspect=1.2, comfort=_WIDEST, is_quick=len(boxes) > _MAX_SEARCHED)
+    ordered = [boxes[index] for index in range(len(nodes))]
+    layout = lay_out(ordered, aspect=1.2, comfort=_WIDEST, is_quick=len(nodes) > _MAX_SEARCHED)
     count = len(nodes) + sum(node.hidden for node in nodes)
     about = f"format {format} · {counted(count, 'node')}"
     used = {node.type for node in nodes}

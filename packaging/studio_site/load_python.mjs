@@ -9,8 +9,8 @@ import { loadPyodide } from "./pyodide.mjs";
 export function loadPython(indexURL, modules) {
   return loadPyodide({
     indexURL,
-    // Of the extensions of btcore, the runs with mock leaves need no packages that are not here.
-    env: { HOME: "/home/pyodide", BTCORE_ENTRY_POINTS: "mock" },
+    // Of the extensions of btcore, runs with mock leaves, proofs and recordings need no packages that are not here.
+    env: { HOME: "/home/pyodide", BTCORE_ENTRY_POINTS: "mock search run btrec.txt changed" },
     fsInit: async (files, { sitePackages }) => {
       const bytes = await modules;
       let at = bytes.indexOf(10) + 1;

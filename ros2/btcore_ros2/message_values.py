@@ -317,9 +317,7 @@ class _Reader:
             place = (*path, str(key))
             field = fields.get(key)
             if field is None:
-                hint = did_you_mean(str(key), fields).removeprefix("; ")
-                hint = hint or f"fields: {join_names(fields) or 'none'}"
-                self._report(place, f"{_short_name(message_class)} has no field '{key}'", hint, is_name=True)
+                self._report(place, *_unknown_field(message_class, str(key)), is_name=True)
                 continue
             read = self._field(field, member, place, message_class)
             if len(self.problems) >= MAX_PROBLEMS:
@@ -520,6 +518,13 @@ def _named_value(field: FieldType, text: str, owner: Any) -> object:
     raise _BasicValueError(f"'{text[:60]}' is not a number", f"the type is {field.name}")
 
 
+def _unknown_field(message_class: Any, name: str) -> tuple[str, str]:
+    """Return the message about a field that a message does not have, and a hint."""
+    fields = message_fields(message_class)
+    hint = did_you_mean(name, fields).removeprefix("; ") or f"fields: {join_names(fields) or 'none'}"
+    return f"{_short_name(message_class)} has no field '{name}'", hint
+
+
 def _short_name(message_class: Any) -> str:
     package, _, name = interface_name(message_class).split("/")
     return f"{package}/{name}"
@@ -629,24 +634,23 @@ def _next_type(field: FieldType, part: str | int, before: str) -> FieldType:
         raise RosError(f"{owner} has no fields: its type is {field.name}")
     fields = message_fields(field.message)
     if part not in fields:
-        near = did_you_mean(part, fields) or f"; fields: {join_names(fields) or 'none'}"
-        raise RosError(f"{_short_name(field.message)} has no field '{part}'{near}")
+        raise RosError("; ".join(_unknown_field(field.message, part)))
     return fields[part]
 
 
 def _steps(path: str) -> Iterator[tuple[str | int, str]]:
     """Yield each name or index of *path*, with the path before it."""
+    invalid = RosError(f"'{path}' is not the path of a field: write names and indices, as poses[0].x")
     before = ""
     for part in path.split(".") if path else ():
         name, *indices = part.split("[")
-        if name:
-            yield name, before
+        if not name:
+            raise invalid
+        yield name, before
         before = f"{before}.{name}" if before else name
         for text in islice(indices, 10):
             digits = text.removesuffix("]")
-            if not name or not digits.isascii() or not digits.isdigit() or len(digits) > 9 or text == digits:
-                raise RosError(f"'{path}' is not the path of a field: write names and indices, as poses[0].x")
+            if not digits.isascii() or not digits.isdigit() or len(digits) > 9 or text == digits:
+                raise invalid
             yield int(digits), before
             before += f"[{digits}]"
-        if not name:
-            raise RosError(f"'{path}' is not the path of a field: write names and indices, as poses[0].x")

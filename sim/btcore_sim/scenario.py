@@ -57,7 +57,7 @@ class Scenario:
         """Let the people walk, and schedule the events.
 
         Args:
-            world: The world, made from the result of `description`.
+            world: The world, made from the result of `add_to`.
             robot: The robot that the events affect.
             radius: The robot's radius (m).
 
@@ -77,10 +77,10 @@ def with_start(
     """Return *description* with another start pose.
 
     With `random` or `unknown` the start is a free place from which the robot can drive to all waypoints, with
-    a random heading; a world with its own rule for random starts keeps that rule.
+    a random heading. A world without a start pose has its own rule for random starts, and keeps that rule.
 
     Args:
-        description: The world with its own rule for the start.
+        description: The world.
         text: `random`, `unknown`, `X,Y` (m) or `X,Y,YAW` (m, degrees).
         random: The source of the random pose.
         radius: The radius (m) of the robot.
@@ -88,13 +88,11 @@ def with_start(
     Raises:
         SimError: *text* has another form, or the world has no free place.
     """
-    if text in ("random", "unknown"):
-        return (
-            description
-            if description.pose is None
-            else replace(description, pose=_drawn(description, text, random, radius))
-        )
-    return replace(description, pose=_parsed(text))
+    if text not in ("random", "unknown"):
+        return replace(description, pose=_parsed(text))
+    if description.pose is None:
+        return description
+    return replace(description, pose=_drawn(description, text, random, radius))
 
 
 def _drawn(description: WorldDescription, text: str, random: np.random.Generator, radius: float) -> Pose2D:

@@ -3,7 +3,7 @@
 import logging
 import math
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -70,17 +70,13 @@ def robot_parts(world: World, physics_body: PhysicsBody) -> list[Part]:
         world: The world that contains the robot.
         physics_body: The robot's body.
     """
-    shelled = {shell.link for shell in physics_body.description.shells}
-    names = {link: name for name, link in physics_body.links.items() if name not in shelled}
     parts: list[Part] = []
-    counts: Counter[int] = Counter()
-    for shape in pybullet.getVisualShapeData(physics_body.body_id, physicsClientId=world.client):
-        _, link, geometry, size, _, position, quaternion, color, *_ = shape
-        if link not in names:
-            continue
+    counts: Counter[str] = Counter()
+    for link, shape in _link_shapes(world, physics_body):
+        geometry, size, _, position, quaternion, color, *_ = shape
         where: dict[str, Any] = {
-            "name": f"{physics_body.description.name}/{names[link]}/{counts[link]}",
-            "frame": names[link],
+            "name": f"{physics_body.description.name}/{link}/{counts[link]}",
+            "frame": link,
             "position": position,
             "quaternion": quaternion,
             "color": tuple(round(255 * part) for part in color),
@@ -111,11 +107,9 @@ def robot_meshes(world: World, physics_body: PhysicsBody) -> list[Mesh]:
         place = Transform(shell.position, from_rpy(shell.rpy))
         name = f"{physics_body.description.name}/{shell.link}/shell_{number}"
         meshes.append(_mesh(name, shell.link, rgba(shell.color), place, shell.sections))
-    shelled = {shell.link for shell in physics_body.description.shells}
-    names = {link: name for name, link in physics_body.links.items() if name not in shelled}
-    for shape in pybullet.getVisualShapeData(physics_body.body_id, physicsClientId=world.client):
-        _, link, geometry, scale, file, position, quaternion, color, *_ = shape
-        if geometry != pybullet.GEOM_MESH or link not in names:
+    for link, shape in _link_shapes(world, physics_body):
+        geometry, scale, file, position, quaternion, color, *_ = shape
+        if geometry != pybullet.GEOM_MESH:
             continue
         path = Path(file.decode())
         try:
@@ -125,9 +119,18 @@ def robot_meshes(world: World, physics_body: PhysicsBody) -> list[Mesh]:
             continue
         red, green, blue, alpha = (round(255 * part) for part in color)
         placed = Transform(position, quaternion).apply((triangles * scale).reshape(-1, 3)).reshape(-1, 3, 3)
-        name = f"{physics_body.description.name}/{names[link]}/{path.name}"
-        meshes.append(_flat_mesh(name, names[link], (red, green, blue, alpha), placed))
+        name = f"{physics_body.description.name}/{link}/{path.name}"
+        meshes.append(_flat_mesh(name, link, (red, green, blue, alpha), placed))
     return meshes
+
+
+def _link_shapes(world: World, physics_body: PhysicsBody) -> Iterator[tuple[str, Sequence[Any]]]:
+    """Yield the shapes of links without shells: the link's name, and pybullet's data from the geometry on."""
+    shelled = {shell.link for shell in physics_body.description.shells}
+    names = {link: name for name, link in physics_body.links.items() if name not in shelled}
+    for shape in pybullet.getVisualShapeData(physics_body.body_id, physicsClientId=world.client):
+        if shape[1] in names:
+            yield names[shape[1]], shape[2:]
 
 
 def frames(world: World, physics_body: PhysicsBody) -> list[Frame]:

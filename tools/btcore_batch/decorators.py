@@ -25,58 +25,43 @@ class SubTree(BatchDecorator):
         return success, failure, running, skipped
 
 
-class ResultDecorator(BatchDecorator):
-    """The base class of decorators that change the result of their child."""
-
-    def tick(self, agents: AgentSet) -> Results:
-        """Tick the child."""
-        self.set_running(agents)
-        return self.map_results(*self.child.execute(agents))
-
-    def map_results(
-        self, success: AgentSet, failure: AgentSet, running: AgentSet, skipped: AgentSet
-    ) -> Results:
-        """Return the results of the node, given the results of its child."""
-        raise NotImplementedError
-
-
-class Inverter(ResultDecorator):
+class Inverter(BatchDecorator):
     """Returns FAILURE for SUCCESS, and SUCCESS for FAILURE."""
 
-    def map_results(
-        self, success: AgentSet, failure: AgentSet, running: AgentSet, skipped: AgentSet
-    ) -> Results:
-        """Exchange SUCCESS and FAILURE."""
+    def tick(self, agents: AgentSet) -> Results:
+        """Tick the child, and exchange SUCCESS and FAILURE."""
+        self.set_running(agents)
+        success, failure, running, skipped = self.child.execute(agents)
         return failure, success, running, skipped
 
 
-class ForceSuccess(ResultDecorator):
+class ForceSuccess(BatchDecorator):
     """Succeeds when its child completes."""
 
-    def map_results(
-        self, success: AgentSet, failure: AgentSet, running: AgentSet, skipped: AgentSet
-    ) -> Results:
-        """Replace FAILURE by SUCCESS."""
+    def tick(self, agents: AgentSet) -> Results:
+        """Tick the child, and replace FAILURE by SUCCESS."""
+        self.set_running(agents)
+        success, failure, running, skipped = self.child.execute(agents)
         return success | failure, 0, running, skipped
 
 
-class ForceFailure(ResultDecorator):
+class ForceFailure(BatchDecorator):
     """Fails when its child completes."""
 
-    def map_results(
-        self, success: AgentSet, failure: AgentSet, running: AgentSet, skipped: AgentSet
-    ) -> Results:
-        """Replace SUCCESS by FAILURE."""
+    def tick(self, agents: AgentSet) -> Results:
+        """Tick the child, and replace SUCCESS by FAILURE."""
+        self.set_running(agents)
+        success, failure, running, skipped = self.child.execute(agents)
         return 0, success | failure, running, skipped
 
 
-class KeepRunningUntilFailure(ResultDecorator):
+class KeepRunningUntilFailure(BatchDecorator):
     """Is RUNNING until its child fails."""
 
-    def map_results(
-        self, success: AgentSet, failure: AgentSet, running: AgentSet, skipped: AgentSet
-    ) -> Results:
-        """Replace all results except FAILURE by RUNNING."""
+    def tick(self, agents: AgentSet) -> Results:
+        """Tick the child, and replace all results except FAILURE by RUNNING."""
+        self.set_running(agents)
+        success, failure, running, skipped = self.child.execute(agents)
         return 0, failure, success | running | skipped, 0
 
 

@@ -48,8 +48,7 @@ class LeafNode(BatchNode):
         try:
             resource = Resources(self.context.resources).first_of(parameter.resource_type, use)
         except NodeError as error:
-            message, _, hint = str(error).partition(": ")
-            raise unsupported(self.config, message, hint) from None
+            raise unsupported(self.config, str(error)) from None
         if resource is not UNSET:
             return resource
         if parameter.default is not UNSET:

@@ -33,7 +33,7 @@ def merge_results(first: Results, second: Results) -> Results:
     return first[0] | second[0], first[1] | second[1], first[2] | second[2], first[3] | second[3]
 
 
-def unsupported(config: NodeConfig, message: str, hint: str) -> TreeError:
+def unsupported(config: NodeConfig, message: str, hint: str = "") -> TreeError:
     """Return the error about a node that the batch engine cannot run."""
     return TreeError([Diagnostic(NOT_FOR_A_BATCH, message, config.file, config.line, hint=hint)])
 

@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from itertools import product
 from types import MappingProxyType
-from typing import ClassVar, Final, NamedTuple, NoReturn
+from typing import Any, ClassVar, Final, NamedTuple, NoReturn
 
 from btcore import NodeSpec
 from btcore.blackboard.blackboard import Blackboard, Entry
@@ -487,7 +487,6 @@ class ModelDecorator(DecoratorNode):
     forever, and not while the child is RUNNING. It may return a result of its model; it then halts the child.
     """
 
-    spec = NodeSpec(state_fields=())
     model: ClassVar[LeafModel]
 
     def __init__(self, choices: Choices) -> None:
@@ -510,54 +509,39 @@ class ModelDecorator(DecoratorNode):
         return RUNNING if chooser.take(before) is RUNNING else self.child.execute_tick()
 
 
-class ModelAction(StatefulAction):
-    """An action that follows its model; it may last several ticks."""
+class _ModelLeaf:
+    """A leaf that follows its model."""
 
-    spec = NodeSpec(state_fields=())
     model: ClassVar[LeafModel]
 
-    def __init__(self, choices: Choices) -> None:
+    def __init__(self: Any, choices: Choices) -> None:
         self._chooser = _Chooser(self, self.model, choices)
 
-    def on_start(self) -> Status:
+    def follow_model(self: Any) -> Any:
         """Return a result that the model allows."""
         return self._chooser.take(self._status)
 
-    def on_running(self) -> Status:
-        """Return a result that the model allows."""
-        return self._chooser.take(self._status)
+
+class ModelAction(_ModelLeaf, StatefulAction):
+    """An action that follows its model; it may last several ticks."""
+
+    on_start = on_running = _ModelLeaf.follow_model
 
     def on_halted(self) -> None:
         """Record the halt."""
         self._chooser.halt()
 
 
-class ModelSyncAction(SyncAction):
+class ModelSyncAction(_ModelLeaf, SyncAction):
     """An action of one tick that follows its model."""
 
-    spec = NodeSpec(state_fields=())
-    model: ClassVar[LeafModel]
-
-    def __init__(self, choices: Choices) -> None:
-        self._chooser = _Chooser(self, self.model, choices)
-
-    def tick(self) -> Status:
-        """Return a result that the model allows."""
-        return self._chooser.take(self._status)
+    tick = _ModelLeaf.follow_model
 
 
-class ModelCondition(Condition):
+class ModelCondition(_ModelLeaf, Condition):
     """A condition that follows its model."""
 
-    spec = NodeSpec(state_fields=())
-    model: ClassVar[LeafModel]
-
-    def __init__(self, choices: Choices) -> None:
-        self._chooser = _Chooser(self, self.model, choices)
-
-    def tick(self) -> Status:
-        """Return a result that the model allows."""
-        return self._chooser.take(self._status)
+    tick = _ModelLeaf.follow_model
 
 
 class ModelPrompt(Prompt):
@@ -611,7 +595,12 @@ def _model_class(id: str, cls: type[TreeNode], model: LeafModel, ports: Iterable
     else:
         base = ModelAction if model.lasts or not issubclass(cls, SyncAction) else ModelSyncAction
     listed = list(ports)
-    members = {"model": model, "provided_ports": staticmethod(lambda: listed), "__doc__": "A model."}
+    members = {
+        "model": model,
+        "spec": NodeSpec(state_fields=()),
+        "provided_ports": staticmethod(lambda: listed),
+        "__doc__": "A model.",
+    }
     return type(id, (base,), members)
 
 

@@ -57,6 +57,15 @@ class SearchLimits(Options):
         ]
         | None
     ) = None
+    states: (
+        Annotated[
+            int,
+            option(
+                "End the search when it has found more than N states. Default: no limit.", metavar="N", ge=1
+            ),
+        ]
+        | None
+    ) = None
 
 
 def search(
@@ -86,6 +95,9 @@ def search(
                 used = memory_used() + (processes.memory if processes is not None else 0)
                 if used > limits.memory << 20:
                     graph.bounds.setdefault(f"the memory limit of {limits.memory} MB was reached", None)
+                    break
+                if limits.states is not None and graph.states > limits.states:
+                    graph.bounds.setdefault(f"more than {limits.states:,} states were found", None)
                     break
                 if progress is not None:
                     progress(graph)

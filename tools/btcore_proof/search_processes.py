@@ -108,8 +108,8 @@ class _Peer:
 
 
 def memory_used() -> int:
-    """Return the greatest memory (bytes) that this process has used; 0 on Windows, which is not supported."""
-    if sys.platform == "win32":
+    """Return the greatest memory (bytes) that this process has used; 0 on Windows and in a browser."""
+    if sys.platform in ("win32", "emscripten"):
         return 0
     import resource
 

@@ -8,7 +8,6 @@ is run up to it. The time is simulated.
 
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
-from pathlib import Path
 from typing import Any, Final, Literal, NamedTuple
 
 from btcore.blackboard.ports import Output
@@ -31,7 +30,6 @@ from btcore.registry.outcome_grammar import LETTERS, Outcome, parse_outcomes
 from btcore.status import FAILURE, IDLE, RUNNING, SKIPPED, SUCCESS, NodeType
 from btcore.suggestions import did_you_mean
 from btcore.xml.plan.plan import Plans
-from btcore_recorder.files import TEXT, recording_text
 from btcore_recorder.inputs import UNKNOWN_CHECKSUM, Input, Result, RunRecording, Step, TreeState, is_external
 from btcore_recorder.mock_leaves import (
     Answer,
@@ -44,15 +42,12 @@ from btcore_recorder.mock_leaves import (
     TickStopped,
     ticks_its_children,
 )
-from btcore_recorder.moments import Moments, input_values
+from btcore_recorder.moments import MAX_TESTED_TICKS, Moments, input_values
 from btcore_recorder.recorder import Recorder, RecorderOptions
-from btcore_recorder.saved_tests import source_of_test
 from btcore_recorder.values import Encoder
-from btcore_recorder.what_if import run_changed
 
 DEFAULT_PERIOD_S: Final = 0.1
 MAX_TICKS: Final = 10_000
-MAX_TESTED_TICKS: Final = 2_000
 MAX_ANSWERS: Final = 200_000
 """Maximum number of answers in a run."""
 MAX_OUTPUT: Final = 10_000
@@ -172,28 +167,6 @@ class MockRun(Moments):
         if position > MAX_TESTED_TICKS:
             raise BtcoreError(f"only the first {MAX_TESTED_TICKS:,} ticks of a run are explained")
         return super().why(uid, position, limit_s)
-
-    def recording_text(self) -> str:
-        """Return the recording so far in the text form."""
-        return recording_text(self.recording)
-
-    def test_text(self, name: str, tree: str) -> str:
-        """Return the source code of a test that runs the tree again, with the answers of this run.
-
-        Args:
-            name: The name of the recording beside the test, without its extension.
-            tree: The name of the file of the tree beside the test.
-
-        Raises:
-            BtcoreError: The run has no tick yet, or is too long.
-        """
-        recording = self.recording
-        if not recording.steps:
-            raise BtcoreError("the run has no tick yet, so there is nothing to test")
-        if self.count > MAX_TESTED_TICKS:
-            raise BtcoreError(f"a test has at most {MAX_TESTED_TICKS:,} ticks: this run has {self.count:,}")
-        test, file = Path(f"test_{name}.py"), Path(f"{name}{TEXT}")
-        return source_of_test(recording, run_changed(recording), test, file, Path(tree), {}, "btcore studio")
 
     # --- going to a moment
 

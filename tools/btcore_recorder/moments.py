@@ -5,6 +5,7 @@ import os
 import time
 from collections.abc import Sequence
 from itertools import islice
+from pathlib import Path
 from typing import Final
 
 from btcore.blackboard.blackboard import Blackboard
@@ -14,13 +15,15 @@ from btcore.errors import BtcoreError
 from btcore.logs.moments import Explanation, LeafTick, Moment, Values
 from btcore.status import IDLE, RUNNING, Status
 from btcore.xml.plan.key_uses import READING, WRITING, find_name_uses
-from btcore_recorder.files import describe_reconstruction
+from btcore_recorder.files import TEXT, describe_reconstruction, recording_text
 from btcore_recorder.inputs import Input, RunRecording, Step, is_external
 from btcore_recorder.replay import STATE_INTERVAL, Replay
 from btcore_recorder.tick_trace import scripts_of
 from btcore_recorder.values import MAX_SHOWN, value_text
 
 MAX_ENTRIES: Final = 1_000
+MAX_TESTED_TICKS: Final = 2_000
+"""Maximum number of steps of a run for which a test is written."""
 MAX_LEAVES: Final = 200
 """Maximum number of leaves that are described in a moment."""
 _MAX_MESSAGES: Final = 30
@@ -126,6 +129,32 @@ class Moments(Replay):
         answer = Explainer(recording, limit_s).why(list(uids)[uid - 1], step.tick)
         links = ((uids.get(link.node, 0), link.tick, link.because, link.tried) for link in answer.chain)
         return Explanation(answer.question, answer.answer, tuple(links))
+
+    def recording_text(self) -> str:
+        """Return the recording so far in the text form."""
+        return recording_text(self.recording)
+
+    def test_text(self, name: str, tree: str) -> str:
+        """Return the source code of a test that runs the tree again, with the answers of this run.
+
+        Args:
+            name: The name of the recording beside the test, without its extension.
+            tree: The name of the file of the tree beside the test.
+
+        Raises:
+            BtcoreError: The run has no tick yet, or is too long.
+        """
+        # Most users of moments do not need it.
+        from btcore_recorder.saved_tests import source_of_test
+        from btcore_recorder.what_if import run_changed
+
+        recording = self.recording
+        if not recording.steps:
+            raise BtcoreError("the run has no tick yet, so there is nothing to test")
+        if self.count > MAX_TESTED_TICKS:
+            raise BtcoreError(f"a test has at most {MAX_TESTED_TICKS:,} ticks: this run has {self.count:,}")
+        test, file = Path(f"test_{name}.py"), Path(f"{name}{TEXT}")
+        return source_of_test(recording, run_changed(recording), test, file, Path(tree), {}, "btcore studio")
 
     def current(self) -> Moment:
         """Return the moment of the replay."""

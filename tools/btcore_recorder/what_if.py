@@ -7,7 +7,7 @@ robot might have behaved differently.
 
 import os
 from collections import defaultdict, deque
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from itertools import cycle, zip_longest
 from typing import Any, Literal, NamedTuple
 
@@ -484,10 +484,17 @@ def run_changed(
     document: tuple[str, str] | None = None,
     matches: Mapping[str, str] | None = None,
     outcomes: Mapping[str, str] | None = None,
+    attach: Callable[[Tree], object] | None = None,
 ) -> ChangedRun:
-    """Run a recording again with changes, and compare it with the recorded run; see `ChangedReplay`."""
+    """Run a recording again with changes, and compare it with the recorded run; see `ChangedReplay`.
+
+    Args:
+        attach: Called with the changed tree before its first step, for example to record it.
+    """
     run = RecordedRun(recording)
     changed = ChangedReplay(run, changes, document, matches, outcomes)
+    if attach is not None:
+        attach(changed.tree)
     collected, failures = PathTransitions(changed.tree), FailureObserver(changed.tree)
     changed.tree.subscribe(collected)
     changed.tree.subscribe(failures)

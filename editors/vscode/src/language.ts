@@ -36,7 +36,7 @@ export interface ServerMessage {
 }
 
 /** The messages of the server that pages need, too. */
-const FORWARDED = new Set(["textDocument/publishDiagnostics", "btcore/live", REFRESH]);
+const FORWARDED = new Set(["textDocument/publishDiagnostics", "btcore/live", "btcore/proofProgress", REFRESH]);
 
 /** The language server: `btcore lsp`. */
 export class Server {

@@ -31,6 +31,11 @@ const FOR_SERVER = new Set([
   "btcore/runFiles",
   "btcore/endRun",
   "btcore/why",
+  "btcore/prove",
+  "btcore/stopProof",
+  "btcore/counterexample",
+  "btcore/moment",
+  "btcore/whatIf",
   "textDocument/prepareRename",
   "textDocument/rename",
 ]);

@@ -11,7 +11,7 @@ from collections import ChainMap, deque
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from itertools import chain
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, Final, NamedTuple, TypeVar, get_args, get_origin
 
 from btcore.engine.observers import Observer
 from btcore.errors import NodeExecutionError
@@ -36,7 +36,7 @@ _SEQUENCE_FIELDS: Final = {
     field.name
     for scene_class in (StaticScene, MovingScene)
     for field in fields(scene_class)
-    if "Sequence" in str(field.type)
+    if any(get_origin(part) is Sequence for part in (field.type, *get_args(field.type)))
 }
 """Fields of a scene that are sequences of messages."""
 

@@ -25,10 +25,10 @@ class StampConverter:
     """Converts the stamps of a robot's messages to the clock of this process.
 
     The robot's stamps are those of another machine, with an unknown offset. A message arrives after its
-    measurement, so the smallest difference between arrival and stamp within the last minute is the best
-    estimate of the offset. Converted stamps are never later than the arrival and, for each key, never
-    decrease. A message that is older than an earlier one by at most `JUMP` is late, otherwise the clock has
-    jumped back.
+    measurement, so the smallest difference between arrival and stamp within the present `WINDOW` and the
+    previous window is the best estimate of the offset. Converted stamps are never later than the arrival
+    and, for each key, never decrease. A message that is older than an earlier one by at most `JUMP` is late,
+    otherwise the clock has jumped back.
 
     Args:
         shared: Whether the stamps are of our clock already, as with `use_sim_time`.

@@ -227,6 +227,7 @@ def test_question_whose_premise_never_occurs_is_vacuous(prove: Callable[..., Res
     [
         (("--ticks", "2"), "runs of more than 2 ticks were not searched"),
         (("--memory", "100"), "the memory limit of 100 MB was reached"),
+        (("--states", "2"), "more than 2 states were found"),
     ],
 )
 def test_bounds_are_reported_as_unknown(

@@ -56,15 +56,23 @@ def _write_only_in(*folders: str) -> None:
     version = landlock_version()
     if sys.platform != "linux" or not version:
         return
-    libc = ctypes.CDLL(None)
+    libc = ctypes.CDLL(None, use_errno=True)
+
+    def call(function: str, *arguments: object) -> int:
+        result: int = getattr(libc, function)(*arguments)
+        if result < 0:
+            code = ctypes.get_errno()
+            raise OSError(code, f"cannot limit where the command writes: {os.strerror(code)}")
+        return result
+
     handled = _WRITING | sum(access for since, access in _WRITING_SINCE.items() if since <= version)
-    rules = libc.syscall(_CREATE_RULESET, struct.pack("=Q", handled), 8, 0)
+    rules = call("syscall", _CREATE_RULESET, struct.pack("=Q", handled), 8, 0)
     for folder in folders:
         opened = os.open(folder, os.O_PATH)
-        libc.syscall(_ADD_RULE, rules, _RULE_OF_FOLDER, struct.pack("=Qi", handled, opened), 0)
+        call("syscall", _ADD_RULE, rules, _RULE_OF_FOLDER, struct.pack("=Qi", handled, opened), 0)
         os.close(opened)
-    libc.prctl(_NO_NEW_PRIVILEGES, 1, 0, 0, 0)
-    libc.syscall(_RESTRICT_SELF, rules, 0)
+    call("prctl", _NO_NEW_PRIVILEGES, 1, 0, 0, 0)
+    call("syscall", _RESTRICT_SELF, rules, 0)
     os.close(rules)
 
 

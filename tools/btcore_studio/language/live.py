@@ -31,8 +31,8 @@ _END_S: Final = 20.0
 """Maximum time (s) for the end of a connection."""
 _MAX_BREAKPOINTS: Final = 1_000
 _MAX_ADDRESS: Final = 300
-_MAX_CHANGES: Final = 10
-"""Maximum changes of a page that wait for the running tree."""
+_MAX_COMMANDS: Final = 10
+"""Maximum commands of a page that wait for the running tree."""
 NOT_CONNECTED: Final = "no running tree is connected"
 
 
@@ -162,19 +162,18 @@ class LiveTree:
         else:
             self._followed.set_breakpoints(self._wanted)
 
-    def release(self, status: str = "") -> None:
+    async def release(self, status: str = "") -> None:
         """Let a tree that waits at a breakpoint continue.
 
         Args:
             status: SUCCESS or FAILURE, which the node returns without being ticked; "" = it is ticked.
 
         Raises:
-            BtcoreError: *status* is given, and the page may not change the tree.
+            BtcoreError: No tree is connected, or *status* is given and the page may not change the tree.
         """
         if status and self.refusal:
             raise BtcoreError(self.refusal)
-        if self._followed is not None:
-            self._followed.release(status)
+        await self._execute(lambda connection: connection.release(status))
 
     async def change(self, change: Callable[[LiveConnection], None]) -> None:
         """Change the running tree.
@@ -185,9 +184,14 @@ class LiveTree:
         Raises:
             BtcoreError: The change is refused, or no tree is connected.
         """
-        if self.refusal or self._followed is None or self._followed.is_ended:
-            raise BtcoreError(self.refusal or NOT_CONNECTED)
-        await asyncio.wrap_future(self._followed.change(change))
+        if self.refusal:
+            raise BtcoreError(self.refusal)
+        await self._execute(change)
+
+    async def _execute(self, command: "_Command") -> None:
+        if self._followed is None or self._followed.is_ended:
+            raise BtcoreError(NOT_CONNECTED)
+        await asyncio.wrap_future(self._followed.execute(command))
 
     def _notify(self, data: dict[str, Any]) -> None:
         if self.refusal:
@@ -209,8 +213,14 @@ class LiveTree:
             await asyncio.to_thread(self._followed.wait)
 
 
+_Command = Callable[[LiveConnection], None]
+
+
 class _FollowedTree:
-    """A running tree that a thread follows until `end`. Before it begins, the tree *before* ends."""
+    """A running tree that a thread follows until `end` or a failure of the connection.
+
+    Before it begins, the tree *before* ends.
+    """
 
     def __init__(
         self,
@@ -226,10 +236,8 @@ class _FollowedTree:
         self._wanted = wanted
         self._notify = notify
         # What the page wants of the connection; the thread takes it.
-        self._releases: deque[str] = deque()
-        self._changes: deque[tuple[Callable[[LiveConnection], None], Future[None]]] = deque()
-        self._ended = threading.Event()
-        self._is_over = False
+        self._commands: deque[tuple[_Command, Future[None]]] = deque()
+        self._ended = threading.Event()  # set by the event loop's thread only
         self._loop = asyncio.get_running_loop()
         notify({**_live_data(address, None, {}, wanted, ""), "scene": None})
         self._thread = threading.Thread(target=self._follow, daemon=True)
@@ -238,16 +246,12 @@ class _FollowedTree:
     def set_breakpoints(self, wanted: frozenset[str]) -> None:
         self._wanted = wanted
 
-    def release(self, status: str) -> None:
-        self._releases.append(status)
-
-    def change(self, change: Callable[[LiveConnection], None]) -> Future[None]:
-        if len(self._changes) >= _MAX_CHANGES:
-            raise BtcoreError("earlier changes still wait for the running tree")
+    def execute(self, command: _Command) -> Future[None]:
+        """Execute a command on the thread, unless the tree ends before."""
+        if len(self._commands) >= _MAX_COMMANDS:
+            raise BtcoreError("earlier commands still wait for the running tree")
         future: Future[None] = Future()
-        self._changes.append((change, future))
-        if self._is_over:
-            self._refuse_changes()
+        self._commands.append((command, future))
         return future
 
     def end(self) -> None:
@@ -286,9 +290,7 @@ class _FollowedTree:
                 if keys and wanted != has_set:
                     self._connection.set_breakpoints([uid for uid, key in keys.items() if key in wanted])
                     has_set = wanted
-                self._execute_changes()
-                while self._releases:
-                    self._connection.release(self._releases.popleft())
+                self._execute_commands()
                 if state is not shown[0] or wanted != shown[1]:
                     shown = state, wanted
                     moved, scene = state.scene is not scene, state.scene
@@ -297,28 +299,34 @@ class _FollowedTree:
         except BtcoreError as error:
             self._publish(state, keys, self._wanted, calls, str(error))
         finally:
-            self._connection.close()
-            self._is_over = True
-            self._refuse_changes()
+            try:
+                self._connection.close()
+            finally:
+                self._call_soon(self._finish)
 
-    def _refuse_changes(self) -> None:
-        with suppress(IndexError):  # there are no more
-            while True:
-                _, future = self._changes.popleft()
-                if future.set_running_or_notify_cancel():
-                    future.set_exception(BtcoreError(NOT_CONNECTED))
-
-    def _execute_changes(self) -> None:
-        while self._changes:
-            change, future = self._changes.popleft()
+    def _execute_commands(self) -> None:
+        while self._commands:
+            command, future = self._commands.popleft()
             if not future.set_running_or_notify_cancel():
                 continue
             try:
-                change(self._connection)
-            except BtcoreError as error:
+                command(self._connection)
+            except Exception as error:
                 future.set_exception(error)
             else:
                 future.set_result(None)
+
+    def _finish(self) -> None:
+        """Refuse further commands, and those that the thread left."""
+        self._ended.set()
+        for _, future in self._commands:
+            if future.set_running_or_notify_cancel():
+                future.set_exception(BtcoreError(NOT_CONNECTED))
+
+    def _call_soon(self, function: Callable[[], None]) -> None:
+        """Call a function on the event loop's thread."""
+        with suppress(RuntimeError):  # the loop has ended
+            self._loop.call_soon_threadsafe(function)
 
     def _publish(
         self,
@@ -338,8 +346,7 @@ class _FollowedTree:
             if not self._ended.is_set():
                 self._notify(data)
 
-        with suppress(RuntimeError):  # the loop has ended
-            self._loop.call_soon_threadsafe(notify)
+        self._call_soon(notify)
 
 
 def _live_data(

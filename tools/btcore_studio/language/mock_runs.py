@@ -7,7 +7,6 @@ module.
 Nothing here waits: a leaf without an answer ends the request with a question.
 """
 
-import itertools
 import re
 import time
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -23,6 +22,7 @@ from btcore.logs.moments import Moment
 from btcore.registry.outcome_grammar import Outcome
 from btcore.status import RUNNING
 from btcore_studio.language.project import Project
+from btcore_studio.language.shown_runs import NUMBERS, ShownRuns
 from btcore_studio.language.studio_protocol import (
     AnswerParams,
     Data,
@@ -53,8 +53,9 @@ _PERIODS_S: Final = (0.001, 3_600.0)
 _MAX_TICKS: Final = 1_000
 """Maximum number of ticks of a request."""
 _MAX_EVENT: Final = 1_000_000
+_MAX_RECORDING: Final = 50_000_000
+"""Maximum number of characters of a recording that is sent to the page."""
 _MAX_NAME: Final = 60
-_NUMBERS: Final = itertools.count(1)
 
 
 class Question(Protocol):
@@ -138,26 +139,18 @@ class MockRun(Timeline, Protocol):
     def forget_later_steps(self) -> None:
         """Forget what follows the present moment."""
 
-    def recording_text(self) -> str:
-        """Return the recording so far, `.btrec.txt`."""
-        ...
-
-    def test_text(self, name: str, tree: str) -> str:
-        """Return a test that runs the recording *name* again with the tree in the file *tree*."""
-        ...
-
 
 class PageRuns:
     """The run of a page. A new run replaces it.
 
     Args:
         project: The project with the documents of the page.
-        recorded: Returns the recording that the page shows instead of a run.
+        shown: The other runs of the page.
     """
 
-    def __init__(self, project: Project, recorded: Callable[[], RecordedRun]) -> None:
+    def __init__(self, project: Project, shown: ShownRuns) -> None:
         self._project = project
-        self._recorded = recorded
+        self._shown = shown
         self._run: _PageRun | None = None
 
     @property
@@ -207,6 +200,14 @@ class PageRuns:
             raise BtcoreError("this run has ended: start another")
         return self._run
 
+    def recorded_run(self, number: int) -> RecordedRun:
+        """Return the run with a number, which is this run or another run of the page, as a recording.
+
+        Raises:
+            BtcoreError: There is no such run.
+        """
+        return self._shown.find(number) or self._present(number).data
+
     def _step(self, params: StepParams) -> RunState:
         if not 1 <= params.ticks <= _MAX_TICKS:
             raise BtcoreError(f"a request runs from 1 to {_MAX_TICKS:,} ticks")
@@ -228,17 +229,24 @@ class PageRuns:
         self._present(params.run).set_plan(params.key, params.plan)
 
     def _write_files(self, params: RunFilesParams) -> RunFiles:
-        run = self._present(params.run).run
+        run = self.recorded_run(params.run).timeline
         tree = PurePosixPath(params.tree.replace("\\", "/")).name
         name = re.sub(r"\W+", "_", PurePosixPath(tree).stem)[:_MAX_NAME] or "tree"
-        files = [RunFile(f"{name}.btrec.txt", run.recording_text())]
+        recording = run.recording_text()
+        if len(recording) > _MAX_RECORDING:
+            raise BtcoreError(
+                f"the recording has more than {_MAX_RECORDING:,} characters: record such a run in a "
+                "terminal, with btcore run --record"
+            )
+        files = [RunFile(f"{name}.btrec.txt", recording)]
         if params.test:
             files.append(RunFile(f"test_{name}.py", run.test_text(name, tree)))
         return RunFiles(files)
 
     def _explain(self, params: WhyParams) -> Why:
-        if not params.run:
-            return self._recorded().why(params.key, params.position)
+        recorded = self._shown.find(params.run)
+        if recorded is not None:
+            return recorded.why(params.key, params.position)
         present = self._present(params.run)
         if present.run.position == params.position and present.run.event:
             raise BtcoreError("this tick has not ended: go to its end first")
@@ -253,7 +261,7 @@ class _PageRun:
     """A run, whose nodes have keys (*data*); *number* identifies it."""
 
     def __init__(self, run: MockRun) -> None:
-        self.number = next(_NUMBERS)
+        self.number = next(NUMBERS)
         self.run = run
         self.data = RecordedRun(run)
 

@@ -15,7 +15,7 @@ from btcore.xml.read.tags import EXPLICIT_TAGS
 from btcore_studio.language.key_links import KeyLinks, TreeKey, links_of
 from btcore_studio.language.project import Project, SourceDocument, file_uri
 from btcore_studio.language.project_symbols import ProjectSymbols, included_path
-from btcore_studio.language.symbols import KeyForm, KeyUse, NodeModel, is_call, node_id
+from btcore_studio.language.symbols import KeyForm, KeyUse, ModelElement, is_call, node_id
 
 _START_OF_FILE: Final = Range(Position(0, 0), Position(0, 0))
 
@@ -190,7 +190,7 @@ def _node_definitions(
     return _builtin_source(symbols, named.id, symbols.files[document.uri].format)
 
 
-def _model_place(model: NodeModel, port: str) -> tuple[str, int, int]:
+def _model_place(model: ModelElement, port: str) -> tuple[str, int, int]:
     declared = model.ports.get(port)
     if declared is not None:
         return model.file, declared.name.start, declared.name.end

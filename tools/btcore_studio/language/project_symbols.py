@@ -15,7 +15,7 @@ from btcore_studio.language.project import Project, SourceDocument, is_usable_pa
 from btcore_studio.language.symbols import (
     CallPort,
     FileSymbols,
-    NodeModel,
+    ModelElement,
     ScriptNames,
     TreeCall,
     TreeSymbol,
@@ -102,9 +102,10 @@ class ProjectSymbols:
         self._scripts: dict[str, ScriptNames] = {}
         if earlier is not None and earlier.registry is registry and len(earlier._scripts) < MAX_KNOWN_SCRIPTS:
             self._scripts = earlier._scripts
+        self._files: dict[str, FileSymbols] | None = None
         # The last symbols whose files were read.
         self._earlier: ProjectSymbols | None = earlier
-        if earlier is not None and "files" not in vars(earlier):
+        if earlier is not None and earlier._files is None:
             self._earlier = earlier._earlier
         self.groups: list[list[str]] = self._find_groups()
         self._groups_of: dict[str, list[list[str]]] = {uri: [] for uri in documents}
@@ -112,12 +113,14 @@ class ProjectSymbols:
             for uri in group:
                 self._groups_of[uri].append(group)
 
-    @cached_property
+    @property
     def files(self) -> dict[str, FileSymbols]:
         """The symbols of each document, by URI. They are read when they are needed."""
-        earlier, self._earlier = self._earlier, None
-        uris = dict.fromkeys(uri for group in self.groups for uri in group)
-        return {uri: self._read(self.documents[uri], self.format_of(uri), earlier) for uri in uris}
+        if self._files is None:
+            earlier, self._earlier = self._earlier, None
+            uris = dict.fromkeys(uri for group in self.groups for uri in group)
+            self._files = {uri: self._read(self.documents[uri], self.format_of(uri), earlier) for uri in uris}
+        return self._files
 
     def entry_of(self, file: str) -> str:
         """Return the first entry file that includes *file*; *file* itself if the project does not know it."""
@@ -160,7 +163,7 @@ class ProjectSymbols:
 
     # --- nodes
 
-    def node_models(self, id: str) -> list[NodeModel]:
+    def node_models(self, id: str) -> list[ModelElement]:
         """Return the models of a node in all files."""
         return self._models.get((id, False), [])
 
@@ -191,8 +194,8 @@ class ProjectSymbols:
         return trees_by_id
 
     @cached_property
-    def _models(self) -> dict[tuple[str, bool], list[NodeModel]]:
-        models: dict[tuple[str, bool], list[NodeModel]] = {}
+    def _models(self) -> dict[tuple[str, bool], list[ModelElement]]:
+        models: dict[tuple[str, bool], list[ModelElement]] = {}
         for symbols in self.files.values():
             for model in symbols.models:
                 models.setdefault((model.id, model.is_subtree), []).append(model)
@@ -246,7 +249,7 @@ class ProjectSymbols:
                 pending += defining | blind if blind else ()
         return files & naming
 
-    def models(self, id: str, file: str, of_subtree: bool) -> list[NodeModel]:
+    def models(self, id: str, file: str, of_subtree: bool) -> list[ModelElement]:
         """Return the models of a node or a tree: those that *file* sees, else those of all files."""
         candidates = self._models.get((id, of_subtree), [])
         visible = self.visible_files(file)

@@ -22,8 +22,9 @@ from btcore_studio.language import real_run_child
 from btcore_studio.language.live import LiveTree
 from btcore_studio.language.project import Project, SourceDocument
 from btcore_studio.language.run_options import parse_options
-from btcore_studio.language.studio_protocol import RealRunParams, RunFile, RunFiles
-from btcore_studio.language.timeline import RecordedRun, open_timeline
+from btcore_studio.language.shown_runs import ShownRun, ShownRuns
+from btcore_studio.language.studio_protocol import RealRunParams
+from btcore_studio.language.timeline import open_timeline
 
 UNTRUSTED: Final = (
     "real leaves are not run, because this folder is not trusted: start btcore studio with --trust, or set "
@@ -37,8 +38,6 @@ _OUTPUT_INTERVAL_S: Final = 0.3
 """Minimum time (s) between two notifications with new output."""
 _MAX_END_S: Final = 2 * real_run_child.GRACE_S + 2.0
 """Time (s) after which a process that was requested to end is killed."""
-_MAX_RECORDING: Final = 50 << 20
-"""Maximum size (bytes) of a recording that is sent to the page."""
 
 
 class RealRuns:
@@ -47,15 +46,22 @@ class RealRuns:
     Args:
         project: The project with the documents of the page.
         live: Is connected with the run.
+        shown: Shows the recording of the run.
         notify: Called with the parameters of `btcore/realRun` after each change.
     """
 
-    def __init__(self, project: Project, live: LiveTree, notify: Callable[[dict[str, Any]], None]) -> None:
+    def __init__(
+        self,
+        project: Project,
+        live: LiveTree,
+        shown: ShownRuns,
+        notify: Callable[[dict[str, Any]], None],
+    ) -> None:
         self._project = project
         self._live = live
+        self._shown = shown
         self._notify = notify
         self._run: _RealRun | None = None
-        self._recorded: RecordedRun | None = None
 
     async def start(self, document: SourceDocument, params: RealRunParams) -> None:
         """Start a run of the text of *document*, and connect with it.
@@ -95,57 +101,26 @@ class RealRuns:
         if self._run is not None:
             await self._run.end()
 
-    async def open_recording(self) -> dict[str, Any]:
-        """Return the recording of the run that has ended, as in the reply to `btcore/start`.
+    async def open_recording(self) -> ShownRun:
+        """Show the recording of the run that has ended.
 
         Raises:
             BtcoreError: There is no recording, or it cannot be read.
         """
-        self._recorded = None
-        timeline = await asyncio.to_thread(open_timeline, self._recording())
-        if timeline is None:
-            raise BtcoreError("recordings cannot be shown: no installed package reads them")
-        self._recorded = recorded = RecordedRun(timeline)
+        run = self._run
+        if run is None or run.is_running or not run.recording.is_file():
+            raise BtcoreError("there is no recording of a run with real leaves")
+        opened = self._shown.add(await asyncio.to_thread(open_timeline, run.recording))
         self._live.watch("")
-        return recorded.summary()
-
-    def recorded(self) -> RecordedRun:
-        """Return the recording that is shown.
-
-        Raises:
-            BtcoreError: No recording is open.
-        """
-        if self._recorded is None:
-            raise BtcoreError("no recording is open")
-        return self._recorded
-
-    def files(self, name: str) -> RunFiles:
-        """Return the recording as a file.
-
-        Raises:
-            BtcoreError: There is no recording, or it is too large.
-        """
-        path = self._recording()
-        if path.stat().st_size > _MAX_RECORDING:
-            raise BtcoreError(
-                f"the recording is larger than {_MAX_RECORDING >> 20} MB: record such a run in a terminal, "
-                "with btcore run --record"
-            )
-        return RunFiles([RunFile(name, path.read_text("utf-8"))])
+        return opened
 
     async def close(self) -> None:
         """End the run, and remove its recording."""
         await self.end()
         self._forget_run()
 
-    def _recording(self) -> Path:
-        run = self._run
-        if run is None or run.is_running or not run.recording.is_file():
-            raise BtcoreError("there is no recording of a run with real leaves")
-        return run.recording
-
     def _forget_run(self) -> None:
-        run, self._run, self._recorded = self._run, None, None
+        run, self._run = self._run, None
         if run is not None:
             run.remove_files()
 

@@ -49,7 +49,9 @@ from btcore_studio.language.model_edits import FieldError
 from btcore_studio.language.node_form import form_of
 from btcore_studio.language.palette import palette_of
 from btcore_studio.language.project import DocumentKey, Project, Settings, SourceDocument
+from btcore_studio.language.proofs import CounterexampleParams, PageProofs, ProofParams, ProofResult
 from btcore_studio.language.real_runs import RealRuns
+from btcore_studio.language.shown_runs import ShownMomentParams, ShownRun, ShownRuns
 from btcore_studio.language.studio_protocol import (
     BreakpointsParams,
     CopyParams,
@@ -64,13 +66,12 @@ from btcore_studio.language.studio_protocol import (
     NewEntryParams,
     Palette,
     Place,
-    PositionParams,
     RealRunParams,
-    RecordingFileParams,
     ReleaseParams,
     WatchParams,
 )
 from btcore_studio.language.tree_reading import known_document
+from btcore_studio.language.what_if import WhatIfParams, run_what_if
 
 NAME: Final = "btcore"
 GC_THRESHOLD: Final = 1_000_000
@@ -207,6 +208,8 @@ class TreeServer(LanguageServer):
         project: The documents and files of the client's workspace.
         checker: The background checks of the documents.
         live: The running tree that the page watches.
+        shown: The recorded runs that the page shows.
+        proofs: The searches of the page.
         real_runs: The run of the page with real leaves.
         was_shut_down: Whether the client has requested the end of the server.
         params_classes: The parameters of requests outside of the Language Server Protocol, by method.
@@ -222,8 +225,17 @@ class TreeServer(LanguageServer):
         self.project = Project()
         self.checker = Checker(self.project, self._publish, self._show, self._refresh, start_worker)
         self.live = LiveTree(live, lambda data: self.protocol.notify("btcore/live", data))
+        self.shown = ShownRuns()
+        self.proofs = PageProofs(
+            self.project,
+            self.shown,
+            lambda data: self.protocol.notify("btcore/proofProgress", data),
+        )
         self.real_runs = RealRuns(
-            self.project, self.live, lambda data: self.protocol.notify("btcore/realRun", data)
+            self.project,
+            self.live,
+            self.shown,
+            lambda data: self.protocol.notify("btcore/realRun", data),
         )
         self.was_shut_down = False
         self.params_classes: dict[str, type[Data]] = {}
@@ -233,7 +245,7 @@ class TreeServer(LanguageServer):
         self,
         method: str,
         params_class: type[Params],
-        handler: Callable[[Params], Data | Awaitable[dict[str, Any] | None] | None],
+        handler: Callable[[Params], Data | dict[str, Any] | Awaitable[Data | None] | None],
     ) -> None:
         """Register a request that is not in the Language Server Protocol.
 
@@ -259,6 +271,7 @@ class TreeServer(LanguageServer):
         """End the background checks and their process, and the connection with a running tree."""
         if self._collection is not None:
             self._collection.cancel()
+        self.proofs.stop()
         await asyncio.gather(self.checker.close(), self.live.close(), self.real_runs.close())
 
     def _publish(self, file: DocumentKey, version: int | None, reports: list[Report]) -> None:
@@ -286,18 +299,21 @@ def _collect() -> None:
 
 
 def create_server(
-    live: LiveExtension | None = None, start_worker: StartWorker = WorkerProcess.start
+    live: LiveExtension | None = None,
+    start_worker: StartWorker = WorkerProcess.start,
+    has_processes: bool = True,
 ) -> TreeServer:
     """Return a server with all features, which is not started yet.
 
     Args:
         live: Connects with running trees; default the installed extension with its default settings.
         start_worker: Starts the worker that checks documents; default a process.
+        has_processes: Whether a search for a proof gets a process of its own.
     """
     server = TreeServer(live, start_worker)
     _keep_up_to_date(server)
     _add_features(server)
-    _add_studio_requests(server)
+    _add_studio_requests(server, has_processes)
     return server
 
 
@@ -382,7 +398,7 @@ def _add_features(server: TreeServer) -> None:
     of_document(types.TEXT_DOCUMENT_CODE_LENS, lenses.code_lenses)
 
 
-def _add_studio_requests(server: TreeServer) -> None:
+def _add_studio_requests(server: TreeServer, has_processes: bool) -> None:
     """Register the requests by which a page draws and edits trees."""
     project = server.project
 
@@ -419,8 +435,8 @@ def _add_studio_requests(server: TreeServer) -> None:
     def set_breakpoints(params: BreakpointsParams) -> None:
         server.live.set_breakpoints(params.keys)
 
-    def release(params: ReleaseParams) -> None:
-        server.live.release(params.status)
+    async def release(params: ReleaseParams) -> None:
+        await server.live.release(params.status)
 
     async def set_entry(params: NewEntryParams) -> None:
         await server.live.change(
@@ -436,26 +452,34 @@ def _add_studio_requests(server: TreeServer) -> None:
     server.add_request("btcore/release", ReleaseParams, release)
     server.add_request("btcore/setEntry", NewEntryParams, set_entry)
     server.add_request("btcore/reload", DocumentParams, reload)
-    runs = server.real_runs
+    real_runs = server.real_runs
 
     async def start_real_run(params: RealRunParams) -> None:
-        await runs.start(document(params.text_document.uri), params)
+        await real_runs.start(document(params.text_document.uri), params)
 
     async def end_real_run(_: Data) -> None:
-        await runs.end()
+        await real_runs.end()
 
-    async def open_recording(_: Data) -> dict[str, Any]:
-        return await runs.open_recording()
-
-    async def go_to(params: PositionParams) -> dict[str, Any]:
-        return await asyncio.to_thread(runs.recorded().moment, params.position)
+    async def open_recording(_: Data) -> ShownRun:
+        return await real_runs.open_recording()
 
     server.add_request("btcore/startRealRun", RealRunParams, start_real_run)
     server.add_request("btcore/endRealRun", Data, end_real_run)
     server.add_request("btcore/openRecording", Data, open_recording)
-    server.add_request("btcore/moment", PositionParams, go_to)
-    server.add_request("btcore/recordingFile", RecordingFileParams, lambda params: runs.files(params.name))
-    for method, params_class, handler in PageRuns(project, runs.recorded).requests:
+
+    proofs = server.proofs
+
+    async def prove(params: ProofParams) -> ProofResult:
+        return await proofs.prove_in_process(params)
+
+    server.add_request("btcore/prove", ProofParams, prove if has_processes else partial(proofs.prove))
+    server.add_request("btcore/stopProof", Data, lambda _: proofs.stop())
+    server.add_request("btcore/counterexample", CounterexampleParams, partial(proofs.counterexample))
+    server.add_request("btcore/moment", ShownMomentParams, partial(server.shown.moment))
+    runs = PageRuns(project, server.shown)
+    what_if = partial(run_what_if, project, server.shown, runs.recorded_run)
+    server.add_request("btcore/whatIf", WhatIfParams, what_if)
+    for method, params_class, handler in runs.requests:
         server.add_request(method, params_class, partial(handler))  # pygls sets attributes of it
 
 
@@ -495,6 +519,7 @@ def _keep_up_to_date(server: TreeServer) -> None:
     def shutdown(_: None) -> None:
         checker.close()
         server.live.end()
+        server.proofs.stop()
         server.real_runs.end_soon()
         server.was_shut_down = True
 

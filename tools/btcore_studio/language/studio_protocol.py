@@ -672,7 +672,7 @@ class RunState(Data, frozen=True):
     leaves: dict[str, LeafPlan] | None = None
 
 
-# --- btcore/startRealRun, and the requests of its run; the parameters of btcore/realRun are in real_runs.py
+# --- btcore/startRealRun; the parameters of btcore/realRun are in real_runs.py
 
 
 class RealRunParams(DocumentParams, frozen=True):
@@ -680,18 +680,6 @@ class RealRunParams(DocumentParams, frozen=True):
 
     tree: str | None = None
     options: str = ""
-
-
-class RecordingFileParams(Data, frozen=True):
-    """The *name* that the file of a recording gets."""
-
-    name: Annotated[str, msgspec.Meta(max_length=200)]
-
-
-class PositionParams(Data, frozen=True):
-    """The moment after *position* steps of the recording that is shown."""
-
-    position: int
 
 
 # --- btcore/why, of a run or of a recording

@@ -146,7 +146,7 @@ class ModelPort:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class NodeModel:
+class ModelElement:
     """An element of a `<TreeNodesModel>`.
 
     Attributes:
@@ -187,7 +187,7 @@ class FileSymbols:
     main_tree: ScannedAttribute | None
     includes: list[ScannedElement]
     trees: list[TreeSymbol]
-    models: list[NodeModel]
+    models: list[ModelElement]
 
     def key_uses(self) -> Iterator[KeyUse]:
         """Yield all places of the file that name a key, except for defaults, which are not written."""
@@ -264,7 +264,7 @@ class _SymbolReader:
     def read(self) -> FileSymbols:
         symbols = self._symbols
         trees: dict[ScannedElement, TreeSymbol] = {}
-        models: dict[ScannedElement, NodeModel | None] = {}
+        models: dict[ScannedElement, ModelElement | None] = {}
         for element in symbols.scan.elements:
             parent = element.parent
             tag = element.tag
@@ -289,10 +289,10 @@ class _SymbolReader:
 
     # --- models
 
-    def _model(self, element: ScannedElement, model: NodeModel | None) -> NodeModel | None:
+    def _model(self, element: ScannedElement, model: ModelElement | None) -> ModelElement | None:
         """Read an element of a TreeNodesModel: a model, or a port of *model*. Returns the model."""
         if model is None:
-            model = NodeModel(self._file, element.get("ID") or "", element)
+            model = ModelElement(self._file, element.get("ID") or "", element)
             self._symbols.models.append(model)
         elif element.tag in PORT_TAGS:
             name, default = element.attribute("name"), element.attribute("default")

@@ -60,6 +60,14 @@ class Timeline(Protocol):
         """
         ...
 
+    def recording_text(self) -> str:
+        """Return the recording so far, `.btrec.txt`."""
+        ...
+
+    def test_text(self, name: str, tree: str) -> str:
+        """Return a test that runs the recording *name* again with the tree in the file *tree*."""
+        ...
+
 
 def open_timeline(path: Path) -> Timeline | None:
     """Return the recording in a file, or None if the file is none by its extension.
@@ -89,13 +97,14 @@ class RecordedRun:
     """A recording as JSON data for pages. Every method may be called from any thread.
 
     Attributes:
+        timeline: The recording.
         keys: The keys of the nodes, in their order.
         uids: The numbers of the nodes, by their keys.
         calls: The calls of trees.
     """
 
     def __init__(self, timeline: Timeline) -> None:
-        self._timeline = timeline
+        self.timeline = timeline
         self._lock = threading.Lock()
         drawn = diagram_nodes(diagram_of_document(timeline.plans))
         nodes = keyed_nodes(drawn)
@@ -106,7 +115,7 @@ class RecordedRun:
 
     def summary(self) -> dict[str, Any]:
         """Return what does not depend on the moment: the nodes, the calls, and the results over time."""
-        roots = self._timeline.roots
+        roots = self.timeline.roots
         width, colours = colours_of(roots)
         ticks = [position for position, status in enumerate(roots, 1) if status]
         return {
@@ -116,13 +125,13 @@ class RecordedRun:
             "start": ticks[-1] if ticks else 0,
             "width": width,
             "colours": colours,
-            "warnings": self._timeline.warnings,
+            "warnings": self.timeline.warnings,
         }
 
     def moment(self, position: int) -> dict[str, Any]:
         """Return the moment after *position* steps, or an earlier moment if that takes too long."""
         with self._lock:
-            moment = self._timeline.at(position, MAX_WAIT_S)
+            moment = self.timeline.at(position, MAX_WAIT_S)
         return self.data_of(moment)
 
     def why(self, key: str, position: int) -> Why:
@@ -134,7 +143,7 @@ class RecordedRun:
         if key not in self.uids:
             raise BtcoreError("this node is not in the tree that was run")
         with self._lock:
-            found = self._timeline.why(self.uids[key], position, _MAX_EXPLAINING_S)
+            found = self.timeline.why(self.uids[key], position, _MAX_EXPLAINING_S)
         links = [
             WhyLink(self.keys[uid - 1] if uid else "", tick, because, tried)
             for uid, tick, because, tried in found.links

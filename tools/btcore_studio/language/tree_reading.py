@@ -15,7 +15,7 @@ from btcore.errors import RegistrationError, TreeError
 from btcore.lint.validate import validate_plans
 from btcore.registry.registry import Registry
 from btcore.status import NodeType
-from btcore.xml.define import define
+from btcore.xml.define import Definitions, define
 from btcore.xml.edit.editor import Edit, EditError, apply_edits
 from btcore.xml.models.model_file import (
     add_document_models,
@@ -129,7 +129,11 @@ class TreeReading:
 
     def plans_of(self, tree: str | None) -> Plans:
         """Return the plans of a tree and of the trees that it calls; None for the main tree."""
-        return plan(define(self.sources, tree, self._entry_format), self.nodes)
+        return plan(self.definitions_of(tree), self.nodes)
+
+    def definitions_of(self, tree: str | None) -> Definitions:
+        """Return the definitions of a tree and of the trees that it calls; None for the main tree."""
+        return define(self.sources, tree, self._entry_format)
 
     def knows(self, id: str) -> bool:
         """Return whether a node has code or a model."""

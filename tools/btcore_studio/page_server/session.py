@@ -273,6 +273,7 @@ class PageSession:
         self._waiting_size = 0
         self._has_waiting = asyncio.Event()
         self._language_server = create_server(studio.shown.live)
+        self._language_server.shown.recorded = studio.shown.recorded
         if studio.shown.is_read_only:
             self._language_server.live.refusal = "this studio is read-only: it does not change a running tree"
         # pygls sends by `write` of this object.
@@ -382,7 +383,7 @@ class PageSession:
             if "method" not in data:  # the reply to a request of the language server
                 with suppress(Exception):
                     self._to_language_server(data)
-            elif method in self._handlers:
+            elif method in self._handlers and not _names_run(data.get("params")):
                 result = self._handlers[method](data.get("params"))
                 if isinstance(result, Awaitable):
                     result = await result
@@ -493,6 +494,11 @@ def _document(project: Project, version: Version) -> SourceDocument:
     if document is None:
         raise RefusedError(f"'{version.name}' can't be read as a UTF-8 file")
     return document
+
+
+def _names_run(params: object) -> bool:
+    """Return whether a request is about a run of the page, and not about the opened recording."""
+    return isinstance(params, dict) and bool(params.get("run"))
 
 
 def _of_trees(paths: Iterable[Path]) -> list[Path]:

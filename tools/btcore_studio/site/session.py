@@ -67,7 +67,9 @@ class SiteSession:
         gc.set_threshold(GC_THRESHOLD)
         gc.enable()
         self._post = post
-        self._protocol = create_server(start_worker=partial(LocalWorker.start, models)).protocol
+        self._protocol = create_server(
+            start_worker=partial(LocalWorker.start, models), has_processes=False
+        ).protocol
         # pygls sends by `write` of this object.
         self._protocol.set_writer(self, include_headers=False)
 

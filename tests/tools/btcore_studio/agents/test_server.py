@@ -216,6 +216,21 @@ pathlib.Path({str(outside)!r}).write_text("")
         assert not outside.exists()
 
 
+@pytest.mark.skipif(not limited_command.landlock_version(), reason="needs Landlock")
+def test_a_command_that_cannot_be_limited_does_not_run(tmp_path: Path) -> None:
+    # The kernel refuses the 17th limit of a process.
+    code = f"""from {limited_command.__name__} import _write_only_in
+for number in range(17):
+    _write_only_in(".")
+    print(number, flush=True)
+"""
+    program = [sys.executable, "-c", code]
+    done = subprocess.run(program, capture_output=True, text=True, cwd=tmp_path, check=False)
+    assert done.returncode == 1
+    assert done.stdout.split()[-1] == "15"
+    assert "cannot limit where the command writes" in done.stderr
+
+
 BIG = """<root BTCPP_format="4"><BehaviorTree ID="Main"><Parallel>{}</Parallel></BehaviorTree>
 <TreeNodesModel><Action ID="Work"/></TreeNodesModel></root>""".format(
     '<Delay delay_msec="10"><Work/></Delay>' * 9

@@ -128,7 +128,7 @@ def test_states_and_breakpoints_have_the_keys_of_the_drawing() -> None:
         assert page.data["entries"] == [("", "key", "1")]
         assert page.data["breakpoints"] == [KEYS[4]]
         assert page.data["wanted"] == sorted([KEYS[4], "of another tree"])
-        live.release()
+        await live.release()
         await page.until(lambda data: not data["stopped"])
         live.set_breakpoints([])
         await page.until(lambda data: not data["breakpoints"])
@@ -161,7 +161,9 @@ def test_status_is_forced_and_tree_is_changed() -> None:
         with pytest.raises(BtcoreError, match="'key' is not set"):
             await live.change(lambda connection: connection.set_entry("", "key", "invalid"))
         await live.change(lambda connection: connection.replace_tree("<root/>"))
-        live.release("FAILURE")
+        with pytest.raises(ZeroDivisionError):
+            await live.change(lambda _: 1 // 0)
+        await live.release("FAILURE")
         await page.until(lambda data: not data["stopped"])
         await live.close()
         assert connection.calls == [[4], ("", "key", "2"), "<root/>", "release FAILURE", "close"]
@@ -198,6 +200,9 @@ def test_change_is_refused_when_the_connection_fails() -> None:
         await page.until(lambda data: data["connection"] == "lost")
         with pytest.raises(BtcoreError, match="no running tree is connected"):
             await live.change(lambda connection: connection.replace_tree("<root/>"))
+        # Breakpoints are kept for the next tree.
+        live.set_breakpoints([KEYS[4]])
+        assert page.data["wanted"] == [KEYS[4]]
 
     asyncio.run(watch())
 
@@ -217,7 +222,7 @@ def test_read_only_page_changes_nothing() -> None:
             "reload": "read-only",
         }
         with pytest.raises(BtcoreError, match="read-only"):
-            live.release("SUCCESS")
+            await live.release("SUCCESS")
         with pytest.raises(BtcoreError, match="read-only"):
             await live.change(lambda connection: connection.set_entry("", "key", "2"))
         await live.close()

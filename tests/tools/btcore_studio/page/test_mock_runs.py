@@ -128,7 +128,7 @@ def test_a_run_by_mouse(page: Any, tmp_path: Path) -> None:
     page.locator("main g.node", has_text="Script").first.click()
     page.locator("#field-code").fill("b := a * 100")
     page.locator("#field-code").press("Tab")
-    page.locator(".run-note button").click()
+    page.locator(".run-note button", has_text="Run again").click()
     wait_for_message(page, "Tick 4: RUNNING")
     assert page.locator(".run-note").count() == 0
     page.locator(".run-bar input[type=range]").fill("1")

@@ -53,6 +53,10 @@ def test_a_run_with_real_leaves(tmp_path: Path, open_page: OpenPage) -> None:
         bar.get_by_text("The run was interrupted.").wait_for()
         bar.get_by_role("button", name="Show on the timeline").click()
         page.get_by_role("slider").wait_for()
+        shown = page.get_by_role("region", name="Shown run")
+        with page.expect_download() as download:
+            shown.get_by_role("button", name="Recording").click()
+        assert download.value.suggested_filename == "tree.btrec.txt"
         page.locator("g.node", has_text="Greet").click()
         page.locator("aside.right").get_by_text("Ada").first.wait_for()
         bar.get_by_role("button", name="Close").click()

@@ -53,7 +53,7 @@ def studio(
     """Return a function that returns a studio with leaves in Python."""
     (folder / "leaves.py").write_text(LEAVES)
     # The process of the run has these, too.
-    monkeypatch.setenv(LIMIT_VARIABLE, "studio robot recorder btrec.txt publisher")
+    monkeypatch.setenv(LIMIT_VARIABLE, "studio robot recorder btrec.txt publisher changed")
 
     with ExitStack() as stack:
 
@@ -113,12 +113,17 @@ def test_a_recording_is_opened(studio: Callable[..., Studio]) -> None:
         recording = page.request("btcore/openRecording")
         assert len(recording["keys"]) == 3
         end = recording["start"]
-        assert page.request("btcore/moment", {"position": end})["root"] == btcore.Status.SUCCESS
+        run = recording["run"]
+        assert page.request("btcore/moment", {"run": run, "position": end})["root"] == btcore.Status.SUCCESS
         pace, sleep = recording["keys"][1:]
-        assert page.request("btcore/moment", {"position": 1})["leaves"][pace]["inputs"] == {"rounds": "3"}
-        why = page.request("btcore/why", {"key": sleep, "position": end})
+        first = page.request("btcore/moment", {"run": run, "position": 1})
+        assert first["leaves"][pace]["inputs"] == {"rounds": "3"}
+        why = page.request("btcore/why", {"run": run, "key": sleep, "position": end})
         assert why["answer"]
-        [file] = page.request("btcore/recordingFile", {"name": "tree.btrec.txt"})["files"]
+        results = [{"tick": 1, "key": pace, "result": "F"}]
+        changed = page.request("btcore/whatIf", {"run": run, "results": results})
+        assert "it differs from tick 1 on" in changed["report"][0]
+        [file] = page.request("btcore/runFiles", {"run": run, "tree": "tree.xml"})["files"]
         assert file["name"] == "tree.btrec.txt"
         assert "Pace" in file["text"]
 
@@ -139,7 +144,8 @@ def test_a_leaf_that_ends_its_process(studio: Callable[..., Studio]) -> None:
         start(page, opened, "<Crash/>")
         state = ended(page)
         assert (state["code"], state["output"].count("pid")) == (99, 1)
-        assert page.error("btcore/moment", {"position": 1}) == (REQUEST_FAILED, "no recording is open")
+        reason = "this run is no longer shown: open it again"
+        assert page.error("btcore/moment", {"position": 1}) == (REQUEST_FAILED, reason)
 
 
 def test_a_run_ends_with_its_page(studio: Callable[..., Studio], monkeypatch: pytest.MonkeyPatch) -> None:

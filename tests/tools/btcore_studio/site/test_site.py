@@ -172,3 +172,42 @@ def test_a_damaged_link_opens_nothing(open_site: OpenSite, fragment: str, reason
     page = open_site(fragment)
     wait_for_message(page, reason)
     page.locator(".cm-line", has_text='<BehaviorTree ID="MainTree">').wait_for()
+
+
+def test_proofs_run_in_the_page_and_a_stop_keeps_the_texts(open_site: OpenSite) -> None:
+    small = "<Sequence> <IsClosed/> <Open/> </Sequence>"
+    large = " ".join(
+        f'<Sequence> <Act{i}/> <Script code="k{i} := 1"/> <Act{i}/> </Sequence>' for i in range(12)
+    )
+    page = open_site()
+    with page.expect_file_chooser() as chooser:
+        page.get_by_role("button", name="Open", exact=True).click()
+    files = {"small.xml": small, "large.xml": f"<Parallel> {large} </Parallel>"}
+    chooser.value.set_files(
+        [
+            {
+                "name": name,
+                "mimeType": "text/xml",
+                "buffer": (
+                    f'<root BTCPP_format="4"><BehaviorTree ID="Main">{nodes}</BehaviorTree></root>'.encode()
+                ),
+            }
+            for name, nodes in files.items()
+        ]
+    )
+    page.locator(".run-bar button", has_text="Prove").click(timeout=WAIT_MS)
+    proof = page.get_by_role("region", name="Proof", exact=True)
+    proof.get_by_label("Own questions").fill("never Open")
+    proof.locator("button", has_text="Search all runs").click()
+    wait_for_message(page, "Main: 1 refuted, 7 proved.")
+    proof.locator("button", has_text="Show the run").click()
+    page.locator("main g.node.s1", has_text="Open").wait_for()
+    page.get_by_label("Close this run").click()
+    page.locator(".files button", has_text="large.xml").click()
+    page.locator("main g.node", has_text="Act11").first.wait_for()
+    proof.locator("button", has_text="Search all runs").click()
+    proof.locator(".dim", has_text="states searched").wait_for()
+    proof.locator("button", has_text="Stop").click()
+    page.locator(".run-bar button", has_text="Prove").wait_for()
+    page.locator(".files button", has_text="small.xml").click()
+    page.locator("main g.node", has_text="IsClosed").first.wait_for(timeout=WAIT_MS)

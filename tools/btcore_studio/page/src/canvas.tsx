@@ -15,6 +15,7 @@ import { Quick } from "./quick";
 import { help, menu } from "./quick_state";
 import { drawing, selection, start, uri } from "./state";
 import { treeTexts } from "./texts";
+import { shownRun } from "./timeline";
 import { explain } from "./why";
 import { draw, focusPicture, followWheel, found, query, View, view, ZOOM_STEP } from "./view";
 
@@ -232,7 +233,7 @@ function selectNeighbour(shown: View, { select, isExtending }: { select: Directi
 
 function showDurations(shown: View): () => void {
   const timer = setInterval(() => {
-    if (document.hidden || start.value?.recording || mockRun.value) return;
+    if (document.hidden || start.value?.recording || shownRun.value || mockRun.value) return;
     if (!liveIndex.peek().size) for (const label of shown.frame.querySelectorAll(".duration")) label.remove();
     for (const [key] of liveIndex.peek()) {
       const index = shown.structure.at(key);

@@ -20,19 +20,21 @@ import { Palette } from "./palette";
 import { complete } from "./picture";
 import { checked, followProblems, Problems } from "./problems";
 import type {
-  Command, Diagnostic, DiskConflict, Drawing, DrawingParams, EditParams, EditResult, Live, Palette as PaletteData, Place, Preview,
+  Command, Diagnostic, DiskConflict, Drawing, DrawingParams, EditParams, EditResult, Live, Palette as PaletteData, Place, Preview, ProofProgress,
   RealRun, SharedFile, WorkspaceEdit,
 } from "./protocol";
 import {
   actions, awaitDrawing, diagnostics, drawing, files, folded, isSamePlace, message, palette, reasonOf, refusedField, selectedNodes,
   selection, showError, start, tree, uri,
 } from "./state";
+import { noteProofEdit, Proof, receiveProgress } from "./proof";
 import { LeafPlanForm } from "./question";
 import { createQueue } from "./queue";
 import { realRun, receiveRealRun } from "./real_run";
 import { RpcError } from "./rpc";
 import { RunBar } from "./run_bar";
 import { SceneView } from "./scene";
+import { ShownRunBar } from "./shown_run";
 import { SiteHome } from "./site/home";
 import { PythonNotice } from "./site/site_tools";
 import { Splitter } from "./splitter";
@@ -41,6 +43,7 @@ import { texts, treeTexts } from "./texts";
 import { Timeline } from "./timeline";
 import { fileName, hiddenPanes, Toolbar } from "./toolbar";
 import { view } from "./view";
+import { WhatIfForm } from "./what_if";
 import { Explanation } from "./why";
 
 /** A drawing that takes longer waits for a pause in typing. */
@@ -282,6 +285,7 @@ home.connection.on<{ uri: string; diagnostics: Diagnostic[] }>("textDocument/pub
   if (!checked.value.has(params.uri)) checked.value = new Set([...checked.value, params.uri]);
 });
 home.connection.on<Live>("btcore/live", receiveLive);
+home.connection.on<ProofProgress>("btcore/proofProgress", receiveProgress);
 home.connection.on<RealRun>("btcore/realRun", receiveRealRun);
 home.connection.on<SharedFile[]>("btcore/files", (list) => { files.value = list; });
 home.connection.on<DiskConflict>("btcore/disk", (conflict) => {
@@ -322,6 +326,7 @@ function waitForPalette(ms: number): void {
 home.onChange((address, origin) => {
   noteChange();
   noteEdit();
+  noteProofEdit();
   if (origin !== "remote") changed.add(address);
   clearTimeout(typingTimer);
   postponeReport();
@@ -431,6 +436,7 @@ function Page() {
         <main id="picture" tabIndex={-1}>
           <Breadcrumbs />
           <Canvas />
+          <ShownRunBar home={home} />
           <Timeline />
           <RunBar home={home} />
           <Splitter name="right" label={texts.sizes.right} axis="x" direction={-1} initial={400} min={200} />
@@ -439,6 +445,8 @@ function Page() {
           <div class="scrolled">
             <LeafPlanForm />
             <Explanation />
+            <WhatIfForm />
+            <Proof home={home} />
             <Form />
             {!realRun.value && <RunHint />}
             <SceneView />

@@ -1,11 +1,11 @@
 // A run of the shown tree with mock leaves: its state, and the requests that change it.
 
 import { computed, effect, signal, untracked } from "@preact/signals";
-import type { LeafPlan, Live, RunFile, RunningCall, RunResult, RunState, RunStep } from "./protocol";
+import type { LeafPlan, Live, RunFile, RunningCall, RunResult, RunState, RunStep, ShownRun } from "./protocol";
 import { actions, drawing, live, message, nameOf, showError, start, tree, uri } from "./state";
 import { createQueue } from "./queue";
 import { runTexts } from "./texts";
-import { moment, showMoment, step as stepInRecording } from "./timeline";
+import { moment, showMoment, shownRun, step as stepInRecording } from "./timeline";
 import { view } from "./view";
 
 /** The shortest time between two requests while the run is played. */
@@ -24,7 +24,7 @@ interface MockRun {
 }
 
 export const mockRun = signal<MockRun | null>(null);
-/** Whether a text has changed since the run began. */
+/** Whether a text has changed since the run began, or since it is shown. */
 export const isEdited = signal(false);
 /** Whether ticks follow each other until a leaf asks, and again after the answer. */
 export const isPlaying = signal(false);
@@ -32,7 +32,7 @@ export const SPEEDS = [0.5, 1, 2, 5, 20, 100] as const;
 export const speed = signal(1);
 /** Whether trees can be run here. */
 export const canRun = computed(() =>
-  start.value !== null && !start.value.recording && !live.value?.address && Boolean(drawing.value?.tree));
+  start.value !== null && !start.value.recording && !shownRun.value && !live.value?.address && Boolean(drawing.value?.tree));
 
 /** How leaves answer in the next run, by key. */
 const plans = new Map<string, LeafPlan>();
@@ -70,9 +70,38 @@ function show(state: RunState): void {
 /** Follow the connection with running trees, which cannot be used while a run is shown. */
 export function receiveLive(state: Live): void {
   // The nodes are sent only if they have changed.
-  connection = { ...(mockRun.value ? connection : live.value), ...state };
-  if (mockRun.value) live.value = { ...live.value!, wanted: state.wanted, breakpoints: state.wanted };
+  const isCovered = mockRun.value || shownRun.value;
+  connection = { ...(isCovered ? connection : live.value), ...state };
+  if (isCovered) live.value = { ...live.value!, wanted: state.wanted, breakpoints: state.wanted };
   else live.value = connection;
+}
+
+/** The run with mock leaves that is shown again after a counterexample, or a run with changes. */
+let suspended: MockRun | null = null;
+
+/** Show a counterexample, or a run with changes, on the timeline. */
+export function showRun(run: ShownRun): void {
+  isPlaying.value = isEdited.value = false;
+  if (mockRun.value) {
+    suspended = mockRun.value;
+    mockRun.value = null;
+  } else if (!shownRun.value) connection = live.value;
+  shownRun.value = run;
+}
+
+/** Show again what was shown before `showRun`. */
+export function closeShownRun(): void {
+  shownRun.value = null;
+  if (suspended) {
+    const { state } = mockRun.value = suspended;
+    suspended = null;
+    show(state);
+  } else if (!start.value?.recording) showConnection();
+}
+
+function showConnection(): void {
+  moment.value = null;
+  live.value = connection;
 }
 
 // --- what the user does
@@ -100,15 +129,15 @@ export function endRun(): Promise<void> {
   isPlaying.value = false;
   return inTurn(async () => {
     await request("btcore/endRun", {}).catch(() => {}); // its process may be gone
-    mockRun.value = moment.value = null;
-    live.value = connection;
+    mockRun.value = null;
+    showConnection();
     message.value = runTexts.ended;
   });
 }
 
 /** Note that a text has changed. */
 export function noteEdit(): void {
-  if (mockRun.value) isEdited.value = true;
+  if (mockRun.value || shownRun.value) isEdited.value = true;
 }
 
 const stepParams = (ticks = 1): RunStep => ({ to: target, ticks, breakpoints: live.value?.wanted ?? [] });

@@ -248,9 +248,11 @@ export interface Scene {
   scan: number[];
 }
 
-// --- btcore/moment { position } → Moment; only if the studio shows a recording (see Start.recording).
+// --- btcore/moment { position, run } → Moment, of a ShownRun, or of the recording that the studio shows (0; see Start.recording).
 
 export interface Recording {
+  /** The number of a ShownRun. */
+  run?: number;
   /** The keys of the nodes, in the order of *statuses* in each moment. */
   keys: string[];
   calls: RunningCall[];
@@ -330,7 +332,7 @@ export interface RunFile { name: string; text: string }
 
 // --- btcore/startRealRun { textDocument, tree, options } → null: run the text with its real leaves, in a process to which the page
 // is connected (btcore/live). The notification btcore/realRun has a RealRun. btcore/endRealRun → null, when the process has ended;
-// btcore/openRecording → Recording, whose moments btcore/moment returns; btcore/recordingFile { name } → { files: RunFile[] }.
+// btcore/openRecording → ShownRun: its recording.
 
 export interface RealRun {
   address: string;
@@ -342,6 +344,52 @@ export interface RealRun {
   /** Whether the run has ended and has a recording. */
   recorded: boolean;
 }
+
+// --- btcore/prove ProofParams → ProofResult: search all runs of a tree. The notification btcore/proofProgress ProofProgress
+// comes from time to time. btcore/stopProof {} → null ends the search, whose request fails then.
+// btcore/counterexample { proof, answer } → ShownRun: the run of the answer with an index.
+
+export interface ProofParams extends Document {
+  tree: string | null;
+  /** In addition to the standard questions, such as "never A", "A leads to B" and "A before B". */
+  questions: string[];
+  /** The keys that the program sets before the first tick. */
+  given: string[];
+  seconds: number;
+}
+
+export interface ProofProgress { searched: number; states: number; ticks: number }
+
+export interface ProofAnswer {
+  question: string;
+  answer: "proved" | "refuted" | "possible" | "unknown";
+  /** What is wrong, what bounded the search, or under which condition the question is proved; "". */
+  detail: string;
+  /** Whether the premise of the question never occurs. */
+  vacuous: boolean;
+  ticks: number;
+  states: number;
+  /** Whether there is a counterexample to show. */
+  playable: boolean;
+  /** The number of the tick from which on the counterexample repeats its ticks forever; 0 for none. */
+  cycle: number;
+}
+
+export interface ProofResult { proof: number; answers: ProofAnswer[]; ticks: number }
+
+/** btcore/whatIf: WhatIf → ShownRun: a run of the page, or the recording (0), again with changes. */
+export interface WhatIf {
+  run: number;
+  /** The document with the tree to run; null for the tree of the run. */
+  textDocument: { uri: string } | null;
+  /** Other results of leaves, by key. */
+  results: { tick: number; key: string; result: "S" | "F" | "R" | "K" }[];
+  /** Entries of the main tree that are written before a tick. */
+  entries: { tick: number; key: string; value: string }[];
+}
+
+/** A run on the timeline; *report* is what a run with changes did. btcore/runFiles returns its files, too. */
+export interface ShownRun extends Recording { run: number; report: string[] }
 
 // --- btcore/why { key, position, run } → Why: why a node did what it did in the last tick before *position* steps of the
 // run with a number, or of the recording (0).

@@ -2,13 +2,13 @@
 
 import { effect, signal, untracked } from "@preact/signals";
 import { useId } from "preact/hooks";
-import type { Home } from "./home";
-import { endRun, mockRun } from "./mock_run";
-import type { RealRun, Recording, RunFile } from "./protocol";
+import { closeShownRun, endRun, mockRun } from "./mock_run";
+import type { RealRun, ShownRun } from "./protocol";
+import { openRun } from "./shown_run";
 import { actions, drawing, live, message, showError, start, tree, uri } from "./state";
 import { store, stored } from "./storage";
-import { realRunTexts } from "./texts";
-import { fileName } from "./toolbar";
+import { realRunTexts, treeTexts } from "./texts";
+import { shownRun } from "./timeline";
 
 /** The run, from its start until it is closed. */
 export const realRun = signal<RealRun | null>(null);
@@ -59,16 +59,13 @@ const endRealRun = () => inTurn(async () => {
 /** Show no run any more: the picture is the edited tree alone. */
 const close = () => inTurn(async () => {
   await actions.request("btcore/watch", { address: "" });
-  showRecording(null);
+  if (shownRun.value) closeShownRun();
   realRun.value = null;
 });
 
-function showRecording(recording: Recording | null): void {
-  start.value = { ...start.value!, recording };
-}
-
 const openRecording = () => inTurn(async () => {
-  showRecording(await actions.request<Recording>("btcore/openRecording", {}));
+  const run = await actions.request<ShownRun>("btcore/openRecording", {});
+  openRun(run, realRunTexts.recording, run.warnings.map(treeTexts.recordingLacks), run.run);
   message.value = realRunTexts.opened;
 });
 
@@ -111,16 +108,9 @@ export function RealRunForm() {
 }
 
 /** The bar of the run, and what its process has printed. */
-export function RealRunBar({ home }: { home: Home }) {
+export function RealRunBar() {
   const run = realRun.value;
   if (!run) return null;
-  const isShown = Boolean(start.value?.recording);
-  const save = () => inTurn(async () => {
-    const name = `${fileName(uri.value).replace(/\.\w+$/, "")}.btrec.txt`;
-    const { files } = await actions.request<{ files: RunFile[] }>("btcore/recordingFile", { name });
-    for (const file of files) await home.export(file.name, new Blob([file.text], { type: "text/plain" }));
-    message.value = realRunTexts.saved(name);
-  });
   return (
     <section class="run-bar real" aria-label={realRunTexts.bar}>
       <div class="timeline">
@@ -130,8 +120,7 @@ export function RealRunBar({ home }: { home: Home }) {
             ? <button disabled={isBusy.value} title={realRunTexts.endTitle} onClick={() => void endRealRun()}>{realRunTexts.end}</button>
             : (
               <>
-                {run.recorded && !isShown && <button disabled={isBusy.value} title={realRunTexts.openTitle} onClick={() => void openRecording()}>{realRunTexts.open}</button>}
-                {run.recorded && <button disabled={isBusy.value} onClick={() => void save()}>{realRunTexts.save}</button>}
+                {run.recorded && !shownRun.value && <button disabled={isBusy.value} title={realRunTexts.openTitle} onClick={() => void openRecording()}>{realRunTexts.open}</button>}
                 <button disabled={isBusy.value} title={realRunTexts.closeTitle} onClick={() => void close()}>{realRunTexts.close}</button>
               </>
             )}

@@ -3,9 +3,11 @@
 import "./run.css";
 import type { Home } from "./home";
 import { advance, canRun, cut, endRun, filesOfRun, goTo, isEdited, isPlaying, mockRun, SPEEDS, speed, startRun, step, togglePlay } from "./mock_run";
+import { isProofOpen } from "./proof";
+import { EditedTreeButton } from "./shown_run";
 import { RealRunBar, RealRunButton, RealRunForm, realRun } from "./real_run";
 import { message, showError } from "./state";
-import { runTexts, treeTexts } from "./texts";
+import { proofTexts, runTexts, treeTexts } from "./texts";
 import { Track } from "./timeline";
 
 const STEPS = ["into", "over", "out"] as const;
@@ -24,8 +26,7 @@ const Icon = ({ name }: { name: keyof typeof SHAPES }) => (
 
 export function RunBar({ home }: { home: Home }) {
   const run = mockRun.value;
-  if (realRun.value) return <RealRunBar home={home} />;
-  if (!run) return canRun.value ? <StartBar /> : null;
+  if (!run) return realRun.value ? <RealRunBar /> : canRun.value ? <StartBar /> : null;
   const { state } = run;
   const { moment: at, event } = state;
   const isAtEnd = at.position === state.count;
@@ -43,7 +44,8 @@ export function RunBar({ home }: { home: Home }) {
     <section class="run-bar" aria-label={runTexts.bar}>
       {isEdited.value && (
         <p class="run-note">
-          {runTexts.edited} <button class="small" onClick={() => void startRun(true)}>{runTexts.again}</button>
+          {runTexts.edited} <button class="small" onClick={() => void startRun(true)}>{runTexts.again}</button>{" "}
+          <EditedTreeButton />
         </p>
       )}
       <div class="timeline">
@@ -86,6 +88,7 @@ function StartBar() {
           <button title={`${runTexts.step.into} (S)`} onClick={() => void advance("into")}><Icon name="into" /> {runTexts.stepInto}</button>
           <RealRunButton />
         </div>
+        <button aria-expanded={isProofOpen.value} title={proofTexts.openTitle} onClick={() => { isProofOpen.value = !isProofOpen.value; }}>{proofTexts.open}</button>
         <p>{runTexts.hint}</p>
       </div>
       <RealRunForm />

@@ -1,33 +1,38 @@
 // The moments of a recording, and the slider over them, which runs have, too.
 
-import { effect, signal, untracked } from "@preact/signals";
+import { computed, effect, signal, untracked } from "@preact/signals";
 import { useMemo } from "preact/hooks";
-import type { Live, Moment, Recording } from "./protocol";
+import type { Live, Moment, Recording, ShownRun } from "./protocol";
 import { actions, live, showError, start } from "./state";
 import { statuses, treeTexts } from "./texts";
 
 export const moment = signal<Moment | null>(null);
+/** A counterexample, a run with changes or a run with real leaves, which is shown in place of the recording of the page. */
+export const shownRun = signal<ShownRun | null>(null);
+const shown = computed<Recording | null>(() => shownRun.value ?? start.value?.recording ?? null);
 const position = signal(0);
 let isMoving = false;
 
 effect(() => {
-  const recording = start.value?.recording;
+  const recording = shown.value;
   // Otherwise each new position would lead back to the start.
-  if (recording) untracked(() => void goTo(recording, recording.start));
+  if (recording) untracked(() => void goTo(recording.start));
 });
 
 /** Show the moment after a number of steps. While the slider moves, the newest position counts. */
-async function goTo(recording: Recording, wanted: number): Promise<void> {
-  position.value = Math.max(0, Math.min(recording.count, wanted));
+async function goTo(wanted: number): Promise<void> {
+  position.value = Math.max(0, Math.min(shown.value?.count ?? 0, wanted));
   if (isMoving) return;
   isMoving = true;
   try {
-    for (let shown = -1; shown !== position.value;) {
-      const next = position.value;
-      const data = await actions.request<Moment>("btcore/moment", { position: next });
+    for (let seen: Recording | null = null, at = -1; shown.value && (seen !== shown.value || at !== position.value);) {
+      const recording: Recording = shown.value;
+      const next: number = position.value;
+      const data = await actions.request<Moment>("btcore/moment", { position: next, run: recording.run ?? 0 });
+      if (recording !== shown.value) continue;
       showMoment(data, recording, { problem: data.problem && treeTexts.notReplayed(data.problem) });
       // A part that is shown for the first time is run in several replies.
-      if (data.position === next || data.problem) shown = next;
+      if (data.position === next || data.problem) [seen, at] = [recording, next];
     }
   } catch (error) {
     showError(error);
@@ -45,10 +50,9 @@ export function showMoment(data: Moment, { keys, calls }: Pick<Live, "keys" | "c
   };
 }
 
-/** Go some steps forth, or back, if the page shows a recording. */
+/** Go some steps forth, or back, if the page shows a recording or a counterexample. */
 export function step(by: number): void {
-  const recording = start.value?.recording;
-  if (recording) void goTo(recording, position.value + by);
+  if (shown.value) void goTo(position.value + by);
 }
 
 interface TrackProps {
@@ -89,7 +93,7 @@ export function Track({ count, colours, width, position, at, name, label, goTo }
 }
 
 export function Timeline() {
-  const recording = start.value?.recording;
+  const recording = shown.value;
   if (!recording) return null;
   const at = moment.value;
   const name = !at ? "" : at.tick ? treeTexts.tick(at.tick) : at.position ? treeTexts.halt : treeTexts.beginning;
@@ -99,7 +103,7 @@ export function Timeline() {
         <button title={treeTexts.back} aria-label={treeTexts.back} disabled={position.value === 0} onClick={() => step(-1)}>◀</button>
         <button title={treeTexts.forth} aria-label={treeTexts.forth} disabled={position.value === recording.count} onClick={() => step(1)}>▶</button>
       </div>
-      <Track {...recording} position={position.value} at={at} name={name} label={treeTexts.moment} goTo={(wanted) => void goTo(recording, wanted)} />
+      <Track {...recording} position={position.value} at={at} name={name} label={treeTexts.moment} goTo={(wanted) => void goTo(wanted)} />
     </section>
   );
 }

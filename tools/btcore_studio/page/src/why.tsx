@@ -5,7 +5,7 @@ import { mockRun } from "./mock_run";
 import type { Why } from "./protocol";
 import { actions, announce, drawing, message, nameOf, selectedNode, showError } from "./state";
 import { runTexts, treeTexts } from "./texts";
-import { moment } from "./timeline";
+import { moment, shownRun } from "./timeline";
 import { draw, view } from "./view";
 
 const why = signal<Why | null>(null);
@@ -19,7 +19,7 @@ export async function explain(): Promise<void> {
     return;
   }
   try {
-    why.value = await actions.request<Why>("btcore/why", { key, position: at.position, run: mockRun.value?.state.run ?? 0 });
+    why.value = await actions.request<Why>("btcore/why", { key, position: at.position, run: mockRun.value?.state.run ?? shownRun.value?.run ?? 0 });
     announce(why.value.answer);
   } catch (error) {
     showError(error);
