@@ -1,7 +1,7 @@
 """The state of a running tree, which extensions of the entry point group `btcore.live` return."""
 
 from collections.abc import Mapping, Sequence
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 
 class LiveNode(Protocol):
@@ -50,6 +50,9 @@ class LiveState(NamedTuple):
         raised_at: The uid of the node that raised the last error, or 0.
         refusals: By "breakpoints", "values" and "reload", why the robot refuses them to this connection, or
             ""; empty until the robot has replied.
+        scene: The robot and its world from above as JSON data, or None: "bodies", the lowest first, as (RGBA
+            colour, [x, y, …]); "places" as (name, x, y); "poses" as (kind, [x, y, yaw, …]); and "scan", the
+            echoes of the laser as [x, y, …]. Lengths are in m. Another object if something has moved.
     """
 
     connection: str = "waiting"
@@ -64,3 +67,4 @@ class LiveState(NamedTuple):
     problem: str = ""
     raised_at: int = 0
     refusals: Mapping[str, str] = {}
+    scene: Mapping[str, Any] | None = None

@@ -17,6 +17,7 @@ from btcore_monitor import events
 from btcore_monitor.client_options import KeyOptions
 from btcore_monitor.environment_checks import check_installed
 from btcore_monitor.errors import MonitorError
+from btcore_monitor.plan_view import PlanView
 from btcore_monitor.wire.groot2 import DEFAULT_ADDRESS
 
 if TYPE_CHECKING:
@@ -27,6 +28,8 @@ if TYPE_CHECKING:
 _PACKAGES: Final = ("zmq", "msgpack", "lxml")
 _CONNECT_TIMEOUT_S: Final = 2.0
 """Maximum time (s) to connect for breakpoints. Meanwhile the statuses are not updated."""
+_SCENE_INTERVAL_S: Final = 0.2
+"""Minimum time (s) between two scenes."""
 _MAX_ENTRIES: Final = 1_000
 _MAX_VALUE: Final = 200
 """Maximum number of characters of a value."""
@@ -102,6 +105,9 @@ class RobotConnection:
         self._last_root_status = 0
         self._error = ""
         self._has_new_status = False
+        self._plan: PlanView | None = None
+        self._has_moved = False
+        self._next_scene = 0.0
 
     def poll(self, timeout: float) -> LiveState:
         """Return the state after *timeout* s, the same object if nothing has changed.
@@ -117,6 +123,9 @@ class RobotConnection:
             self._has_new_status = False
             self._state = self._state._replace(statuses=dict(self._statuses), results=dict(self._results))
         self._poll_breakpoints()
+        if self._plan is not None and self._has_moved and time.monotonic() >= self._next_scene:
+            self._has_moved, self._next_scene = False, time.monotonic() + _SCENE_INTERVAL_S
+            self._state = self._state._replace(scene=self._plan.data())
         if self._changes is not None and not self._state.refusals:
             self._state = self._state._replace(refusals=self._changes.read_refusals() or {})
         return self._state
@@ -148,6 +157,11 @@ class RobotConnection:
             self._state = state._replace(raised_at=raised_at)
         elif isinstance(event, events.BlackboardEvent):
             self._state = state._replace(entries=_list_entries(event.boards))
+        elif isinstance(event, events.StaticSceneEvent):
+            self._plan, self._has_moved = PlanView(event.data), True
+        elif isinstance(event, events.MovingSceneEvent) and self._plan is not None:
+            self._plan.take_moving(event.data)
+            self._has_moved = True
         elif isinstance(event, events.HooksEvent) and not state.breakpoints:
             self._state = state._replace(problem=event.warning)
 
@@ -180,9 +194,9 @@ class RobotConnection:
         self._end_changes()
         self._changes = ChangeClient(self._feed.address, self._keys)
         self._tree_id, self._results = tree.tree_id, {}
-        connection, detail = self._state.connection, self._state.detail
+        connection, detail, scene = self._state.connection, self._state.detail, self._state.scene
         calls = {node.uid: tree.subtrees.get(node.path, "") for node in tree.nodes if node.type == "subtree"}
-        self._state = LiveState(connection, detail, tree.nodes, calls)
+        self._state = LiveState(connection, detail, tree.nodes, calls, scene=scene)
 
     # --- breakpoints
 

@@ -15,6 +15,7 @@ from collections import deque
 from collections.abc import Callable, Collection, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import suppress
+from types import MappingProxyType
 from typing import Any, Final, Protocol
 
 from btcore import entry_points
@@ -238,7 +239,7 @@ class _FollowedTree:
         self._commands: deque[tuple[_Command, Future[None]]] = deque()
         self._ended = threading.Event()  # set by the event loop's thread only
         self._loop = asyncio.get_running_loop()
-        notify(_live_data(address, None, {}, wanted, ""))
+        notify({**_live_data(address, None, {}, wanted, ""), "scene": None})
         self._thread = threading.Thread(target=self._follow, daemon=True)
         self._thread.start()
 
@@ -272,6 +273,7 @@ class _FollowedTree:
         state: LiveState | None = None
         # What was published and set.
         shown: tuple[LiveState | None, frozenset[str]] = (None, frozenset())
+        scene: object = None
         has_set: frozenset[str] = frozenset()
         try:
             while not self._ended.is_set():
@@ -291,7 +293,9 @@ class _FollowedTree:
                 self._execute_commands()
                 if state is not shown[0] or wanted != shown[1]:
                     shown = state, wanted
-                    self._publish(state, keys, wanted, calls if has_other_nodes else None)
+                    moved, scene = state.scene is not scene, state.scene
+                    more = {"scene": scene} if moved else {}
+                    self._publish(state, keys, wanted, calls if has_other_nodes else None, more=more)
         except BtcoreError as error:
             self._publish(state, keys, self._wanted, calls, str(error))
         finally:
@@ -331,8 +335,9 @@ class _FollowedTree:
         wanted: frozenset[str],
         calls: list[RunningCall] | None,
         failure: str = "",
+        more: Mapping[str, object] = MappingProxyType({}),
     ) -> None:
-        data = _live_data(self._address, state, keys, wanted, failure)
+        data = {**_live_data(self._address, state, keys, wanted, failure), **more}
         if calls is not None:
             data["calls"] = [call._asdict() for call in calls]
             data["keys"] = [keys.get(node.uid, "") for node in state.nodes] if state is not None else []

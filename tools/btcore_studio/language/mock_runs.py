@@ -53,6 +53,8 @@ _PERIODS_S: Final = (0.001, 3_600.0)
 _MAX_TICKS: Final = 1_000
 """Maximum number of ticks of a request."""
 _MAX_EVENT: Final = 1_000_000
+_MAX_RECORDING: Final = 50_000_000
+"""Maximum number of characters of a recording that is sent to the page."""
 _MAX_NAME: Final = 60
 
 
@@ -230,7 +232,13 @@ class PageRuns:
         run = self.recorded_run(params.run).timeline
         tree = PurePosixPath(params.tree.replace("\\", "/")).name
         name = re.sub(r"\W+", "_", PurePosixPath(tree).stem)[:_MAX_NAME] or "tree"
-        files = [RunFile(f"{name}.btrec.txt", run.recording_text())]
+        recording = run.recording_text()
+        if len(recording) > _MAX_RECORDING:
+            raise BtcoreError(
+                f"the recording has more than {_MAX_RECORDING:,} characters: record such a run in a "
+                "terminal, with btcore run --record"
+            )
+        files = [RunFile(f"{name}.btrec.txt", recording)]
         if params.test:
             files.append(RunFile(f"test_{name}.py", run.test_text(name, tree)))
         return RunFiles(files)

@@ -50,7 +50,8 @@ from btcore_studio.language.node_form import form_of
 from btcore_studio.language.palette import palette_of
 from btcore_studio.language.project import DocumentKey, Project, Settings, SourceDocument
 from btcore_studio.language.proofs import CounterexampleParams, PageProofs, ProofParams, ProofResult
-from btcore_studio.language.shown_runs import ShownMomentParams, ShownRuns
+from btcore_studio.language.real_runs import RealRuns
+from btcore_studio.language.shown_runs import ShownMomentParams, ShownRun, ShownRuns
 from btcore_studio.language.studio_protocol import (
     BreakpointsParams,
     CopyParams,
@@ -65,6 +66,7 @@ from btcore_studio.language.studio_protocol import (
     NewEntryParams,
     Palette,
     Place,
+    RealRunParams,
     RecordingParams,
     ReleaseParams,
     WatchParams,
@@ -209,6 +211,7 @@ class TreeServer(LanguageServer):
         live: The running tree that the page watches.
         shown: The recorded runs that the page shows.
         proofs: The searches of the page.
+        real_runs: The run of the page with real leaves.
         was_shut_down: Whether the client has requested the end of the server.
         params_classes: The parameters of requests outside of the Language Server Protocol, by method.
     """
@@ -228,6 +231,12 @@ class TreeServer(LanguageServer):
             self.project,
             self.shown,
             lambda data: self.protocol.notify("btcore/proofProgress", data),
+        )
+        self.real_runs = RealRuns(
+            self.project,
+            self.live,
+            self.shown,
+            lambda data: self.protocol.notify("btcore/realRun", data),
         )
         self.was_shut_down = False
         self.params_classes: dict[str, type[Data]] = {}
@@ -264,7 +273,7 @@ class TreeServer(LanguageServer):
         if self._collection is not None:
             self._collection.cancel()
         self.proofs.stop()
-        await asyncio.gather(self.checker.close(), self.live.close())
+        await asyncio.gather(self.checker.close(), self.live.close(), self.real_runs.close())
 
     def _publish(self, file: DocumentKey, version: int | None, reports: list[Report]) -> None:
         uri = file if isinstance(file, str) else self.project.uri(file)
@@ -444,6 +453,20 @@ def _add_studio_requests(server: TreeServer, has_processes: bool) -> None:
     server.add_request("btcore/release", ReleaseParams, release)
     server.add_request("btcore/setEntry", NewEntryParams, set_entry)
     server.add_request("btcore/reload", DocumentParams, reload)
+    real_runs = server.real_runs
+
+    async def start_real_run(params: RealRunParams) -> None:
+        await real_runs.start(document(params.text_document.uri), params)
+
+    async def end_real_run(_: Data) -> None:
+        await real_runs.end()
+
+    async def open_recording(_: Data) -> ShownRun:
+        return await real_runs.open_recording()
+
+    server.add_request("btcore/startRealRun", RealRunParams, start_real_run)
+    server.add_request("btcore/endRealRun", Data, end_real_run)
+    server.add_request("btcore/openRecording", Data, open_recording)
 
     proofs = server.proofs
 
@@ -499,6 +522,7 @@ def _keep_up_to_date(server: TreeServer) -> None:
         checker.close()
         server.live.end()
         server.proofs.stop()
+        server.real_runs.end_soon()
         server.was_shut_down = True
 
     @server.feature(types.TEXT_DOCUMENT_DID_OPEN)

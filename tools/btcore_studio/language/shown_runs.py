@@ -1,17 +1,15 @@
-"""Recorded runs that a page shows on its timeline: counterexamples, and runs with changes."""
+"""Recorded runs on the timeline of a page: counterexamples, runs with changes, and runs with real leaves."""
 
 import itertools
 from collections import OrderedDict
 from collections.abc import Sequence
-from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import msgspec
 
 from btcore.errors import BtcoreError
 from btcore_studio.language.studio_protocol import Data, RecordingParams
-from btcore_studio.language.timeline import RecordedRun, open_timeline, timeline_of_text
+from btcore_studio.language.timeline import MAX_RECORDING, RecordedRun, Timeline, timeline_of_text
 
 MAX_SHOWN: Final = 4
 """Maximum number of runs that a page may show again without a new request."""
@@ -66,10 +64,16 @@ class ShownRuns:
         Raises:
             BtcoreError: The recording cannot be shown.
         """
-        with TemporaryDirectory() as folder:
-            path = Path(folder) / "run.btrec.txt"
-            path.write_text(text, encoding="utf-8", errors="surrogatepass", newline="\n")
-            timeline = open_timeline(path)
+        return self.add(timeline_of_text(text), start, report)
+
+    def add(
+        self, timeline: Timeline | None, start: int | None = None, report: Sequence[str] = ()
+    ) -> ShownRun:
+        """Show a recording that has been read by `open_timeline`; otherwise as `show`.
+
+        Raises:
+            BtcoreError: No installed package reads the recording.
+        """
         if timeline is None:
             raise BtcoreError("runs cannot be shown: no installed package shows recordings")
         number, recorded = next(NUMBERS), RecordedRun(timeline)
@@ -82,7 +86,13 @@ class ShownRuns:
         return msgspec.convert({"run": number, "report": report, **summary}, ShownRun)
 
     def show_recording(self, params: RecordingParams) -> dict[str, Any]:
-        """Show the recording with this text in place of the recording that the studio shows."""
+        """Show the recording with this text in place of the recording that the studio shows.
+
+        Raises:
+            BtcoreError: The recording is too large or cannot be shown.
+        """
+        if len(params.text) > MAX_RECORDING:
+            raise BtcoreError(f"the recording is refused: it has more than {MAX_RECORDING:,} characters")
         self.recorded = RecordedRun(timeline_of_text(params.text))
         return self.recorded.summary()
 

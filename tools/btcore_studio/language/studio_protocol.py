@@ -681,6 +681,16 @@ class RecordingParams(Data, frozen=True):
     text: str
 
 
+# --- btcore/startRealRun; the parameters of btcore/realRun are in real_runs.py
+
+
+class RealRunParams(DocumentParams, frozen=True):
+    """The tree to run with its real leaves, and a line of *options* of `btcore run`."""
+
+    tree: str | None = None
+    options: str = ""
+
+
 # --- btcore/why, of a run or of a recording
 
 

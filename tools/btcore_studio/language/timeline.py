@@ -23,7 +23,7 @@ from btcore_studio.language.studio_protocol import Why, WhyLink
 
 _GROUP: Final = "btcore.recordings"
 MAX_RECORDING: Final = 8 << 20
-"""Maximum size of the text of a recording that a page sends (bytes)."""
+"""Maximum number of characters in a recording that a page sends."""
 MAX_WAIT_S: Final = 0.4
 """Maximum time (s) for a reply while a part of a recording is run for the first time."""
 _MAX_EXPLAINING_S: Final = 1.0
@@ -92,14 +92,11 @@ def timeline_of_text(text: str) -> Timeline:
     """Return the recording whose file (`.btrec.txt`) has this text.
 
     Raises:
-        BtcoreError: The recording is too large or cannot be read, or a package is not installed.
+        BtcoreError: The recording cannot be read, or a package is not installed.
     """
-    content = text.encode(errors="replace")
-    if len(content) > MAX_RECORDING:
-        raise BtcoreError(f"the recording is refused: it has more than {MAX_RECORDING:,} bytes")
     with TemporaryDirectory() as folder:
         path = Path(folder) / "run.btrec.txt"
-        path.write_bytes(content)
+        path.write_text(text, encoding="utf-8", errors="surrogatepass", newline="\n")
         try:
             timeline = open_timeline(path)
         except BtcoreError as error:

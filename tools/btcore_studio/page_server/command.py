@@ -52,6 +52,10 @@ class StudioOptions(LibraryOptions):
         | None
     ) = None
     read_only: Annotated[bool, option("Change and write no file.")] = False
+    trust: Annotated[
+        bool,
+        option("Let pages run trees with their real leaves, in processes. --plugin implies it."),
+    ] = False
 
 
 @click.command(cls=ExtensibleCommand, group="btcore.live")
@@ -179,7 +183,16 @@ def find_shown(source: str, options: StudioOptions, live: "LiveExtension | None"
     plugins, models = _libraries(options)
     if Path(source).is_dir():
         folder = Path(source)
-        return Shown(folder, None, options.tree, options.read_only, plugins, models, live=live)
+        return Shown(
+            folder,
+            None,
+            options.tree,
+            options.read_only,
+            plugins,
+            models,
+            live=live,
+            trusts_leaves=options.trust,
+        )
     path = find_source(source)
     if path == STDIN:
         raise click.UsageError("btcore studio needs a file: a tree on stdin cannot be saved again.")
@@ -200,7 +213,9 @@ def find_shown(source: str, options: StudioOptions, live: "LiveExtension | None"
     is_bundled = path.is_relative_to(bundled_trees.folder()) and not Path(source).exists()
     file = real_path(path)
     is_read_only = options.read_only or is_bundled
-    return Shown(file.parent, file, options.tree, is_read_only, plugins, models, live=live)
+    return Shown(
+        file.parent, file, options.tree, is_read_only, plugins, models, live=live, trusts_leaves=options.trust
+    )
 
 
 def find_versions(

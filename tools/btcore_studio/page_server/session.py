@@ -112,6 +112,7 @@ class Shown:
         recorded: A recording of the tree in *file*, or None.
         versions: The old and the new version of a file, which are compared; a page can request no other file.
         live: Connects pages with running trees; None if no installed package can do it.
+        trusts_leaves: Whether pages may run trees with their real leaves, also without *plugins*.
     """
 
     folder: Path
@@ -123,6 +124,12 @@ class Shown:
     recorded: RecordedRun | None = None
     versions: tuple[Version, Version] | None = None
     live: LiveExtension | None = None
+    trusts_leaves: bool = False
+
+    @property
+    def is_trusted(self) -> bool:
+        """Whether the code of leaves may be imported and run."""
+        return self.trusts_leaves or bool(self.plugins)
 
 
 class StudioSession:
@@ -194,6 +201,7 @@ class StudioSession:
             "tree": shown.tree,
             "readOnly": shown.is_read_only,
             "live": shown.live is not None and shown.recorded is None,
+            "trusted": shown.is_trusted,
             "recording": None if shown.recorded is None else shown.recorded.summary(),
             "versions": shown.versions and [version.name for version in shown.versions],
         }
@@ -435,7 +443,7 @@ class PageSession:
             "rootUri": None,
             "workspaceFolders": [{"uri": file_uri(folder), "name": folder.name}],
             "initializationOptions": {
-                "trusted": bool(shown.plugins),
+                "trusted": shown.is_trusted,
                 "plugins": list(shown.plugins),
                 "models": list(shown.models),
             },

@@ -46,6 +46,7 @@ class State(NamedTuple):
     problem: str = ""
     raised_at: int = 0
     refusals: Mapping[str, str] = {"breakpoints": "", "values": "", "reload": "no reload"}
+    scene: Mapping[str, Any] | None = None
 
 
 @dataclass
@@ -168,6 +169,23 @@ def test_status_is_forced_and_tree_is_changed() -> None:
         assert connection.calls == [[4], ("", "key", "2"), "<root/>", "release FAILURE", "close"]
         with pytest.raises(BtcoreError, match="no running tree is connected"):
             await live.change(lambda connection: connection.replace_tree("<root/>"))
+
+    asyncio.run(watch())
+
+
+def test_scene_is_sent_when_it_has_moved() -> None:
+    async def watch() -> None:
+        connection, page = Connection(State(scene={"scan": [1.0]})), Page()
+        live = LiveTree(Extension(connection), page.notify)
+        live.watch("somewhere")
+        await page.until(lambda data: data.get("scene") == {"scan": [1.0]})
+        page.data["scene"] = "shown"
+        connection.state = connection.state._replace(detail="the same scene")
+        await page.until(lambda data: data["detail"])
+        assert page.data["scene"] == "shown"
+        connection.state = connection.state._replace(scene={"scan": [2.0]})
+        await page.until(lambda data: data.get("scene") == {"scan": [2.0]})
+        await live.close()
 
     asyncio.run(watch())
 

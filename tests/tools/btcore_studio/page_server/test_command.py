@@ -57,6 +57,7 @@ def test_file_is_edited_until_a_signal(folder: Path, built: Path) -> None:
             "readOnly": False,
             "guide": start["guide"],
             "live": start["live"],
+            "trusted": False,
             "recording": None,
             "versions": None,
         }

@@ -21,7 +21,7 @@ import { complete } from "./picture";
 import { checked, followProblems, Problems } from "./problems";
 import type {
   Command, Diagnostic, DiskConflict, Drawing, DrawingParams, EditParams, EditResult, Live, Palette as PaletteData, Place, Preview, ProofProgress,
-  SharedFile, WorkspaceEdit,
+  RealRun, SharedFile, WorkspaceEdit,
 } from "./protocol";
 import {
   actions, awaitDrawing, diagnostics, drawing, files, folded, isSamePlace, message, palette, reasonOf, refusedField, selectedNodes,
@@ -30,8 +30,10 @@ import {
 import { noteProofEdit, Proof, receiveProgress } from "./proof";
 import { LeafPlanForm } from "./question";
 import { createQueue } from "./queue";
+import { realRun, receiveRealRun } from "./real_run";
 import { RpcError } from "./rpc";
 import { RunBar } from "./run_bar";
+import { SceneView } from "./scene";
 import { ShownRunBar } from "./shown_run";
 import { SiteHome } from "./site/home";
 import { LinkedRecording, PythonNotice } from "./site/site_tools";
@@ -284,6 +286,7 @@ home.connection.on<{ uri: string; diagnostics: Diagnostic[] }>("textDocument/pub
 });
 home.connection.on<Live>("btcore/live", receiveLive);
 home.connection.on<ProofProgress>("btcore/proofProgress", receiveProgress);
+home.connection.on<RealRun>("btcore/realRun", receiveRealRun);
 home.connection.on<SharedFile[]>("btcore/files", (list) => { files.value = list; });
 home.connection.on<DiskConflict>("btcore/disk", (conflict) => {
   conflicts.value = [...conflicts.value.filter((other) => other.uri !== conflict.uri), conflict];
@@ -446,7 +449,8 @@ function Page() {
             <WhatIfForm />
             <Proof home={home} />
             <Form />
-            <RunHint />
+            {!realRun.value && <RunHint />}
+            <SceneView />
             <Blackboard />
           </div>
           <Splitter name="form" label={texts.sizes.form} axis="y" direction={1} initial={340} min={80} />

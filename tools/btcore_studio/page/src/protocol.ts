@@ -233,6 +233,19 @@ export interface Live {
   refusals?: { breakpoints?: string; force?: string; values?: string; reload?: string };
   keys?: string[];
   calls?: RunningCall[];
+  /** The robot and its world from above; sent only if something has moved. */
+  scene?: Scene | null;
+}
+
+/** Lengths are in m, angles in rad. */
+export interface Scene {
+  /** The lowest first. The corners are x, y, … */
+  bodies: [color: [red: number, green: number, blue: number, opacity: number], corners: number[]][];
+  places: [name: string, x: number, y: number][];
+  /** The kind is path, cloud, goal, estimate or odometry; the poses are x, y, yaw, … */
+  poses: [kind: string, poses: number[]][];
+  /** The x, y, … of the echoes of the laser. */
+  scan: number[];
 }
 
 // --- btcore/moment { position, run } → Moment, of a ShownRun, or of the recording that the studio shows (0; see Start.recording).
@@ -316,6 +329,21 @@ export interface RunState {
 }
 
 export interface RunFile { name: string; text: string }
+
+// --- btcore/startRealRun { textDocument, tree, options } → null: run the text with its real leaves, in a process to which the page
+// is connected (btcore/live). The notification btcore/realRun has a RealRun. btcore/endRealRun → null, when the process has ended;
+// btcore/openRecording → ShownRun: its recording.
+
+export interface RealRun {
+  address: string;
+  running: boolean;
+  /** The exit code, or minus the number of the signal that has killed the process; null while it runs. */
+  code: number | null;
+  /** The end of what the process has printed. */
+  output: string;
+  /** Whether the run has ended and has a recording. */
+  recorded: boolean;
+}
 
 // --- btcore/prove ProofParams → ProofResult: search all runs of a tree. The notification btcore/proofProgress ProofProgress
 // comes from time to time. btcore/stopProof {} → null ends the search, whose request fails then.
@@ -422,6 +450,8 @@ export interface Start {
   readOnly: boolean;
   /** Whether running trees can be watched. */
   live: boolean;
+  /** Whether trees can be run with their real leaves. */
+  trusted?: boolean;
   /** The address that is proposed. */
   address?: string;
   recording: Recording | null;

@@ -5,6 +5,7 @@ import type { Home } from "./home";
 import { advance, canRun, cut, endRun, filesOfRun, goTo, isEdited, isPlaying, mockRun, SPEEDS, speed, startRun, step, togglePlay } from "./mock_run";
 import { isProofOpen } from "./proof";
 import { EditedTreeButton } from "./shown_run";
+import { RealRunBar, RealRunButton, RealRunForm, realRun } from "./real_run";
 import { message, showError } from "./state";
 import { proofTexts, runTexts, treeTexts } from "./texts";
 import { Track } from "./timeline";
@@ -25,7 +26,7 @@ const Icon = ({ name }: { name: keyof typeof SHAPES }) => (
 
 export function RunBar({ home }: { home: Home }) {
   const run = mockRun.value;
-  if (!run) return canRun.value ? <StartBar /> : null;
+  if (!run) return realRun.value ? <RealRunBar /> : canRun.value ? <StartBar /> : null;
   const { state } = run;
   const { moment: at, event } = state;
   const isAtEnd = at.position === state.count;
@@ -85,10 +86,12 @@ function StartBar() {
         <div class="group">
           <button class="play" title={`${runTexts.startTitle} (R)`} onClick={togglePlay}><Icon name="play" /> {runTexts.start}</button>
           <button title={`${runTexts.step.into} (S)`} onClick={() => void advance("into")}><Icon name="into" /> {runTexts.stepInto}</button>
+          <RealRunButton />
         </div>
         <button aria-expanded={isProofOpen.value} title={proofTexts.openTitle} onClick={() => { isProofOpen.value = !isProofOpen.value; }}>{proofTexts.open}</button>
         <p>{runTexts.hint}</p>
       </div>
+      <RealRunForm />
     </section>
   );
 }

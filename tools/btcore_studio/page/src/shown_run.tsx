@@ -1,4 +1,4 @@
-// The name and the buttons of a counterexample, a run with changes, or a recording, above the timeline.
+// The name and the buttons of a counterexample, a run with changes, a run with real leaves, or a recording, above the timeline.
 
 import { computed, signal } from "@preact/signals";
 import type { Home } from "./home";
@@ -22,7 +22,7 @@ const about = signal<About>({ title: "", notes: [], base: 0, isTestable: false }
 export const baseRun = computed(() =>
   shownRun.value ? about.value.base : mockRun.value?.state.run ?? (start.value?.recording ? 0 : null));
 
-/** Show a run on the timeline. @param base The run that was changed; null for a counterexample. */
+/** Show a run on the timeline. @param base The run that "What if" changes; null for a counterexample. */
 export function openRun(run: ShownRun, title: string, notes: readonly string[], base: number | null = null): void {
   about.value = { title, notes, base: base ?? run.run, isTestable: base !== null };
   showRun(run);

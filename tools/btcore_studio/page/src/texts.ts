@@ -428,6 +428,39 @@ export const runTexts = {
   noMoment: "Run the tree, or open a recording, to ask why.",
 };
 
+/** The world of the running tree. */
+export const sceneTexts = {
+  title: "World",
+  label: "The robot and its world from above",
+};
+
+/** Runs with real leaves. */
+export const realRunTexts = {
+  bar: "Run with real leaves",
+  start: "Run real leaves",
+  startTitle: "Run the shown tree with its real leaves, in a process of its own",
+  options: "Options of btcore run",
+  example: "--world office:3 --people 2 --set key=value",
+  hint: "The code of the leaves is executed. Without other options, the nodes of btcore_robot drive a simulated robot.",
+  cancel: "Cancel",
+  starting: "The run is starting.",
+  running: "Running with real leaves",
+  end: "End the run",
+  endTitle: "Interrupt the run, as Ctrl-C does. A leaf that does not return is ended with the process after some seconds.",
+  ending: "The run is ending.",
+  ended: (code: number | null) =>
+    (code === 0 ? "The run has ended." : code === 1 ? "The run has ended with FAILURE."
+      : code === 130 ? "The run was interrupted." : code !== null && code < 0 ? `The process of the run was killed by signal ${-code}.`
+        : `The run has ended with the exit code ${code}.`),
+  output: "Output",
+  open: "Show on the timeline",
+  openTitle: "Show the recording of the run at any moment",
+  opened: "The slider shows each moment of the run.",
+  recording: "Recording of the run with real leaves",
+  close: "Close",
+  closeTitle: "Show the edited tree without the run",
+};
+
 /** Proofs, and the runs that they show. */
 export const proofTexts = {
   open: "Prove",

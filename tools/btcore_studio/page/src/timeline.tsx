@@ -7,7 +7,7 @@ import { actions, live, showError, start } from "./state";
 import { statuses, treeTexts } from "./texts";
 
 export const moment = signal<Moment | null>(null);
-/** A counterexample, or a run with changes, which is shown in place of the recording of the page. */
+/** A counterexample, a run with changes or a run with real leaves, which is shown in place of the recording of the page. */
 export const shownRun = signal<ShownRun | null>(null);
 const shown = computed<Recording | null>(() => shownRun.value ?? start.value?.recording ?? null);
 const position = signal(0);
