@@ -35,6 +35,7 @@ def link_to(
         BtcoreError: The page would refuse the link: a name or text is invalid, or the files are too large.
 
     Examples:
+        >>> from btcore_studio.site.links import link_to
         >>> link_to({"tree.xml": "<root/>"}, address="studio/")[:20]
         'studio/#files=q1ZKy8'
     """
