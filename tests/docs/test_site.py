@@ -15,8 +15,6 @@ import field_defaults  # noqa: E402
 import griffe  # noqa: E402
 import links  # noqa: E402
 
-from btcore_studio.site.links import link_to  # noqa: E402
-
 
 def site(folder: Path, **pages: str) -> Path:
     """Write the bodies *pages* as HTML files into *folder*; index.html links to all but "lost"."""
@@ -63,7 +61,7 @@ def test_trees_of_the_site_have_links_to_the_studio() -> None:
     page = f'{part}\n1. See:\n\n    ```xml\n{indented}    ```\n\n```xml title="{"a" * 99}.xml"\n{tree}```\n'
     shown = build_site.with_try_links(page)
     (link,) = re.findall(r"^    \[Try it in the studio\]\((.*)\)", shown, re.MULTILINE)
-    assert link == link_to({"tree.xml": tree, "go.xml": "<Sequence/>\n"})
+    assert link == build_site.link_to({"tree.xml": tree, "go.xml": "<Sequence/>\n"})
     assert re.sub(r"\n *\[Try it.*\n", "", shown) == page
     # A diff, and a file that the page would refuse, have no link.
     assert shown.count("Try it") == 1
