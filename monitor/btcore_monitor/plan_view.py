@@ -19,6 +19,7 @@ from btcore_scene import (
     StaticScene,
     Vector,
 )
+from btcore_scene.rotations import product, rotated, yaw_of
 
 _Point = tuple[float, float]
 _Place = tuple[Vector, Quaternion]
@@ -92,7 +93,7 @@ class PlanView:
             if frame is None or name == self._root:
                 break
             own = (frame.position, frame.quaternion)
-            position, turn = _apply(own, position), _multiply(frame.quaternion, turn)
+            position, turn = _apply(own, position), product(frame.quaternion, turn)
             name = frame.parent
         return position, turn
 
@@ -100,7 +101,7 @@ class PlanView:
         """Return x, y and yaw of poses."""
         place = self._place(poses.frame)
         rows = _thinned(list(struct.iter_unpack("<3f", poses.rows)))
-        turned = _yaw(place[1])
+        turned = yaw_of(place[1])
         return [
             round(value, 3) for x, y, yaw in rows for value in (*_apply(place, (x, y, 0.0))[:2], yaw + turned)
         ]
@@ -177,32 +178,9 @@ def _flat(place: _Place, points: Iterable[Vector]) -> list[float]:
 
 def _apply(place: _Place, point: Vector) -> Vector:
     """Return *point* of the frame at *place* in the frame around it."""
-    (px, py, pz), (qx, qy, qz, qw) = place
-    x, y, z = point
-    # The vector of the quaternion, times the point, twice.
-    tx, ty, tz = 2 * (qy * z - qz * y), 2 * (qz * x - qx * z), 2 * (qx * y - qy * x)
-    return (
-        px + x + qw * tx + qy * tz - qz * ty,
-        py + y + qw * ty + qz * tx - qx * tz,
-        pz + z + qw * tz + qx * ty - qy * tx,
-    )
-
-
-def _multiply(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Return the rotation *b* followed by *a*."""
-    ax, ay, az, aw = a
-    bx, by, bz, bw = b
-    return (
-        aw * bx + ax * bw + ay * bz - az * by,
-        aw * by - ax * bz + ay * bw + az * bx,
-        aw * bz + ax * by - ay * bx + az * bw,
-        aw * bw - ax * bx - ay * by - az * bz,
-    )
-
-
-def _yaw(turn: Quaternion) -> float:
-    x, y, z, w = turn
-    return math.atan2(2 * (w * z + x * y), 1 - 2 * (y * y + z * z))
+    (px, py, pz), turn = place
+    x, y, z = rotated(turn, point)
+    return px + x, py + y, pz + z
 
 
 def _convex_hull(points: Iterable[_Point]) -> list[_Point]:

@@ -10,9 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from btcore_robot.robot import Pose2D
-
-Vector = tuple[float, float, float]
-Quaternion = tuple[float, float, float, float]
+from btcore_scene import Quaternion, Vector
+from btcore_scene.rotations import product, rotated, yaw_of
 
 _LINEAR_COSINE = 0.9995  # above it the divisor of slerp is close to 0, and linear interpolation is as good
 
@@ -37,8 +36,7 @@ class Transform:
     @property
     def yaw(self) -> float:
         """The heading (rad, in [-π, π]): the rotation about z in roll, pitch and yaw."""
-        x, y, z, w = self.quaternion
-        return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+        return yaw_of(self.quaternion)
 
     def to_pose(self) -> Pose2D:
         """Return the position and heading on the floor, without height, roll and pitch."""
@@ -46,19 +44,9 @@ class Transform:
 
     def __mul__(self, other: "Transform") -> "Transform":
         """Return `a2c` for `a2b * b2c`."""
-        ax, ay, az, aw = self.quaternion
-        bx, by, bz, bw = other.quaternion
-        rx, ry, rz = _rotated(self.quaternion, other.position)
+        rx, ry, rz = rotated(self.quaternion, other.position)
         px, py, pz = self.position
-        return Transform(
-            (px + rx, py + ry, pz + rz),
-            (
-                aw * bx + ax * bw + ay * bz - az * by,
-                aw * by - ax * bz + ay * bw + az * bx,
-                aw * bz + ax * by - ay * bx + az * bw,
-                aw * bw - ax * bx - ay * by - az * bz,
-            ),
-        )
+        return Transform((px + rx, py + ry, pz + rz), product(self.quaternion, other.quaternion))
 
     def compose(self, other: "Transform") -> "Transform":
         """Return `a2c` for `a2b.compose(b2c)`, the same as `a2b * b2c`."""
@@ -68,7 +56,7 @@ class Transform:
         """Return `b2a` for `a2b`."""
         x, y, z, w = self.quaternion
         inverse = (-x, -y, -z, w)
-        rx, ry, rz = _rotated(inverse, self.position)
+        rx, ry, rz = rotated(inverse, self.position)
         return Transform((-rx, -ry, -rz), inverse)
 
     @property
@@ -156,15 +144,3 @@ def wrap_angles(angles: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return *angles* (rad) in [-π, π)."""
     wrapped: NDArray[np.float64] = (angles + math.pi) % math.tau - math.pi
     return wrapped
-
-
-def _rotated(quaternion: Quaternion, vector: Vector) -> Vector:
-    """Return *vector* rotated by *quaternion*: v + 2w(q×v) + 2q×(q×v)."""
-    x, y, z, w = quaternion
-    vx, vy, vz = vector
-    tx, ty, tz = 2.0 * (y * vz - z * vy), 2.0 * (z * vx - x * vz), 2.0 * (x * vy - y * vx)
-    return (
-        vx + w * tx + y * tz - z * ty,
-        vy + w * ty + z * tx - x * tz,
-        vz + w * tz + x * ty - y * tx,
-    )

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from btcore_robot.errors import RobotError
-from btcore_robot.rigid_transform import Transform, Vector, from_rpy
-from btcore_scene import Box, Color, Cylinder, Part, Sphere
+from btcore_robot.rigid_transform import Transform, from_rpy
+from btcore_scene import Box, Color, Cylinder, Part, Sphere, Vector
 
 TURNING = ("revolute", "continuous")
 SLIDING = "prismatic"

@@ -7,9 +7,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from btcore.suggestions import did_you_mean
-from btcore_robot.rigid_transform import Quaternion, Vector
 from btcore_robot.robot import Pose2D
 from btcore_robot.urdf import read_with_paths
+from btcore_scene import Quaternion, Vector
 from btcore_sim.errors import SimError
 from btcore_sim.quiet_pybullet import pybullet
 from btcore_sim.robot_description import RobotDescription

@@ -2,7 +2,7 @@
 
 import math
 from collections import defaultdict
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -23,7 +23,8 @@ from btcore_monitor.screen.row_buffer import (
 )
 from btcore_monitor.screen.shapes import archetypes, extent, surface
 from btcore_monitor.screen.style import Palette
-from btcore_scene import UPRIGHT, Laser, Mesh, MovingScene, Part, StaticScene
+from btcore_scene import UPRIGHT, Laser, Mesh, MovingScene, Part, Quaternion, StaticScene, Vector
+from btcore_scene.rotations import rotated
 
 ORIGIN: Final = "scene"
 TRAIL: Final = f"{ORIGIN}/trail"
@@ -68,8 +69,7 @@ _TRAIL_HEIGHT: Final = 0.06
 _STILL: Final = 2e-5
 """Smallest displayed change of a pose (m, and quaternion elements); simulated joints jitter by less."""
 
-Vector = NDArray[np.float64]
-Pose = tuple[str, tuple[float, ...], tuple[float, ...]]
+Pose = tuple[str, Vector, Quaternion]
 """A parent frame, a position (m) and a quaternion."""
 
 
@@ -263,7 +263,7 @@ class SceneView:
             return
         if self._last_position is None:
             self._last_position = point
-        elif float(np.linalg.norm(point - self._last_position)) >= _TRAIL_STEP:
+        elif math.dist(point, self._last_position) >= _TRAIL_STEP:
             self._trail.add(np.stack((self._last_position, point)).astype(np.float32))
             self._last_position = point
 
@@ -272,14 +272,15 @@ class SceneView:
         frame: str | None = next((body for body in _BODIES if body in self._poses), None)
         if frame is None:
             return None
-        point = np.zeros(3)
+        point = (0.0, 0.0, 0.0)
         # A bounded loop, because the robot may send frames that form a cycle.
         for _ in range(min(len(self._poses), _FRAMES_DEEP)):
-            parent, position, quaternion = self._poses[frame]
-            point = _rotate(point, quaternion) + np.array(position, dtype=np.float64)
+            parent, (x, y, z), quaternion = self._poses[frame]
+            if math.isfinite(quaternion[3]):
+                point = rotated(quaternion, point)
+            point = (point[0] + x, point[1] + y, point[2] + z)
             if parent == self._root:
-                point[2] = _TRAIL_HEIGHT
-                return point
+                return point[0], point[1], _TRAIL_HEIGHT
             if parent not in self._poses:
                 return None
             frame = parent
@@ -313,15 +314,6 @@ class SceneView:
             if frame in frames and frame != self._root:
                 return f"{ORIGIN}/parts/{entity_part(frame)}/{frames[frame]}"
         return ""
-
-
-def _rotate(point: Vector, quaternion: Sequence[float]) -> Vector:
-    x, y, z, w = quaternion
-    # v + 2 w (q × v) + 2 q × (q × v), the rotation of v by the unit quaternion (q, w).
-    axis = np.array([x, y, z])
-    cross = np.cross(axis, point)
-    turned: Vector = point + 2.0 * (w * cross + np.cross(axis, cross))
-    return turned if math.isfinite(w) else point
 
 
 def _is_near(first: Pose, second: Pose) -> bool:
