@@ -80,7 +80,7 @@ def with_try_links(text: str) -> str:
             return block[0]
         included = {each: files[each] for each in INCLUDED.findall(text) if each in files}
         try:
-            link = link_to({name: text, **included}, address=f"{PROJECT['urls']['Documentation']}studio/")
+            link = link_to({name: text, **included})
         except BtcoreError:
             return block[0]
         return f'{block[0]}\n{indent}[Try it in the studio]({link}){{ .try-it target="_blank" }}\n'

@@ -16,13 +16,12 @@ from typing import Any, Final, Literal, Protocol
 
 import msgspec
 
-from btcore import entry_points
 from btcore.errors import BtcoreError, TreeError
 from btcore.logs.moments import Moment
 from btcore.registry.outcome_grammar import Outcome
 from btcore.status import RUNNING
 from btcore_studio.language.project import Project
-from btcore_studio.language.shown_runs import NUMBERS, ShownRuns
+from btcore_studio.language.shown_runs import NUMBERS, ShownRuns, load_first
 from btcore_studio.language.studio_protocol import (
     AnswerParams,
     Data,
@@ -42,7 +41,7 @@ from btcore_studio.language.studio_protocol import (
     WhyParams,
 )
 from btcore_studio.language.timeline import MAX_WAIT_S, RecordedRun, Timeline, colours_of
-from btcore_studio.language.tree_reading import known_document, read_trees
+from btcore_studio.language.tree_reading import read_xml
 
 _GROUP: Final = "btcore.runs"
 MAX_NODES: Final = 5_000
@@ -172,21 +171,13 @@ class PageRuns:
         if not low <= params.period <= high:
             raise BtcoreError(f"the time between two ticks must be from {low:g} s to {high:g} s")
         before = self._present(params.again) if params.again else None
-        reading = read_trees(self._project, known_document(self._project, params.text_document.uri))
-        if reading.broken:
-            raise reading.not_xml_error()
-        plans = reading.plans_of(params.tree)
+        plans = read_xml(self._project, params.text_document.uri).plans_of(params.tree)
         size = None if plans.main_tree is None else plans.sizes.get(plans.main_tree.id)
         if size is not None and size.nodes > MAX_NODES:
             raise BtcoreError(f"a tree with more than {MAX_NODES:,} nodes cannot be run here")
-        loaded, unavailable = entry_points.load(_GROUP)
-        if not loaded:
-            remedies = [point.remedy for point in unavailable]
-            raise BtcoreError(
-                f"trees cannot be run: {'; '.join(remedies) or 'no installed package runs them'}"
-            )
+        create_run = load_first(_GROUP, "trees cannot be run")
         try:
-            run: MockRun = loaded[0].value(plans, params.period)
+            run: MockRun = create_run(plans, params.period)
         except TreeError as error:
             raise BtcoreError(f"the tree cannot be run: {error.diagnostics[0].message}") from None
         self._run = started = _PageRun(run)

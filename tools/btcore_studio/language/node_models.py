@@ -4,6 +4,7 @@ import inspect
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from enum import Enum
+from pathlib import Path
 from typing import Any
 
 from btcore.blackboard.ports import Direction, Port, PortRole
@@ -193,3 +194,11 @@ def type_named(nodes: Registry, name: str, members: Mapping[str, int] | Sequence
         enum_class = make(name.rpartition(".")[2], members)
         return EnumType(enum_class, name, nodes.types.enums)
     return ValueType(name, object, converts=False)
+
+
+def find_model_files(pattern: str, folders: Sequence[Path]) -> list[Path]:
+    """Return the files that match a pattern of the setting `models`."""
+    try:
+        return [path for folder in folders for path in sorted(folder.glob(pattern))]
+    except (ValueError, NotImplementedError):  # an empty or an absolute pattern
+        return [Path(pattern)]

@@ -26,9 +26,9 @@ from btcore.xml.define import Definitions
 from btcore_studio.language.mock_runs import MAX_NODES
 from btcore_studio.language.node_models import NodeModel
 from btcore_studio.language.project import Project, Settings
-from btcore_studio.language.shown_runs import NUMBERS, ShownRun, ShownRuns
+from btcore_studio.language.shown_runs import NUMBERS, ShownRun, ShownRuns, load_first
 from btcore_studio.language.studio_protocol import Data, DocumentParams
-from btcore_studio.language.tree_reading import known_document, read_trees
+from btcore_studio.language.tree_reading import read_xml
 
 _PROOFS_GROUP: Final = "btcore.proofs"
 _RECORDER_GROUP: Final = "btcore.recorded_runs"
@@ -229,9 +229,7 @@ def search(project: Project, params: ProofParams, progress: Progress) -> FoundAn
     Raises:
         BtcoreError: The tree or a question has errors, or a package is not installed.
     """
-    reading = read_trees(project, known_document(project, params.text_document.uri))
-    if reading.broken:
-        raise reading.not_xml_error()
+    reading = read_xml(project, params.text_document.uri)
     plans = reading.plans_of(params.tree)
     plans.diagnostics.raise_errors()
     size = None if plans.main_tree is None else plans.sizes.get(plans.main_tree.id)
@@ -239,7 +237,7 @@ def search(project: Project, params: ProofParams, progress: Progress) -> FoundAn
         raise BtcoreError(
             f"questions about a tree with more than {MAX_NODES:,} nodes cannot be answered here"
         )
-    answer: Search = _load(_PROOFS_GROUP, "questions cannot be answered")
+    answer: Search = load_first(_PROOFS_GROUP, "questions cannot be answered")
     report = answer(
         plans.definitions,
         reading.nodes,
@@ -278,14 +276,6 @@ def _recording(counterexample: Counterexample | None) -> str:
     record: RecordRun = loaded[0].value
     text = record(counterexample.run.run)
     return text if len(text) <= _MAX_RECORDING else ""
-
-
-def _load(group: str, problem: str) -> Any:
-    loaded, unavailable = entry_points.load(group)
-    if not loaded:
-        remedies = "; ".join(point.remedy for point in unavailable)
-        raise BtcoreError(f"{problem}: {remedies or 'no installed package does it'}")
-    return loaded[0].value
 
 
 class PageProofs:

@@ -20,6 +20,7 @@ from btcore.input_files import read_error
 from btcore.signals import NEW_PROCESS_GROUP
 from btcore_studio.language import real_run_child
 from btcore_studio.language.live import LiveTree
+from btcore_studio.language.node_models import find_model_files
 from btcore_studio.language.project import Project, SourceDocument
 from btcore_studio.language.run_options import parse_options
 from btcore_studio.language.shown_runs import ShownRun, ShownRuns
@@ -82,7 +83,7 @@ class RealRuns:
             file = next((path for folder in folders if (path := folder / plugin).is_file()), None)
             options.append(f"--plugin={plugin if file is None else file}")
         for pattern in settings.models:
-            options += [f"--model={file}" for file in _find_files(pattern, folders)]
+            options += [f"--model={file}" for file in find_model_files(pattern, folders)]
         self._forget_run()
         self._run = run = _RealRun(document, self._notify)
         try:
@@ -222,14 +223,6 @@ class _RealRun:
                 "recorded": not self.is_running and self.recording.is_file(),
             }
         )
-
-
-def _find_files(pattern: str, folders: Sequence[Path]) -> list[Path]:
-    """Return the files that match a pattern of the setting `models`."""
-    try:
-        return [path for folder in folders for path in sorted(folder.glob(pattern))]
-    except (ValueError, NotImplementedError):  # an empty or an absolute pattern
-        return [Path(pattern)]
 
 
 def _find_free_ports() -> int:

@@ -7,6 +7,7 @@ from typing import Any, Final
 
 import msgspec
 
+from btcore import entry_points
 from btcore.errors import BtcoreError
 from btcore_studio.language.studio_protocol import Data, RecordingParams
 from btcore_studio.language.timeline import MAX_RECORDING, RecordedRun, Timeline, timeline_of_text
@@ -114,3 +115,16 @@ class ShownRuns:
         if recorded is None:
             raise BtcoreError("this run is no longer shown: open it again")
         return recorded.moment(params.position)
+
+
+def load_first(group: str, problem: str) -> Any:
+    """Return the object of the first entry point of a group.
+
+    Raises:
+        BtcoreError: No entry point can be loaded; *problem* says what is not possible without one.
+    """
+    loaded, unavailable = entry_points.load(group)
+    if not loaded:
+        remedies = "; ".join(point.remedy for point in unavailable)
+        raise BtcoreError(f"{problem}: {remedies or 'no installed package does it'}")
+    return loaded[0].value

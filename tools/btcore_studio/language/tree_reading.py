@@ -223,6 +223,18 @@ def read_trees(project: Project, source: SourceDocument) -> TreeReading:
     return reading
 
 
+def read_xml(project: Project, uri: str) -> TreeReading:
+    """Return the trees of a document and of its includes; otherwise as `read_trees`.
+
+    Raises:
+        EditError: The document is not known, or its text is not XML.
+    """
+    reading = read_trees(project, known_document(project, uri))
+    if reading.broken:
+        raise reading.not_xml_error()
+    return reading
+
+
 def _documents_around(project: Project, source: SourceDocument) -> Iterator[Document]:
     """Yield the projects of Groot that include a document: its trees may call the trees of their files."""
     if source.path is not None:

@@ -10,13 +10,12 @@ from typing import Annotated, Final, Literal, Protocol
 import msgspec
 from msgspec import Meta
 
-from btcore import entry_points
 from btcore.errors import BtcoreError, TreeError
 from btcore_studio.language.project import Project
-from btcore_studio.language.shown_runs import ShownRun, ShownRuns
+from btcore_studio.language.shown_runs import ShownRun, ShownRuns, load_first
 from btcore_studio.language.studio_protocol import Data, DocumentIdentifier
 from btcore_studio.language.timeline import RecordedRun, Timeline
-from btcore_studio.language.tree_reading import known_document, read_trees
+from btcore_studio.language.tree_reading import read_xml
 
 _GROUP: Final = "btcore.what_if"
 _Tick = Annotated[int, Meta(ge=1)]
@@ -105,21 +104,14 @@ def run_what_if(
     recorded = find(params.run)
     document: tuple[str, str] | None = None
     if params.text_document is not None:
-        reading = read_trees(project, known_document(project, params.text_document.uri))
-        if reading.broken:
-            raise reading.not_xml_error()
-        source = reading.source
+        source = read_xml(project, params.text_document.uri).source
         document = str(source.path or source.uri), source.text
     results: list[tuple[int, int, str]] = []
     for tick, key, result in map(msgspec.structs.astuple, params.results):
         if key not in recorded.uids:
             raise BtcoreError("the tree that was run does not have this node")
         results.append((tick, recorded.uids[key], result))
-    loaded, unavailable = entry_points.load(_GROUP)
-    if not loaded:
-        remedies = "; ".join(point.remedy for point in unavailable)
-        raise BtcoreError(f"runs cannot be changed: {remedies or 'no installed package does it'}")
-    run_changed: RunChanged = loaded[0].value
+    run_changed: RunChanged = load_first(_GROUP, "runs cannot be changed")
     entries = [(entry.tick, entry.key, entry.value) for entry in params.entries]
     try:
         changed = run_changed(recorded.timeline, document, entries, results)

@@ -29,7 +29,7 @@ from btcore.xml.models.model_file import (
 from btcore.xml.read.document import Document
 from btcore.xml.read.read import parse_file, parse_text, read
 from btcore_studio.language.diagnostics import check
-from btcore_studio.language.node_models import NodeModel, add_mock_nodes, models_of
+from btcore_studio.language.node_models import NodeModel, add_mock_nodes, find_model_files, models_of
 
 MAX_SOURCES: Final = 5_000
 """Maximum number of source files whose changes are watched."""
@@ -135,10 +135,7 @@ class Libraries:
         return True
 
     def _add_models(self, pattern: str, folders: Sequence[Path]) -> None:
-        try:
-            paths = [path for folder in folders for path in sorted(folder.glob(pattern))]
-        except (ValueError, NotImplementedError):  # an empty or an absolute pattern
-            paths = [Path(pattern)]
+        paths = find_model_files(pattern, folders)
         if not paths:
             self.problems.append((f"no model file matches '{pattern}'", "", 0))
         for path in paths:

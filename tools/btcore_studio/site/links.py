@@ -8,9 +8,10 @@ import zlib
 from collections.abc import Mapping
 from typing import Final
 
+from btcore.documentation_site import FIRST_PAGE
 from btcore.errors import BtcoreError
 
-ADDRESS: Final = "https://btcore.github.io/btcore/studio/"
+ADDRESS: Final = f"{FIRST_PAGE}studio/"
 MAX_FRAGMENT: Final = 1_000_000
 MAX_CONTENT: Final = 4 << 20
 MAX_FILES: Final = 32
